@@ -14,10 +14,10 @@ from battery_conditions import CONDITIONS, DARK, Condition
 from battery_pictures import Stage, Surface, by_pyrender, radiance
 from battery_wrong import beside, flange, rack
 from cadcam.arrays import Array, Longs, Picture
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
 from cadcam.cad.parts.shape import box, circle, prism, tube
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
@@ -74,7 +74,7 @@ def mesh_of(name: str, data: Path | None, fine: bool) -> Mesh:
     if name in PARTS:
         return machined_bracket(sides=384) if fine and name == "bracket" else PARTS[name]()
     assert data is not None
-    return load(data / "cad_nist_ctc" / f"{name}_asme1_ap203.stp", chordal_tolerance_mm=0.02 if fine else None)
+    return read_model(data / "cad_nist_ctc" / f"{name}_asme1_ap203.stp", chordal_tolerance_mm=0.02 if fine else None)
 
 
 def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, starts: int, only: str = "") -> Case:

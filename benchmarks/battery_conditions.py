@@ -25,8 +25,8 @@ from battery_wrong import (
     upside_down,
 )
 from cadcam.arrays import Picture
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh, merge
+from cadcam.cad.read import read_model
 from cadcam.cad.write import write
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye
@@ -78,7 +78,7 @@ def _written(unit: str, suffix: str) -> Callable[[Mesh, Path], Mesh]:
     def round_trip(mesh: Mesh, folder: Path) -> Mesh:
         path = folder / f"model_{unit}{suffix}"
         write(mesh.scaled(1 / mm), path)
-        return load(path, unit=unit)
+        return read_model(path, unit=unit)
 
     return round_trip
 
@@ -87,7 +87,7 @@ def _doubled(mesh: Mesh, folder: Path) -> Mesh:
     """Return the model as a file holds it that has the part twice in one place, as careless exports do."""
     path = folder / "model_doubled.obj"
     write(merge([mesh, mesh]), path)
-    return load(path, unit="mm")
+    return read_model(path, unit="mm")
 
 
 def _focal(width: int, field_deg: float) -> float:

@@ -23,7 +23,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.calibrate.joint.adjustment import calibrate_jointly
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import ExtendedPinhole
@@ -86,14 +86,14 @@ def scenes() -> Mapping[str, Scene]:
     curved = Camera(SIZE, plain.K, BrownConrady(-0.2))
     fixed = {"skew": 0.0, "aspect": 1.0}
     return {
-        "bench of 16 points, eleven free": Scene(BENCH, plain, lambda o, c: calibrate(o, c.size), near=_near()),
+        "bench of 16 points, eleven free": Scene(BENCH, plain, lambda o, c: calibrate_camera(o, c.size), near=_near()),
         "bench, skew and aspect fixed": Scene(
-            BENCH, square, lambda o, c: calibrate(o, c.size, fixed=fixed), near=_near(fixed=fixed)
+            BENCH, square, lambda o, c: calibrate_camera(o, c.size, fixed=fixed), near=_near(fixed=fixed)
         ),
         "40 points, eleven and k1 free": Scene(
             BOX,
             curved,
-            lambda o, c: calibrate(o, c.size, lens=BrownConrady(), free_lens=("k1",)),
+            lambda o, c: calibrate_camera(o, c.size, lens=BrownConrady(), free_lens=("k1",)),
             near=_near(lens=BrownConrady(), free_lens=("k1",)),
         ),
         "bench, pose alone": Scene(BENCH, plain, locate_camera),

@@ -18,9 +18,9 @@ from pathlib import Path
 
 import numpy as np
 
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import machined_bracket
+from cadcam.cad.read import read_model
 from cadcam.cad.write import write
 from cadcam.errors import CadcamError
 
@@ -102,7 +102,7 @@ def trimesh_loads(path: Path) -> bool:
 def cadcam_loads(path: Path) -> bool:
     """Return whether cadcam gives a mesh."""
     try:
-        return load(path).n_faces > 0
+        return read_model(path).n_faces > 0
     except CadcamError:
         return False
 

@@ -24,7 +24,7 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.photo import Photo
 from locate_bound import REACH, bound, information
 from locate_errors import Outcome, Summary, auc, judged, summary
@@ -39,7 +39,7 @@ ROUNDED = 1 / np.sqrt(12)  # grey levels: the noise of a picture without any
 def outcome(photos: PhotoSet, photo: Photo, start: Start) -> Outcome:
     """Return how one start ends; its CPU time is that of all threads."""
     began = time.process_time()
-    location = locate(photos.part, [photo], start.pose)
+    location = locate_part(photos.part, [photo], start.pose)
     return judged(photos, start, location, time.process_time() - began)
 
 

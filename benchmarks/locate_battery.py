@@ -31,7 +31,7 @@ from battery_conditions import CONDITIONS
 from cadcam.arrays import Array
 from cadcam.errors import CadcamError, MissingExtra
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.photo import Photo
 from locate_errors import CLOSE_PX, NEAR_PX, squared
 
@@ -75,7 +75,7 @@ def outcomes(case: Case, photo: Photo) -> Iterator[Outcome]:
     for start in case.starts:
         began = time.process_time()
         try:
-            location = locate(case.part, [photo], start, views=case.views)
+            location = locate_part(case.part, [photo], start, views=case.views)
         except CadcamError as error:
             cpu = time.process_time() - began
             yield Outcome(name, case.name, np.inf, np.nan, 0.0, False, cpu, f"{type(error).__name__}: {error}")

@@ -12,7 +12,7 @@ import argparse
 import time
 from pathlib import Path
 
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from locate_errors import NEAR_PX, vertex_error
 from locate_sets import PhotoSet
 
@@ -28,7 +28,7 @@ def main() -> None:
         views = [k for k in photos.truth if (folder / f"n{a.noise}/images/{k:04d}.png").exists()]
         for view in views:
             began = time.process_time()
-            location = locate(photos.part, [photos.photo(a.noise, view)])
+            location = locate_part(photos.part, [photos.photo(a.noise, view)])
             took = time.process_time() - began
             error = vertex_error(photos, location.pose.world_from_part, photos.truth[view])
             right, found = right + (error < NEAR_PX), found + (error < NEAR_PX and location.found)

@@ -20,15 +20,15 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array, Picture
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import machined_bracket
 from cadcam.cad.parts.shape import box, circle, prism
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
 from cadcam.image.picture import write_picture
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -57,7 +57,7 @@ def bodies(folder: Path) -> list[Body]:
     quarter, third = exp(np.array([0, 0, np.pi / 2])), exp(np.full(3, 2 * np.pi / 3 / np.sqrt(3)))
     hexagon = [np.linalg.matrix_power(exp(np.array([0, 0, np.pi / 3])), k) for k in range(6)]
     return [
-        Body("ship block", load(folder / "model.obj", unit="m"), one),
+        Body("ship block", read_model(folder / "model.obj", unit="m"), one),
         Body("bracket", machined_bracket(), one),
         Body("box 100 x 60 x 40", box((0, 0, 0), (100, 60, 40), name="box"), halves),
         Body("cube", box((0, 0, 0), (80, 80, 80), name="cube"), closed([quarter, third])),
@@ -151,7 +151,7 @@ def row(body: Body, n: int, noise: float, seed: int, save: Path | None, *, whole
         if save is not None:
             write_picture(save / f"{body.name}_{k:02d}.png", gray)
         began = time.perf_counter(), time.process_time()
-        location = locate(part, [Photo.of(gray, CAMERA)], views=views)
+        location = locate_part(part, [Photo.of(gray, CAMERA)], views=views)
         if k == 0:
             prepared = time.process_time() - began[1]
             continue  # the part's aspects are made at the first call

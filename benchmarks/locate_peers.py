@@ -35,7 +35,7 @@ from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.photo import Photo
 from edge_trackers import Ended, Gray8, Job, Rapid, Schedule, Tracker, Visp, visp_program
 from locate import least_scatter
@@ -60,9 +60,9 @@ class Ours:
         """Yield the end of each job."""
         for job in jobs:
             photo = Photo.of(job.picture / np.float32(255), self._camera)
-            locate(self._part, [photo], job.start)
+            locate_part(self._part, [photo], job.start)
             began = process_time()
-            location = locate(self._part, [photo], job.start)
+            location = locate_part(self._part, [photo], job.start)
             yield Ended(location.pose.world_from_part, process_time() - began)
 
 

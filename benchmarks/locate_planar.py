@@ -20,7 +20,7 @@ from cadcam.arrays import Array
 from cadcam.geometry.rotation import hat
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.refine.refinement import refine_pose
 from locate_bound import information
 from locate_sets import PhotoSet
 
@@ -39,7 +39,7 @@ def at_centroid(photos: PhotoSet) -> Array:
 def told(photos: PhotoSet, noise: int, frame: int) -> tuple[Array, Array]:
     """Return the ratios (3,) of the covariances of both fits, and those that the full fit's covariance predicts."""
     photo, truth, A = photos.photo(noise, frame), photos.truth[frame], at_centroid(photos)
-    full, flat = (A @ refine(photos.part, [photo], truth, freedom=f).pose.covariance @ A.T for f in (FREE, FLOOR))
+    full, flat = (A @ refine_pose(photos.part, [photo], truth, freedom=f).pose.covariance @ A.T for f in (FREE, FLOOR))
     expected = np.linalg.inv(np.linalg.inv(full)[np.ix_(IN_PLANE, IN_PLANE)])
     wide = np.diag(full)[IN_PLANE]
     return np.sqrt(wide / np.diag(flat)[IN_PLANE]), np.sqrt(wide / np.diag(expected))
@@ -63,7 +63,7 @@ def scattered(photos: PhotoSet, noise: int, frame: int, n: int) -> Array:
     for k in range(n):
         photo = Photo.of(np.clip(clean + noise / 255 * rng.standard_normal(clean.shape), 0, 1), photos.camera)
         for i, freedom in enumerate((FREE, FLOOR)):
-            found = refine(photos.part, [photo], truth, freedom=freedom).pose.world_from_part
+            found = refine_pose(photos.part, [photo], truth, freedom=freedom).pose.world_from_part
             errors[i, k] = (A @ (truth.inv @ found).log())[IN_PLANE]
     return np.asarray(errors.var(axis=1, ddof=1))
 

@@ -12,7 +12,7 @@ import numpy as np
 
 import overlay_distance
 from cadcam.arrays import Array, Picture
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.files.camera import read_camera
 from cadcam.geometry import rotation
@@ -50,7 +50,7 @@ class PhotoSet:
     @cached_property
     def part(self) -> Part:
         """The part, made once; what it computes for itself is preparation."""
-        return Part(Scene.of(load(self.folder / "model.obj", unit="m")))
+        return Part(Scene.of(read_model(self.folder / "model.obj", unit="m")))
 
     @cached_property
     def vertices(self) -> Array:
@@ -85,7 +85,7 @@ def real_cases(data: Path, most: int) -> list[Case]:
     """Return at most `most` photos from each of the real sets (cube, tea box, triangle) with their references."""
     cases = []
     for photos in (overlay_distance.cube(data), overlay_distance.teabox(data), overlay_distance.triangle(data)):
-        part = Part(Scene.of(load(photos.model, unit="m")))
+        part = Part(Scene.of(read_model(photos.model, unit="m")))
         for k in chosen(len(photos.shots), most):
             shot = photos.shots[k]
             photo = Photo.of(read_picture(shot.photo), photos.camera, name=shot.photo.name)

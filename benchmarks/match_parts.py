@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, to_gray
@@ -37,7 +37,7 @@ def main() -> None:
     print("| set | appearance | photos | right | wrong | not found | median px | matches of features | CPU s |")
     print("|---|---|---|---|---|---|---|---|---|")
     for photos in (ship_block(arguments.data), cube(arguments.data), teabox(arguments.data)):
-        part = Part.of(load(photos.model, unit="m"))
+        part = Part.of(read_model(photos.model, unit="m"))
         for appearance in APPEARANCES:
             row(photos, part, appearance, arguments.shots)
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.calibrate.measure.points import METHODS, Method, measure_points
-from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.observations import Observations
@@ -62,7 +62,7 @@ def grown(dots: Array, spots: Array, expected: Array) -> tuple[Array, Array]:
 
 def calibrated(dots: Array, q: Array) -> CameraEstimate:
     seen = np.isfinite(q).all(axis=-1)
-    return calibrate(Observations(dots[seen], q[seen]), SIZE)
+    return calibrate_camera(Observations(dots[seen], q[seen]), SIZE)
 
 
 def left_out(dots: Array, q: Array) -> list[list[CameraEstimate | None]]:

@@ -20,14 +20,22 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, to_rgb, write_picture
 from cadcam.render.lines.visible import LineDrawer
 from cadcam.render.lines.wireframe import LineOptions
-from cadcam.render.overlay import added, blended, edge_distances, over_edges, overlay, side_by_side, write_overlay_svg
+from cadcam.render.overlay import (
+    add_pictures,
+    blend_pictures,
+    edge_distances,
+    overlay,
+    overlay_on_edges,
+    side_by_side,
+    write_overlay_svg,
+)
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Look, Scene
 
@@ -87,7 +95,7 @@ def ship_block(data: Path) -> Photos:
 
 def measure(photos: Photos, out: Path) -> tuple[Array, int]:
     """Return the distances of all shots and their number; writes pictures of the first, middle and last."""
-    scene = Scene.of(load(photos.model, unit="m"))
+    scene = Scene.of(read_model(photos.model, unit="m"))
     drawer, renderer = LineDrawer(scene), RayRenderer(scene)
     chosen = {0, len(photos.shots) // 2, len(photos.shots) - 1}
     distances = []
@@ -101,9 +109,10 @@ def measure(photos: Photos, out: Path) -> tuple[Array, int]:
             name = out / f"{photos.name}_{k:03d}"
             write_picture(f"{name}.png", side_by_side(to_rgb(photo), lines))
             write_picture(
-                f"{name}_shaded.png", side_by_side(overlay(blended(photo, view), wireframe), added(photo, view))
+                f"{name}_shaded.png",
+                side_by_side(overlay(blend_pictures(photo, view), wireframe), add_pictures(photo, view)),
             )
-            write_picture(f"{name}_edges.png", over_edges(photo, wireframe))
+            write_picture(f"{name}_edges.png", overlay_on_edges(photo, wireframe))
             write_overlay_svg(f"{name}.svg", wireframe, photo=photo, title=photos.name)
     return np.concatenate(distances), len(photos.shots)
 

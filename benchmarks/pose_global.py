@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, internals_of
@@ -172,7 +172,7 @@ def solve_pose(kind: Kind, seen: Observations) -> CameraEstimate:
 
 
 def solve_calibration(kind: Kind, seen: Observations) -> CameraEstimate:
-    return calibrate(seen, SIZE)
+    return calibrate_camera(seen, SIZE)
 
 
 def main(scenes: int = 50, starts: int = 200) -> None:

@@ -31,11 +31,11 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import CadcamError
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import LUMA
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.refine.refinement import refine_pose
 from locate_errors import auc
 from locate_sets import Case, PhotoSet, exact_cases, real_cases
 
@@ -120,7 +120,7 @@ def displaced(case: Case, px: float, degrees: float, rng: np.random.Generator) -
 def answer(case: Case, trial: Trial) -> Answer:
     """Return what locating makes of an input; what it refuses is not found. A crash is told, and counts as refused."""
     try:
-        ask = refine if trial.refined else locate
+        ask = refine_pose if trial.refined else locate_part
         location = ask(trial.part, [trial.photo], trial.start)
     except CadcamError as error:
         return Answer(case.name, trial.kind, np.inf, 0.0, f"{type(error).__name__}: {error}")

@@ -18,7 +18,7 @@ import numpy as np
 from cadcam.arrays import Array, Longs
 from cadcam.calibrate.joint.adjustment import calibrate_jointly, fit_jointly
 from cadcam.calibrate.joint.nested import nested_advice
-from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
@@ -113,7 +113,7 @@ def openptv_cavity(folder: Path) -> list[str]:
     rows = []
     for camera in range(4):
         dots = _dots(folder, camera)
-        linear, found = calibrate(dots, (1280, 1024), method="dlt"), calibrate(dots, (1280, 1024))
+        linear, found = calibrate_camera(dots, (1280, 1024), method="dlt"), calibrate_camera(dots, (1280, 1024))
         focal = " +- ".join(with_sigma(found.value("focal"), found.sigma("focal")))
         residuals = [f"{e.thesis_residual:.4f}" for e in (linear, found)]
         rows.append((f"camera {camera + 1}", f"{len(dots)} of 73", *residuals, focal))

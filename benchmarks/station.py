@@ -19,7 +19,7 @@ from cadcam.station.hall import Hall, Visit, make_hall
 from cadcam.station.hall_picture import hall_picture
 from cadcam.station.interpolation import RULES
 from cadcam.station.marks import MarkLook, find_mark, find_plate
-from cadcam.station.measure import measure
+from cadcam.station.measure import measure_marks
 from cadcam.station.plane import calibrate_position
 from cadcam.station.plate import place_plate
 from cadcam.station.simulate import calibrate_robot, day, distances
@@ -105,7 +105,7 @@ def speed_table() -> None:
 
     def daily() -> None:
         q, covariance = find_mark(one, look)
-        measure(station, [Sighting("A", "6", at, q, covariance)])
+        measure_marks(station, [Sighting("A", "6", at, q, covariance)])
 
     def finding() -> None:
         find_mark(one, look)

@@ -14,15 +14,15 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.points.camera import Method, calibrate
+from cadcam.calibrate.points.camera import Method, calibrate_camera
 from cadcam.calibrate.variability.alternating import alternating_externals
 from cadcam.calibrate.variability.methods import (
     FirstOrder,
     Variability,
-    first_order,
+    first_order_variability,
     log_likelihood,
-    markov_chain,
-    monte_carlo,
+    markov_chain_variability,
+    monte_carlo_variability,
     walk_of,
 )
 from cadcam.calibrate.variability.projection_map import projection_map
@@ -51,18 +51,18 @@ PRINTED_ALTERNATING = (0.00241, 2.17, 0.12501, 2.18, 2.14)  # Table 2.17: standa
 def main() -> None:
     path = sys.argv[1]
     seen = {i: read_points(path, columns=(f"U{i}", f"V{i}")) for i in (1, 2)}
-    linear = {i: calibrate(o, SIZE, method="dlt-c23") for i, o in seen.items()}
-    best = {i: calibrate(o, SIZE) for i, o in seen.items()}
+    linear = {i: calibrate_camera(o, SIZE, method="dlt-c23") for i, o in seen.items()}
+    best = {i: calibrate_camera(o, SIZE) for i, o in seen.items()}
     noise = {i: float(np.sqrt(e.sum_of_squares / 22)) for i, e in linear.items()}
     studies = {}
     for i in (1, 2):
-        studies[i] = monte_carlo(linear[i], rng=rng(i), draws=2000, sigma_px=noise[i], method="dlt-c23")
+        studies[i] = monte_carlo_variability(linear[i], rng=rng(i), draws=2000, sigma_px=noise[i], method="dlt-c23")
         method_a(i, noise[i], studies[i])
-    chain = markov_chain(best[1], rng=rng(3), sigma_px=noise[1])
+    chain = markov_chain_variability(best[1], rng=rng(3), sigma_px=noise[1])
     method_b(noise[1], chain, best[1], linear[1])
     unpreconditioned(noise[1], best[1])
     alternating(noise[1], best[1], linear[1])
-    radial(best, {i: calibrate(o, SIZE, lens=BrownConrady(), free_lens=("k1",)) for i, o in seen.items()})
+    radial(best, {i: calibrate_camera(o, SIZE, lens=BrownConrady(), free_lens=("k1",)) for i, o in seen.items()})
     if len(sys.argv) > 2:
         figures(Path(sys.argv[2]), noise[1], best[1], chain)
 
@@ -85,7 +85,7 @@ def method_a(position: int, noise: float, study: Variability) -> None:
 
 
 def method_b(noise: float, study: Variability, best: CameraEstimate, linear: CameraEstimate) -> None:
-    first = first_order(best, sigma_px=noise)
+    first = first_order_variability(best, sigma_px=noise)
     mean, sigma, expected = shown(NAMES, study.mean), shown(NAMES, study.sigma), shown(NAMES, first.sigma)
     steps = study.draws.shape[0] * walk_of(1_000_000).steps
     print(f"Method B, position 1: {steps} Metropolis steps at {noise:.4f} px; R-hat {study.r_hat.max():.4f}, effective "
@@ -111,7 +111,7 @@ def implied(mean: Array, first: FirstOrder, centre: Array) -> float:
 
 def unpreconditioned(noise: float, best: CameraEstimate) -> None:
     """Print what steps of each parameter by itself are worth, of a size that is accepted 23 % of the time."""
-    first = first_order(best, sigma_px=noise)
+    first = first_order_variability(best, sigma_px=noise)
     model, state = model_of(best)
     density = log_likelihood(model, state, noise)
     generator = rng(4)
@@ -169,8 +169,11 @@ def radial(best: dict[int, CameraEstimate], better: dict[int, CameraEstimate]) -
 
 
 def figures(folder: Path, noise: float, best: CameraEstimate, chain: Variability) -> None:
-    studies = {"Monte Carlo": monte_carlo(best, rng=rng(6), draws=10_000, sigma_px=noise), "Markov chain": chain}
-    for path in write_plots(folder, studies, first_order(best, sigma_px=noise), projection_map(best)):
+    studies = {
+        "Monte Carlo": monte_carlo_variability(best, rng=rng(6), draws=10_000, sigma_px=noise),
+        "Markov chain": chain,
+    }
+    for path in write_plots(folder, studies, first_order_variability(best, sigma_px=noise), projection_map(best)):
         print(f"wrote {path}")
 
 

@@ -35,7 +35,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shipblock import ship_block
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Scene
@@ -156,7 +156,7 @@ def study(case: str, pictures: int, seed: int) -> Tally:
     wanted = State.MISSING if np.isnan(size) else State.DISPLACED
     for photo, start, by in shots(case, pictures, seed):
         began = time.process_time()
-        located = locate(drawn(block()), [photo], start)
+        located = locate_part(drawn(block()), [photo], start)
         seen = inspect(drawn(block()), [photo], located.pose.world_from_part) if located.found else None
         out.seconds.append(time.process_time() - began)
         out.pictures += 1

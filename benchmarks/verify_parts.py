@@ -33,10 +33,10 @@ from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box, circle, extruded, filled
 from cadcam.geometry.rotation import exp
 from cadcam.image.picture import to_gray
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.photo import Photo
 from cadcam.verify.deviations.deviation import State
-from cadcam.verify.judge import Verification, verify
+from cadcam.verify.judge import Verification, verify_part
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
@@ -196,12 +196,12 @@ def shots(defect: Defect, condition: str, pictures: int, seed: int) -> Iterator[
 def verified(case: battery.Case, picture: Picture, defect: Defect) -> Verification:
     """Return the verdict on what a picture shows."""
     photo = Photo.of(picture, case.camera, case.truth)
-    located = locate(case.part, [photo], None if case.starts[0] is None else case.truth.inv @ case.starts[0])
+    located = locate_part(case.part, [photo], None if case.starts[0] is None else case.truth.inv @ case.starts[0])
     limits = [Limit(Quantity.PRESENCE, 1.0)]
     if defect.quantity is not Quantity.PRESENCE:
         limits.insert(0, Limit(defect.quantity, defect.limit))
     asked = Tolerances((Feature("judged", defect.feature, tuple(limits)),))
-    return verify(case.part, [photo], located, asked)
+    return verify_part(case.part, [photo], located, asked)
 
 
 def note(out: Tally, defect: Defect, seen: Verification, *, wrong: bool, said: str) -> None:

@@ -35,7 +35,7 @@ from cadcam.cli.wires import scene_without_edges
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.sensor.presets import preset
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.light import Lamp, Light
@@ -155,7 +155,7 @@ def judge(out: Tally, case: str, shot: Shot) -> None:
     """Note how a picture came out; what was not as it should be is told on stderr."""
     out.pictures += 1
     began = time.process_time()
-    located = locate(drawn(block()), [shot.photo], shot.start)
+    located = locate_part(drawn(block()), [shot.photo], shot.start)
     out.locating.append(time.process_time() - began)
     began = time.process_time()
     seen = inspect(drawn(block()), [shot.photo], located.pose.world_from_part) if located.found else None

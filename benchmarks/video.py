@@ -25,10 +25,10 @@ from cadcam.arrays import Array, Picture
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, to_rgb, write_picture
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.track.tracker import TrackedFrame, track
+from cadcam.locate.track.tracker import TrackedFrame, track_part
 from cadcam.render.overlay import LineStyle, edge_distances, overlay, side_by_side
 from video_print import straightened, told_and_shown
 from video_sets import Clip, box_symmetries, clips, frames_of, part_of, triangle
@@ -161,7 +161,7 @@ def tracked_run(of: tuple[Clip, ...], *, from_first: bool, texture: bool = True)
     part = part_of(of[0])
     start = of[0].world_from_part(of[0].refined)[0] if from_first else None
     begun = time.process_time()
-    tracked = list(track(part, frames_of(*of), start, texture=texture))
+    tracked = list(track_part(part, frames_of(*of), start, texture=texture))
     return Run(of, part, tracked, 1000 * (time.process_time() - begun) / len(tracked))
 
 
@@ -297,7 +297,7 @@ def _triangle(data: Path, overlays: Path | None) -> None:
         photo = Photo.of(read_picture(file), camera)
         for start in (published, None):
             begun = time.process_time()
-            found = locate(part, [photo], start)
+            found = locate_part(part, [photo], start)
             cpu = 1000 * (time.process_time() - begun)
             pose = found.pose.world_from_part
             deg = _turned(published, pose)

@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry import rotation as so3
@@ -78,7 +78,7 @@ def frames_of(*of: Clip) -> Frames:
 
 def part_of(clip: Clip) -> Part:
     """Return the clip's part."""
-    return Part.of(load(clip.model, unit="m"))
+    return Part.of(read_model(clip.model, unit="m"))
 
 
 def camera_of(path: Path) -> Camera:
@@ -104,7 +104,7 @@ def triangle(data: Path) -> tuple[Part, Camera, list[Path], Rigid]:
     link = _yaml_matrix(folder / "body/triangle_static_detector.yaml")
     pose = link @ _yaml_matrix(folder / "body/triangle.yaml")
     pictures = sorted((folder / "sequence").glob("color_camera_image_*.png"))
-    return Part.of(load(folder / "body/triangle.obj", unit="m")), camera, pictures, pose
+    return Part.of(read_model(folder / "body/triangle.obj", unit="m")), camera, pictures, pose
 
 
 def box_symmetries(part: Part) -> list[Rigid]:

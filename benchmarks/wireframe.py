@@ -27,9 +27,9 @@ import numpy as np
 
 from cadcam.arrays import Array, Mask
 from cadcam.cad.edges import EdgeKind, feature_edges
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shipblock import ship_block
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.lines.visible import LineDrawer
@@ -270,7 +270,7 @@ def main() -> None:
         row, samples = ours(name, mesh, pose, arguments.samples)
         rows += [row] + ([with_pyvista(name, mesh, pose, samples)] if pyvista else [])
     for path in arguments.step:
-        mesh = load(path, chordal_tolerance_mm=CHORD_MM)
+        mesh = read_model(path, chordal_tolerance_mm=CHORD_MM)
         name, pose = f"{path.stem}, {mesh.n_faces} triangles", looking_at(mesh)
         row, samples = ours(name, mesh, pose, arguments.samples)
         rows += [row] + ([with_pyvista(name, mesh, pose, samples)] if pyvista else [])

@@ -21,7 +21,7 @@ from cadcam.geometry import rotation
 
 def main(folder: Path, out: str) -> None:
     """Locate the box in the left photo, then in both; print how sure that is, draw it on both."""
-    part = cadcam.Part.of(cadcam.load(folder / "teabox.obj", unit="m"))
+    part = cadcam.Part.of(cadcam.read_model(folder / "teabox.obj", unit="m"))
     mount = np.loadtxt(folder / "cRightMcLeft.txt")
     right_from_left = cadcam.Rigid(rotation.nearest(mount[:3, :3]), 1000 * mount[:3, 3])
     photos = [

@@ -23,7 +23,7 @@ def main(out: str) -> None:
     height, width = photo.shape[:2]
     seen = cadcam.calibrate_camera(points, size=(width, height), lens=cadcam.BrownConrady(), free_lens=["k1"])
 
-    scene = cadcam.Scene.of(cadcam.load(HERE.parent / "models" / "shipblock_10k.obj"))
+    scene = cadcam.Scene.of(cadcam.read_model(HERE.parent / "models" / "shipblock_10k.obj"))
     wires = cadcam.visible_wireframe(scene, seen.camera, seen.camera_from_world)
     cadcam.write_picture(out, cadcam.overlay(photo, wires))
 

@@ -22,7 +22,7 @@ def main(folder: str) -> None:
     _, fixed, robot = write_samples(Path(folder))
     for scene in (fixed, robot):
         layout = cadcam.plan_layout(cadcam.read_layout_scene(scene))
-        following = cadcam.next_views(layout.survey, layout.chosen)
+        following = cadcam.next_cameras(layout.survey, layout.chosen)
         tables = [
             *layout_tables(layout, cadcam.what_if(layout)),
             next_table(layout.survey, layout.chosen, following, most=3),

@@ -20,7 +20,7 @@ def main(folder: Path) -> None:
     """Calibrate, render, write bench.png and depth.npy, name what the picture's middle shows."""
     folder.mkdir(parents=True, exist_ok=True)
     seen = cadcam.calibrate_camera(cadcam.read_points(HERE / "data" / "bench_points.csv"), size=(768, 576))
-    mesh = cadcam.load(HERE.parent / "models" / "bench.glb")
+    mesh = cadcam.read_model(HERE.parent / "models" / "bench.glb")
     renderer = cadcam.open_renderer(cadcam.Scene.of(mesh))
     view = renderer.render(seen.camera, seen.camera_from_world, look=cadcam.Look(supersampling=2))
     cadcam.write_picture(folder / "bench.png", view.image)

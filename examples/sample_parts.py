@@ -8,8 +8,8 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
-from cadcam.cad.load import describe
 from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
+from cadcam.cad.read import describe
 from cadcam.cad.write import write
 
 

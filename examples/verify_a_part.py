@@ -67,7 +67,7 @@ def photograph(mesh: cadcam.Mesh, path: Path, samples: int) -> cadcam.Photo:
     """Return what a machine-vision camera makes of it, noise and soft shadows included; the world is the block's."""
     photographer = cadcam.Photographer(cadcam.Scene.of(mesh))
     light = photographer.radiance(CAMERA, VIEW, light=LIGHT, blur_px=0.5, samples=samples).over((0.3, 0.3, 0.3))
-    sensor = cadcam.sensor_named("global-shutter")
+    sensor = cadcam.named_sensor("global-shutter")
     cadcam.write_picture(path, sensor.apply(to_gray(light), rng=np.random.default_rng(1997)))
     return cadcam.Photo.of(cadcam.read_picture(path), CAMERA, VIEW)
 

@@ -11,9 +11,9 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project holds the two together
     from cadcam.cad.edges import EdgeKind as EdgeKind
     from cadcam.cad.edges import feature_edges as feature_edges
-    from cadcam.cad.load import load as load
-    from cadcam.cad.load import load_with_report as load_with_report
     from cadcam.cad.mesh import Mesh as Mesh
+    from cadcam.cad.read import read_model as read_model
+    from cadcam.cad.read import read_model_with_report as read_model_with_report
     from cadcam.calibrate.boards.pictures import calibrate_boards as calibrate_boards
     from cadcam.calibrate.boards.pictures import find_board as find_board
     from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye as calibrate_hand_eye
@@ -23,7 +23,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.joint.adjustment import fit_jointly as fit_jointly
     from cadcam.calibrate.joint.nested import nested_advice as nested_advice
     from cadcam.calibrate.measure.points import measure_points as measure_points
-    from cadcam.calibrate.points.camera import calibrate as _calibrate
+    from cadcam.calibrate.points.camera import calibrate_camera as calibrate_camera
     from cadcam.calibrate.points.camera import locate_camera as locate_camera
     from cadcam.calibrate.points.flat import calibrate_line as calibrate_line
     from cadcam.calibrate.points.flat import calibrate_plane as calibrate_plane
@@ -31,9 +31,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.rig.adjustment import calibrate_rig as calibrate_rig
     from cadcam.calibrate.rig.boards import calibrate_rig_boards as calibrate_rig_boards
     from cadcam.calibrate.variability.alternating import alternating_externals as alternating_externals
-    from cadcam.calibrate.variability.methods import first_order as first_order
-    from cadcam.calibrate.variability.methods import markov_chain as markov_chain
-    from cadcam.calibrate.variability.methods import monte_carlo as monte_carlo
+    from cadcam.calibrate.variability.methods import first_order_variability as first_order_variability
+    from cadcam.calibrate.variability.methods import markov_chain_variability as markov_chain_variability
+    from cadcam.calibrate.variability.methods import monte_carlo_variability as monte_carlo_variability
     from cadcam.calibrate.variability.projection_map import projection_map as projection_map
     from cadcam.camera.aperture import Aperture as Aperture
     from cadcam.camera.camera import Camera as Camera
@@ -86,10 +86,10 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.rig import read_rig as read_rig
     from cadcam.files.rig import write_rig as write_rig
     from cadcam.files.robot_poses import read_robot_poses as read_robot_poses
+    from cadcam.files.sensor import named_sensor as named_sensor
     from cadcam.files.sensor import read_sensor as read_sensor
-    from cadcam.files.sensor import sensor_named as sensor_named
     from cadcam.files.sensor import write_sensor as write_sensor
-    from cadcam.fit.compare import compare as _compare
+    from cadcam.fit.compare import compare_cameras as compare_cameras
     from cadcam.fit.robust import Loss as Loss
     from cadcam.geometry.plane import Plane as Plane
     from cadcam.geometry.ray import Ray as Ray
@@ -103,11 +103,11 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.image.sensor.sensor import Sensor as Sensor
     from cadcam.image.template import Template as Template
     from cadcam.locate.freedom import Freedom as Freedom
-    from cadcam.locate.in_photos import locate as _locate
+    from cadcam.locate.in_photos import locate_part as locate_part
     from cadcam.locate.location import Location as Location
     from cadcam.locate.match.closeness import Closeness as Closeness
     from cadcam.locate.match.closeness import ClosenessOptions as ClosenessOptions
-    from cadcam.locate.match.closeness import closeness as closeness
+    from cadcam.locate.match.closeness import edge_closeness as edge_closeness
     from cadcam.locate.match.salient import SalientOptions as SalientOptions
     from cadcam.locate.match.templates import TemplateMatches as TemplateMatches
     from cadcam.locate.match.templates import TemplateOptions as TemplateOptions
@@ -115,16 +115,16 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.part import Part as Part
     from cadcam.locate.photo import Photo as Photo
     from cadcam.locate.refine.options import EdgeOptions as EdgeOptions
-    from cadcam.locate.refine.refinement import refine as refine
+    from cadcam.locate.refine.refinement import refine_pose as refine_pose
     from cadcam.locate.search.approach import Reach as Reach
     from cadcam.locate.track.frames import Frames as Frames
     from cadcam.locate.track.log import TrackLog as TrackLog
-    from cadcam.locate.track.log import read_track as read_track
-    from cadcam.locate.track.log import track_to as track_to
-    from cadcam.locate.track.tracker import track as track
+    from cadcam.locate.track.log import read_track_log as read_track_log
+    from cadcam.locate.track.log import track_part_to_log as track_part_to_log
+    from cadcam.locate.track.tracker import track_part as track_part
     from cadcam.locate.views.view_range import ViewRange as ViewRange
     from cadcam.plan.layout import Layout as Layout
-    from cadcam.plan.layout import next_views as next_views
+    from cadcam.plan.layout import next_cameras as next_cameras
     from cadcam.plan.layout import plan_layout as plan_layout
     from cadcam.plan.scene.file import read_layout_scene as read_layout_scene
     from cadcam.plan.scene.layout_scene import LayoutScene as LayoutScene
@@ -147,13 +147,13 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.lines.wireframe import LineOptions as LineOptions
     from cadcam.render.lines.wireframe import Wireframe as Wireframe
     from cadcam.render.looks import named_look as named_look
-    from cadcam.render.looks import repainted as repainted
+    from cadcam.render.looks import repaint as repaint
     from cadcam.render.overlay import LineStyle as LineStyle
-    from cadcam.render.overlay import added as added
-    from cadcam.render.overlay import blended as blended
+    from cadcam.render.overlay import add_pictures as add_pictures
+    from cadcam.render.overlay import blend_pictures as blend_pictures
     from cadcam.render.overlay import edge_distances as edge_distances
-    from cadcam.render.overlay import over_edges as over_edges
     from cadcam.render.overlay import overlay as overlay
+    from cadcam.render.overlay import overlay_on_edges as overlay_on_edges
     from cadcam.render.overlay import side_by_side as side_by_side
     from cadcam.render.overlay import write_overlay_svg as write_overlay_svg
     from cadcam.render.photograph import Photographer as Photographer
@@ -169,7 +169,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.station.gantry import GantryCalibration as GantryCalibration
     from cadcam.station.gantry import Sighting as Sighting
     from cadcam.station.gantry import calibrate_gantry as calibrate_gantry
-    from cadcam.station.measure import measure as _measure
+    from cadcam.station.measure import measure_marks as measure_marks
     from cadcam.station.plane import calibrate_position as calibrate_position
     from cadcam.station.plate import Plate as Plate
     from cadcam.station.plate import place_plate as place_plate
@@ -183,16 +183,10 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.target.order.ordering import order_marks as order_marks
     from cadcam.verify.inspection import InspectionOptions as InspectionOptions
     from cadcam.verify.judge import Verification as Verification
-    from cadcam.verify.judge import verify as _verify
+    from cadcam.verify.judge import verify_part as verify_part
     from cadcam.verify.tolerances.file import read_tolerances as read_tolerances
     from cadcam.verify.tolerances.tolerance import Tolerances as Tolerances
     from cadcam.verify.tolerances.tolerance import whole_parts as whole_parts
-
-    calibrate_camera = _calibrate  # `cadcam.calibrate` is the package
-    compare_cameras = _compare
-    locate_part = _locate
-    measure_marks = _measure
-    verify_part = _verify
 
 __version__ = "0.1.0"
 
@@ -278,11 +272,11 @@ _HOME = {
     "ViewRange": "cadcam.locate.views.view_range",
     "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.lines.wireframe",
-    "added": "cadcam.render.overlay",
+    "add_pictures": "cadcam.render.overlay",
     "alternating_externals": "cadcam.calibrate.variability.alternating",
-    "blended": "cadcam.render.overlay",
+    "blend_pictures": "cadcam.render.overlay",
     "calibrate_boards": "cadcam.calibrate.boards.pictures",
-    "calibrate_camera": "cadcam.calibrate.points.camera:calibrate",
+    "calibrate_camera": "cadcam.calibrate.points.camera",
     "calibrate_gantry": "cadcam.station.gantry",
     "calibrate_hand_eye": "cadcam.calibrate.handeye.adjustment",
     "calibrate_hand_eye_from_poses": "cadcam.calibrate.handeye.adjustment",
@@ -292,33 +286,32 @@ _HOME = {
     "calibrate_position": "cadcam.station.plane",
     "calibrate_rig": "cadcam.calibrate.rig.adjustment",
     "calibrate_rig_boards": "cadcam.calibrate.rig.boards",
-    "closeness": "cadcam.locate.match.closeness",
-    "compare_cameras": "cadcam.fit.compare:compare",
+    "compare_cameras": "cadcam.fit.compare",
     "correlate": "cadcam.image.correlate",
+    "edge_closeness": "cadcam.locate.match.closeness",
     "edge_distances": "cadcam.render.overlay",
     "feature_edges": "cadcam.cad.edges",
     "find_board": "cadcam.calibrate.boards.pictures",
     "find_marks": "cadcam.target.marks.find",
-    "first_order": "cadcam.calibrate.variability.methods",
+    "first_order_variability": "cadcam.calibrate.variability.methods",
     "fit_jointly": "cadcam.calibrate.joint.adjustment",
-    "load": "cadcam.cad.load",
-    "load_with_report": "cadcam.cad.load",
     "locate_camera": "cadcam.calibrate.points.camera",
-    "locate_part": "cadcam.locate.in_photos:locate",
-    "markov_chain": "cadcam.calibrate.variability.methods",
+    "locate_part": "cadcam.locate.in_photos",
+    "markov_chain_variability": "cadcam.calibrate.variability.methods",
     "match_templates": "cadcam.locate.match.templates",
-    "measure_marks": "cadcam.station.measure:measure",
+    "measure_marks": "cadcam.station.measure",
     "measure_points": "cadcam.calibrate.measure.points",
-    "monte_carlo": "cadcam.calibrate.variability.methods",
+    "monte_carlo_variability": "cadcam.calibrate.variability.methods",
     "named_light": "cadcam.render.light",
     "named_look": "cadcam.render.looks",
+    "named_sensor": "cadcam.files.sensor",
     "nested_advice": "cadcam.calibrate.joint.nested",
-    "next_views": "cadcam.plan.layout",
+    "next_cameras": "cadcam.plan.layout",
     "open_renderer": "cadcam.render",
     "open_store": "cadcam.record.store",
     "order_marks": "cadcam.target.order.ordering",
-    "over_edges": "cadcam.render.overlay",
     "overlay": "cadcam.render.overlay",
+    "overlay_on_edges": "cadcam.render.overlay",
     "parse_mark": "cadcam.target.marks.mark",
     "parse_pattern": "cadcam.target.boards.pattern",
     "place_plate": "cadcam.station.plate",
@@ -329,6 +322,8 @@ _HOME = {
     "read_cameras": "cadcam.files.foreign.registry",
     "read_layout_scene": "cadcam.plan.scene.file",
     "read_matrix": "cadcam.files.matrix",
+    "read_model": "cadcam.cad.read",
+    "read_model_with_report": "cadcam.cad.read",
     "read_motion": "cadcam.files.matrix",
     "read_part_pose": "cadcam.files.pose_estimate",
     "read_picture": "cadcam.image.picture",
@@ -344,19 +339,18 @@ _HOME = {
     "read_station": "cadcam.station.document",
     "read_stations": "cadcam.station.document",
     "read_tolerances": "cadcam.verify.tolerances.file",
-    "read_track": "cadcam.locate.track.log",
-    "refine": "cadcam.locate.refine.refinement",
-    "repainted": "cadcam.render.looks",
+    "read_track_log": "cadcam.locate.track.log",
+    "refine_pose": "cadcam.locate.refine.refinement",
+    "repaint": "cadcam.render.looks",
     "sensor_format": "cadcam.camera.sensor_format",
-    "sensor_named": "cadcam.files.sensor",
     "side_by_side": "cadcam.render.overlay",
     "solve_optics": "cadcam.camera.optics",
     "standard_view": "cadcam.render.standard_view",
-    "track": "cadcam.locate.track.tracker",
-    "track_to": "cadcam.locate.track.log",
+    "track_part": "cadcam.locate.track.tracker",
+    "track_part_to_log": "cadcam.locate.track.log",
     "trend": "cadcam.record.trend",
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
-    "verify_part": "cadcam.verify.judge:verify",
+    "verify_part": "cadcam.verify.judge",
     "viewer_parameters": "cadcam.files.foreign.viewers",
     "visible_wireframe": "cadcam.render.lines.visible",
     "what_if": "cadcam.plan.what_if",
@@ -382,8 +376,7 @@ __all__ = ["__version__", *_HOME]
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
         raise AttributeError(f"module 'cadcam' has no attribute {name!r}")
-    module, _, original = _HOME[name].partition(":")
-    return getattr(import_module(module), original or name)
+    return getattr(import_module(_HOME[name]), name)
 
 
 def __dir__() -> list[str]:

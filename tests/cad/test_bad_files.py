@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.read import read_model
 from cadcam.cad.write import write
 from cadcam.errors import CadcamError, DegenerateGeometry, UnreadableFile
 
@@ -138,7 +138,7 @@ def test_a_bad_file_is_refused_with_its_place(tmp_path: Path, name: str, data: b
     path = tmp_path / name
     path.write_bytes(data)
     with pytest.raises(UnreadableFile, match=words) as caught:
-        load(path)
+        read_model(path)
     assert str(caught.value).startswith(str(path))
     assert "\n" not in str(caught.value)
 
@@ -149,7 +149,7 @@ def test_a_file_cut_short_anywhere_is_refused(tmp_path: Path, suffix: str, share
     data = whole(suffix, tmp_path)
     (tmp_path / f"cut{suffix}").write_bytes(data[: int(share * len(data))])
     with pytest.raises(UnreadableFile, match=f"cut{suffix}"):
-        load(tmp_path / f"cut{suffix}")
+        read_model(tmp_path / f"cut{suffix}")
 
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".off", ".glb", ".3mf"])
@@ -166,7 +166,7 @@ def test_random_damage_never_escapes_as_another_error(tmp_path: Path, suffix: st
             broken[at] = rng.integers(0, 256)
         (tmp_path / f"broken{suffix}").write_bytes(broken)
         with contextlib.suppress(CadcamError):
-            load(tmp_path / f"broken{suffix}")
+            read_model(tmp_path / f"broken{suffix}")
 
 
 GLB_CASES: list[tuple[dict[str, object], str]] = [
@@ -192,13 +192,13 @@ GLB_CASES: list[tuple[dict[str, object], str]] = [
 def test_a_glb_that_contradicts_itself_is_refused(tmp_path: Path, change: dict[str, object], words: str) -> None:
     (tmp_path / "a.glb").write_bytes(glb(change, tmp_path))
     with pytest.raises(UnreadableFile, match=words):
-        load(tmp_path / "a.glb")
+        read_model(tmp_path / "a.glb")
 
 
 @pytest.mark.parametrize("change", [{"asset": {"version": "2.0", "extras": ["any"]}}, {"extensionsRequired": 5}])
 def test_a_glb_may_hold_what_nobody_asked_for(tmp_path: Path, change: dict[str, object]) -> None:
     (tmp_path / "a.glb").write_bytes(glb(change, tmp_path))
-    assert load(tmp_path / "a.glb").n_faces == 12
+    assert read_model(tmp_path / "a.glb").n_faces == 12
 
 
 def test_a_node_scaled_to_nothing_hides_only_itself(tmp_path: Path) -> None:
@@ -208,18 +208,18 @@ def test_a_node_scaled_to_nothing_hides_only_itself(tmp_path: Path) -> None:
     data = (tmp_path / "whole.glb").read_bytes()
     nodes = {"nodes": [{"mesh": 0}, {"mesh": 0, "scale": [0, 0, 0]}], "scenes": [{"nodes": [0, 1]}]}
     (tmp_path / "a.glb").write_bytes(changed(data, nodes))
-    assert load(tmp_path / "a.glb").n_faces == 12
+    assert read_model(tmp_path / "a.glb").n_faces == 12
 
 
 @pytest.mark.parametrize("end", [b"\n", b"\r\n", b"\r"])
 def test_an_ascii_stl_is_read_whatever_its_names_and_line_ends(tmp_path: Path, end: bytes) -> None:
     text = STL.replace(b"solid a", b"solid a vertex of facets").replace(b"\n", end)
     (tmp_path / "a.stl").write_bytes(text)
-    mesh = load(tmp_path / "a.stl")
+    mesh = read_model(tmp_path / "a.stl")
     assert (mesh.n_faces, mesh.part_names) == (1, ("a vertex of facets",))
     (tmp_path / "a.stl").write_bytes(text.replace(b"1 0 0", b"1 O 0"))
     with pytest.raises(UnreadableFile, match="line 5: vertex '1 O 0'"):
-        load(tmp_path / "a.stl")
+        read_model(tmp_path / "a.stl")
 
 
 MODEL_CASES = [
@@ -237,14 +237,14 @@ MODEL_CASES = [
 def test_a_3mf_that_contradicts_itself_is_refused(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "a.3mf").write_bytes(packed(text, tmp_path))
     with pytest.raises(UnreadableFile, match=words):
-        load(tmp_path / "a.3mf")
+        read_model(tmp_path / "a.3mf")
 
 
 def test_a_3mf_cut_short_is_refused(tmp_path: Path) -> None:
     data = packed(MODEL.format("inch", VERTICES, "", 1), tmp_path)
     (tmp_path / "a.3mf").write_bytes(data[:-30])
     with pytest.raises(UnreadableFile, match="zip archive"):
-        load(tmp_path / "a.3mf")
+        read_model(tmp_path / "a.3mf")
 
 
 def test_a_folder_a_missing_file_and_an_unknown_suffix_are_told_apart(tmp_path: Path) -> None:
@@ -258,14 +258,14 @@ def test_a_folder_a_missing_file_and_an_unknown_suffix_are_told_apart(tmp_path: 
         ("plate", "has no suffix"),
     ):
         with pytest.raises(UnreadableFile, match=words):
-            load(tmp_path / name)
+            read_model(tmp_path / name)
 
 
 def test_faces_without_area_are_refused_with_the_file(tmp_path: Path) -> None:
     flat = Mesh.single([(0, 0, 0), (1, 1, 1), (2, 2, 2), (3, 3, 3)], [(0, 1, 2), (1, 2, 3)])
     write(flat, tmp_path / "flat.ply")
     with pytest.raises(DegenerateGeometry, match=r"flat\.ply: every face has zero area"):
-        load(tmp_path / "flat.ply")
+        read_model(tmp_path / "flat.ply")
 
 
 def test_a_step_file_that_cannot_be_converted_gives_one_error_and_no_chatter(tmp_path: Path) -> None:
@@ -273,7 +273,7 @@ def test_a_step_file_that_cannot_be_converted_gives_one_error_and_no_chatter(tmp
     path = tmp_path / "empty.step"
     path.write_text("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n#1=NONSENSE(\nENDSEC;\nEND-ISO-10303-21;\n")
     code = (
-        "from cadcam.cad.load import load; from cadcam.errors import UnreadableFile\n"
+        "from cadcam.cad.read import load; from cadcam.errors import UnreadableFile\n"
         f"try: load({str(path)!r})\nexcept UnreadableFile as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.needles import without_needles
+from cadcam.cad.read import read_model
 from cadcam.cad.write import write
 from cadcam.errors import BadValue
 
@@ -37,12 +37,12 @@ BYTES = "\n".join(f"property uchar {name}" for name in ("red", "green", "blue"))
 
 def test_ply_colours_of_faces_are_read(tmp_path: Path) -> None:
     (tmp_path / "m.ply").write_text(ply(",,,", "255 0 0,0 0 255", ("", BYTES)))
-    assert load(tmp_path / "m.ply").colors_of_faces.tolist() == [[*RED], [*BLUE]]
+    assert read_model(tmp_path / "m.ply").colors_of_faces.tolist() == [[*RED], [*BLUE]]
 
 
 def test_ply_colours_of_vertices_give_a_face_their_mean(tmp_path: Path) -> None:
     (tmp_path / "m.ply").write_text(ply("255 0 0,0 255 0,0 0 255,255 0 0", ",", (BYTES, "")))
-    colors = load(tmp_path / "m.ply").colors_of_faces
+    colors = read_model(tmp_path / "m.ply").colors_of_faces
     assert np.allclose(colors, np.array([[1, 1, 1], [2, 0, 1]]) / 3, atol=1e-7)
 
 
@@ -50,7 +50,7 @@ def test_faces_of_one_part_keep_the_colours_of_their_materials_in_obj(tmp_path: 
     (tmp_path / "c.mtl").write_text("newmtl r\nKd 1 0 0\nnewmtl b\nKd 0 0 1\n")
     vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS)
     (tmp_path / "m.obj").write_text(f"mtllib c.mtl\no plate\n{vertices}usemtl r\nf 1 2 3\nusemtl b\nf 1 3 4\n")
-    mesh = load(tmp_path / "m.obj")
+    mesh = read_model(tmp_path / "m.obj")
     assert mesh.part_names == ("plate",)
     assert mesh.colors_of_faces.tolist() == [[*RED], [*BLUE]]
 
@@ -58,7 +58,7 @@ def test_faces_of_one_part_keep_the_colours_of_their_materials_in_obj(tmp_path: 
 def test_obj_colours_behind_the_positions_are_read(tmp_path: Path) -> None:
     vertices = "".join(f"v {x} {y} {z} 0 1 0\n" for x, y, z in CORNERS)
     (tmp_path / "m.obj").write_text(f"{vertices}f 1 2 3\nf 1 3 4\n")
-    mesh = load(tmp_path / "m.obj")
+    mesh = read_model(tmp_path / "m.obj")
     assert mesh.part_colors.tolist() == [[*GREEN]]  # all alike: the part's
     assert mesh.face_colors is None
 
@@ -76,7 +76,7 @@ def test_triangles_of_a_3mf_take_colours_from_their_group_or_their_object(tmp_pa
     )
     with zipfile.ZipFile(tmp_path / "m.3mf", "w") as archive:
         archive.writestr("3D/3dmodel.model", text)
-    assert load(tmp_path / "m.3mf").colors_of_faces.tolist() == [[*RED], [*BLUE]]
+    assert read_model(tmp_path / "m.3mf").colors_of_faces.tolist() == [[*RED], [*BLUE]]
 
 
 @pytest.mark.parametrize("surfaces", [True, False])
@@ -87,7 +87,7 @@ def test_a_glb_gives_the_colours_of_faces_back(tmp_path: Path, surfaces: bool) -
     if not surfaces:
         mesh = replace(mesh, surface=np.full(mesh.n_faces, -1), corner_normals=None)
     write(mesh, tmp_path / "m.glb")
-    back = load(tmp_path / "m.glb")
+    back = read_model(tmp_path / "m.glb")
     red = (back.colors_of_faces == RED).all(axis=1)
     blue = (back.colors_of_faces == BLUE).all(axis=1)
     assert (red | blue).all()

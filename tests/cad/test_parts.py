@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from cadcam.cad.edges import EdgeKind, edge_table, feature_edges
-from cadcam.cad.load import load
 from cadcam.cad.mend import mend
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import BENCH_POINTS, calibration_bench, machined_bracket, ship_block
+from cadcam.cad.read import read_model
 from cadcam.errors import BadValue, UnknownName
 
 from .solids import outward
@@ -182,7 +182,7 @@ def test_the_models_in_the_repository_are_those_the_example_writes(tmp_path: Pat
     assert written == ["bench.glb", "bracket.stl", "shipblock_10k.obj"]
     for name in written:
         assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "two" / name).read_bytes()
-        kept, made = load(ROOT / "models" / name), load(tmp_path / "one" / name)
+        kept, made = read_model(ROOT / "models" / name), read_model(tmp_path / "one" / name)
         assert kept.part_names == made.part_names
         assert (kept.faces == made.faces).all()
         # sines differ in the last bit between machines; files hold float32 or nine digits

@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from cadcam.cad.edges import EdgeKind, edge_table, feature_edges
-from cadcam.cad.load import LoadReport, load_with_report
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.read import LoadReport, read_model_with_report
 from cadcam.errors import BadValue, MissingExtra
 
 from .solids import outward
@@ -32,7 +32,7 @@ PROTOCOLS = ("ap203", "ap242")
 
 @lru_cache
 def loaded(path: Path) -> tuple[Mesh, LoadReport]:
-    return load_with_report(path)
+    return read_model_with_report(path)
 
 
 def nist(shared: Callable[[str], Path], number: int, protocol: str) -> tuple[Mesh, LoadReport]:
@@ -142,10 +142,10 @@ def test_all_edges_together_are_as_long_as_the_curves_in_the_file(
 
 def test_a_finer_tolerance_gives_more_triangles_nearer_to_the_surface(shared: Callable[[str], Path]) -> None:
     path = shared("data/cad_nist_ctc/nist_ctc_01_asme1_ap242.stp")
-    coarse, fine = (load_with_report(path, chordal_tolerance_mm=t)[0] for t in (1.0, 0.01))
+    coarse, fine = (read_model_with_report(path, chordal_tolerance_mm=t)[0] for t in (1.0, 0.01))
     assert fine.n_faces > 1.5 * coarse.n_faces
     with pytest.raises(BadValue, match="chordal_tolerance_mm"):
-        load_with_report(path, chordal_tolerance_mm=0)
+        read_model_with_report(path, chordal_tolerance_mm=0)
 
 
 def test_the_tolerance_is_in_mm_whatever_the_unit_of_the_file(shared: Callable[[str], Path]) -> None:
@@ -156,10 +156,10 @@ def test_the_tolerance_is_in_mm_whatever_the_unit_of_the_file(shared: Callable[[
 
 def test_a_unit_against_the_one_in_the_file_is_refused(shared: Callable[[str], Path]) -> None:
     with pytest.raises(BadValue, match="which the file names itself"):
-        load_with_report(shared("data/cad_nist_ctc/nist_ctc_03_asme1_ap203.stp"), unit="mm")
+        read_model_with_report(shared("data/cad_nist_ctc/nist_ctc_03_asme1_ap203.stp"), unit="mm")
 
 
 def test_without_the_extra_the_remedy_is_named(shared: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cadcam.cad.formats.step.find_spec", lambda name: None)
     with pytest.raises(MissingExtra, match=r'pip install "cadcam\[step\]", or cascadio by itself'):
-        load_with_report(shared("data/cad_nist_ctc/nist_ctc_01_asme1_ap203.stp"))
+        read_model_with_report(shared("data/cad_nist_ctc/nist_ctc_01_asme1_ap203.stp"))

@@ -7,7 +7,7 @@ from itertools import combinations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, ExtendedPinhole
 from cadcam.camera.lens import BrownConrady, Division, Fisheye, Ideal, OddRadial
@@ -49,7 +49,7 @@ CHOICES = [
 @pytest.mark.parametrize("names", CHOICES, ids="-".join)
 def test_whatever_is_fixed_stays_and_the_rest_is_found(cloud, names):
     """Exact points: what is free comes back to 1e-9 of its scale; what is fixed is what was given, to rounding."""
-    estimate = calibrate(seen(cloud), SIZE, fixed={n: VALUES[n] for n in names})
+    estimate = calibrate_camera(seen(cloud), SIZE, fixed={n: VALUES[n] for n in names})
     assert set(estimate.free) == set(NAMES) - set(names)
     scale = np.maximum(np.abs(TRUTH.vector), 1.0)
     assert np.abs(estimate.values - TRUTH.vector) / scale == pytest.approx(np.zeros(11), abs=1e-8)
@@ -63,7 +63,7 @@ def test_whatever_is_fixed_stays_and_the_rest_is_found(cloud, names):
 def test_a_wrong_fixed_value_is_kept_under_noise(cloud, rng, names):
     """Values beside the truth: the estimate bends everything else and leaves them alone."""
     fixed = {n: VALUES[n] + 0.01 * max(abs(VALUES[n]), 1) for n in names}
-    estimate = calibrate(seen(cloud, noise=0.3, rng=rng), SIZE, fixed=fixed)
+    estimate = calibrate_camera(seen(cloud, noise=0.3, rng=rng), SIZE, fixed=fixed)
     for name, value in fixed.items():
         assert estimate.value(name) == pytest.approx(value, rel=1e-13)
 
@@ -71,7 +71,7 @@ def test_a_wrong_fixed_value_is_kept_under_noise(cloud, rng, names):
 def test_fixed_angles_give_the_optimum_of_the_free_ones(cloud, rng):
     """At a minimum under a fixed c the full gradient has a component along c alone."""
     o = seen(cloud, noise=1.0, rng=rng)
-    fixed = calibrate(o, SIZE, fixed={"c": VALUES["c"]})
+    fixed = calibrate_camera(o, SIZE, fixed={"c": VALUES["c"]})
     for name in fixed.free:
         step = {"a": 1e-4, "b": 1e-4, "aspect": 1e-4, "skew": 1e-4}.get(name, 0.05)
         for sign in (1, -1):
@@ -86,7 +86,7 @@ def test_fixed_angles_give_the_optimum_of_the_free_ones(cloud, rng):
 def test_the_covariance_with_fixed_angles_inverts_the_fisher_information_of_the_rest(cloud, rng, names):
     """Differences of projections by the free parameters themselves: J^T J times the covariance is sigma^2."""
     o = seen(cloud, noise=0.5, rng=rng, sigma_px=0.5)
-    estimate = calibrate(o, SIZE, fixed={n: VALUES[n] for n in names})
+    estimate = calibrate_camera(o, SIZE, fixed={n: VALUES[n] for n in names})
     columns = []
     for name in estimate.free:
         h = 1e-5 * {"a": 0.01, "b": 0.01, "c": 0.01, "aspect": 0.01, "skew": 0.01}.get(name, 1.0)
@@ -112,13 +112,13 @@ def test_a_cut_out_picture_far_from_the_principal_point_is_calibrated(rng):
         q = rng.uniform(0, 1, (10, 2)) * SIZE
         rays = camera.unproject(q)
         p = POSE.inv @ (rays / rays[:, 2:] * rng.uniform(800, 1200, (10, 1)))
-        estimate = calibrate(Observations(p, q + 0.1 * rng.normal(size=q.shape)), SIZE)
+        estimate = calibrate_camera(Observations(p, q + 0.1 * rng.normal(size=q.shape)), SIZE)
         assert estimate.thesis_residual < 0.25
 
 
 def test_fixing_all_internals_is_locating_the_camera(cloud, rng):
     o = seen(cloud, noise=0.5, rng=rng)
-    a = calibrate(o, SIZE, fixed={n: VALUES[n] for n in INTERNALS})
+    a = calibrate_camera(o, SIZE, fixed={n: VALUES[n] for n in INTERNALS})
     b = locate_camera(o, CAMERA)
     assert a.values == pytest.approx(b.values, rel=1e-9)
     assert a.cofactor == pytest.approx(b.cofactor, rel=1e-6, abs=1e-12)
@@ -155,7 +155,7 @@ def test_every_lens_is_found_within_its_uncertainty(rng, lens, names):
     """0.2 px of noise: chi-square of the free parameters' error of the size of their number (4 sigma)."""
     camera, pose, p = lens_scene(lens)
     o = seen(p, camera, pose, noise=0.2, rng=rng, sigma_px=0.2)
-    estimate = calibrate(o, SIZE, lens=given_and_free(lens, names), free_lens=names)
+    estimate = calibrate_camera(o, SIZE, lens=given_and_free(lens, names), free_lens=names)
     truth = np.append(ExtendedPinhole.from_camera(camera, pose).vector, list(lens.parameters.values()))
     index = [estimate.parameters.index(n) for n in estimate.free]
     error = (estimate.values - truth)[index]
@@ -178,7 +178,7 @@ def test_every_lens_gives_its_pose_from_four_points(lens, names):
 def test_fixed_lens_coefficients_stay(rng):
     lens, names = BrownConrady(-0.25, 0.08, 0.002, -0.001), ("k1",)
     camera, pose, p = lens_scene(lens)
-    estimate = calibrate(
+    estimate = calibrate_camera(
         seen(p, camera, pose, noise=0.2, rng=rng), SIZE, lens=BrownConrady(0.0, 0.08, 0.002, -0.001), free_lens=names
     )
     assert estimate.camera.lens.k2 == 0.08
@@ -191,7 +191,7 @@ def test_fixed_lens_coefficients_stay(rng):
 def test_the_unit_of_length_does_not_matter(cloud, scale):
     """The same scene a thousand times smaller or larger: same internals, scaled centre; rounding only."""
     o = Observations(scale * cloud, CAMERA.project(POSE @ cloud))
-    estimate = calibrate(o, SIZE)
+    estimate = calibrate_camera(o, SIZE)
     assert pytest.approx(CAMERA.K, abs=1e-5) == estimate.camera.K
     assert estimate.camera.lens == Ideal()
     assert estimate.camera_from_world.origin == pytest.approx(scale * POSE.origin, abs=1e-6 * scale)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.extended_pinhole import ExtendedPinhole, uv_from_pixel_matrix, uv_from_pixels
 from cadcam.camera.observations import Observations
 from cadcam.fit.dlt import dlt
@@ -53,14 +53,14 @@ def test_the_direct_linear_transform_gives_eq_2_66_about_the_chip_centre(golden,
 
 @pytest.mark.parametrize("position", [1, 2])
 def test_calibrate_gives_table_2_9(golden, bench, size, position):
-    estimate = calibrate(bench[position], size, method="dlt-c23")
+    estimate = calibrate_camera(bench[position], size, method="dlt-c23")
     assert_golden(golden(f"dlt.pos{position}.params"), in_degrees(estimate.values))
     assert_golden(golden(f"dlt.pos{position}.residual"), estimate.thesis_residual)
 
 
 @pytest.mark.parametrize(("name", "number"), [("mockup11.dlt", "3_10"), ("mockup7.dlt", "3_13")])
 def test_calibrate_gives_the_direct_mock_up_calibrations(golden, points, size, name, number):
-    estimate = calibrate(points(number), size, method="dlt-c23")
+    estimate = calibrate_camera(points(number), size, method="dlt-c23")
     assert_golden(golden(name), [*in_degrees(estimate.values), estimate.thesis_residual])
 
 
@@ -152,7 +152,7 @@ def test_the_centred_matrices_of_eq_2_141_and_2_161_come_out(golden, bench):
 
 
 def test_the_focal_length_of_eq_2_146_in_mm(golden, bench, size):
-    focal = calibrate(bench[1], size, method="dlt-c23").value("focal")
+    focal = calibrate_camera(bench[1], size, method="dlt-c23").value("focal")
     assert_golden(golden("pos1.focal_mm"), focal / (768 / 5.94))
 
 
@@ -213,7 +213,7 @@ def test_the_closed_form_of_eq_2_76_is_the_product(golden, bench, size):
 
 @pytest.mark.parametrize(("name", "internals", "externals"), [("2.21", 1, 2), ("2.22", 2, 1)])
 def test_internals_of_one_position_with_externals_of_the_other(golden, bench, size, name, internals, externals):
-    own, other = (calibrate(bench[i], size, method="dlt-c23") for i in (internals, externals))
+    own, other = (calibrate_camera(bench[i], size, method="dlt-c23") for i in (internals, externals))
     seen = own.camera.project(other.camera_from_world @ bench[externals].p_world)
     d = uv_from_pixels(seen) - bench[externals].UV
     assert_golden(golden(f"fixedint.{name}.raw"), np.sqrt(np.sum(d**2) / len(d)))
@@ -221,7 +221,7 @@ def test_internals_of_one_position_with_externals_of_the_other(golden, bench, si
 
 def test_poses_with_given_internals_converge_where_the_thesis_optimiser_had_not(golden, bench, size):
     """Tables 2.21 and 2.22: one position as calibrated, the other posed with its internals; printed 1.1, 1.0 px."""
-    linear = {i: calibrate(bench[i], size, method="dlt-c23") for i in (1, 2)}
+    linear = {i: calibrate_camera(bench[i], size, method="dlt-c23") for i in (1, 2)}
     totals = [
         (linear[own].thesis_residual + locate_camera(bench[other], linear[own].camera).thesis_residual) / 2
         for own, other in ((1, 2), (2, 1))

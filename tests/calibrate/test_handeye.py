@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye, calibrate_hand_eye_from_poses
-from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue
@@ -96,7 +96,7 @@ def test_robot_noise_does_not_corrupt_a_camera_adjusted_along(rng):
     points = np.append(rng.uniform(-150, 150, (40, 2)), rng.uniform(-60, 60, (40, 1)), axis=1)
     pose = Rigid(so3.exp([0.2, -0.1, 0.1]), [0.0, 0, 700])
     q = CAMERA.project(pose @ points) + 0.1 * rng.normal(size=(40, 2))
-    known = calibrate(Observations(points, q), CAMERA.size, fixed={"skew": 0.0, "aspect": 1.0})
+    known = calibrate_camera(Observations(points, q), CAMERA.size, fixed={"skew": 0.0, "aspect": 1.0})
     c = cell(rng, 15, robot=(1.0, 0.003))
     found = calibrate_hand_eye(c.base_from_flange, c.observations, known, mounting="eye-in-hand")
     assert found.camera is not None
@@ -114,7 +114,7 @@ def test_a_wrong_focal_length_costs_less_with_its_covariance_than_without(rng):
     points = np.append(rng.uniform(-150, 150, (12, 2)), rng.uniform(-10, 10, (12, 1)), axis=1)
     pose = Rigid(so3.exp([0.2, -0.1, 0.1]), [0.0, 0, 900])
     q = CAMERA.project(pose @ points) + 1.0 * rng.normal(size=(12, 2))
-    poor = calibrate(Observations(points, q), CAMERA.size, fixed={"skew": 0.0, "aspect": 1.0})
+    poor = calibrate_camera(Observations(points, q), CAMERA.size, fixed={"skew": 0.0, "aspect": 1.0})
     assert abs(poor.camera.fy - CAMERA.fy) > 10
     c = cell(rng, 12)
     adjusted = calibrate_hand_eye(c.base_from_flange, c.observations, poor, mounting="eye-in-hand")

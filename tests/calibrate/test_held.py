@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.calibrate.points.held import held_against
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
@@ -30,7 +30,7 @@ def test_of_true_values_the_chance_is_even(rng: np.random.Generator, stated: boo
     held = {name: VALUES[name] for name in ("skew", "aspect")}
     chances = []
     for _ in range(40):
-        told = held_against(calibrate(seen(rng, stated=stated), SIZE, fixed=held), tuple(held))
+        told = held_against(calibrate_camera(seen(rng, stated=stated), SIZE, fixed=held), tuple(held))
         assert told is not None
         chances.append(told.chance)
     assert abs(np.mean(chances) - 0.5) < 4.5 * np.sqrt(1 / 12 / 40)
@@ -38,7 +38,7 @@ def test_of_true_values_the_chance_is_even(rng: np.random.Generator, stated: boo
 
 
 def test_a_wrong_value_is_contradicted_and_the_right_one_told(rng: np.random.Generator) -> None:
-    told = held_against(calibrate(seen(rng), SIZE, fixed={"aspect": 1.0, "U0": 270.0}), ("aspect",))
+    told = held_against(calibrate_camera(seen(rng), SIZE, fixed={"aspect": 1.0, "U0": 270.0}), ("aspect",))
     assert told is not None
     assert told.contradicted
     assert "U0" not in told.free.free, "what is not asked about stays held"
@@ -48,7 +48,9 @@ def test_a_wrong_value_is_contradicted_and_the_right_one_told(rng: np.random.Gen
 def test_exact_points_contradict_nothing_that_is_true(rng: np.random.Generator) -> None:
     exact = seen(np.random.default_rng(1))
     q = TRUTH.camera(SIZE).project(TRUTH.camera_from_world @ exact.p_world)
-    told = held_against(calibrate(Observations(exact.p_world, q), SIZE, fixed={"skew": VALUES["skew"]}), ("skew",))
+    told = held_against(
+        calibrate_camera(Observations(exact.p_world, q), SIZE, fixed={"skew": VALUES["skew"]}), ("skew",)
+    )
     assert told is not None
     assert not told.contradicted
 
@@ -57,4 +59,4 @@ def test_what_points_do_not_determine_is_not_asked(rng: np.random.Generator) -> 
     few = seen(rng)
     some = Observations(few.p_world[:5], few.q[:5])
     held = {name: VALUES[name] for name in ("aspect", "focal", "skew", "U0", "V0")}
-    assert held_against(calibrate(some, SIZE, fixed=held), tuple(held)) is None
+    assert held_against(calibrate_camera(some, SIZE, fixed=held), tuple(held)) is None

@@ -10,7 +10,7 @@ import pytest
 
 from cadcam.calibrate.joint.adjustment import calibrate_jointly
 from cadcam.calibrate.joint.thesis import thesis_mixtures
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Division, Fisheye, Ideal, OddRadial
 from cadcam.camera.observations import Observations
@@ -51,7 +51,7 @@ def test_one_deep_view_is_the_single_calibration(rng):
     """The same optimum, the same covariance of internals and pose."""
     world = scene(rng, SKEWED, [box(rng, 30)])
     (view,) = world.seen(rng, 0.3)
-    one, joint = calibrate(view, SIZE), calibrate_jointly([view], SIZE)
+    one, joint = calibrate_camera(view, SIZE), calibrate_jointly([view], SIZE)
     assert joint.view(0).values == pytest.approx(one.values, rel=1e-7, abs=1e-8)
     assert joint.sum_of_squares == pytest.approx(one.sum_of_squares, rel=1e-10)
     assert joint.dof == one.dof
@@ -189,7 +189,7 @@ def dbat_views(folder) -> list[Observations]:
 def test_tables_2_21_and_2_22_are_reproduced(points, size, golden):
     """Internals of one position in the other: as they are, and with the externals re-optimised (lower than printed)."""
     first, second = points("2_7", 1), points("2_7", 2)
-    one, two = (calibrate(v, size, method="dlt-c23") for v in (first, second))
+    one, two = (calibrate_camera(v, size, method="dlt-c23") for v in (first, second))
     for name, own, other in (("fixedint.2.21.raw", one, two), ("fixedint.2.22.raw", two, one)):
         swapped = replace(other, camera=own.camera)
         assert swapped.thesis_residual == pytest.approx(golden(name)["value"], abs=golden(name)["tol"])

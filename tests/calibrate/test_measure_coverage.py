@@ -14,7 +14,7 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.calibrate.measure.points import measure_points
-from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.measurement import Measurement
 from cadcam.camera.observations import Observations
@@ -172,7 +172,7 @@ def search(eye: Eye, rng: np.random.Generator) -> CameraEstimate:
     if "k2" in fresh.parameters:
         fresh = type(eye.camera.lens)(k2=eye.camera.lens.parameters["k2"])
     observations = Observations(BENCH, eye.see(rng, BENCH), sigma_px=SIGMA)
-    return calibrate(observations, SIZE, lens=fresh, free_lens=terms)
+    return calibrate_camera(observations, SIZE, lens=fresh, free_lens=terms)
 
 
 def test_the_public_search_finds_what_the_descent_from_the_truth_finds() -> None:

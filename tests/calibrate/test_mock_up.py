@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole, internals_of
 from cadcam.camera.lens import Ideal
 from cadcam.fit.camera_model import CameraModel
@@ -59,7 +59,7 @@ def test_the_second_pose_lies_well_under_half_of_the_printed_residual(points, be
 @pytest.mark.parametrize("number", TABLES)
 def test_no_random_start_ends_below_the_direct_fit(points, size, rng, number):
     seen = points(number)
-    direct = calibrate(seen, size)
+    direct = calibrate_camera(seen, size)
     focal = np.exp(rng.uniform(np.log(150), np.log(8000), STARTS))
     one = np.ones(STARTS)
     internals = np.stack([one, focal, 0 * one, rng.uniform(0, 576, STARTS), rng.uniform(0, 768, STARTS)], axis=-1)
@@ -72,8 +72,8 @@ def test_no_random_start_ends_below_the_direct_fit(points, size, rng, number):
 
 @pytest.mark.parametrize("number", TABLES)
 def test_least_squares_ends_below_either_linear_transform(points, size, number):
-    linear = [calibrate(points(number), size, method=m).thesis_residual for m in ("dlt", "dlt-c23")]
-    assert calibrate(points(number), size).thesis_residual < min(linear)
+    linear = [calibrate_camera(points(number), size, method=m).thesis_residual for m in ("dlt", "dlt-c23")]
+    assert calibrate_camera(points(number), size).thesis_residual < min(linear)
 
 
 @pytest.mark.parametrize("number", TABLES)
@@ -81,7 +81,7 @@ def test_the_world_origin_42_m_away_changes_nothing(points, size, number):
     far = points(number)
     shift = np.round(far.p_world.mean(axis=0))
     near = type(far)(far.p_world - shift, far.q)
-    a, b = calibrate(far, size), calibrate(near, size)
+    a, b = calibrate_camera(far, size), calibrate_camera(near, size)
     sigmas = np.sqrt(np.diag(a.covariance))
     moved = np.append(shift, np.zeros(8))
     assert np.abs(a.values - b.values - moved) == pytest.approx(np.zeros(11), abs=1e-6 * sigmas.max())

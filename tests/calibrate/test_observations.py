@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
@@ -62,7 +62,7 @@ def estimate(rng):
     p = rng.uniform(-100, 100, (12, 3))
     q = camera.project(pose @ p) + 0.3 * rng.normal(size=(12, 2))
     q[7] += [5.0, 0]
-    return calibrate(Observations(p, q, names=tuple("abcdefghijkl")), camera.size)
+    return calibrate_camera(Observations(p, q, names=tuple("abcdefghijkl")), camera.size)
 
 
 def test_the_worst_point_is_named(estimate):

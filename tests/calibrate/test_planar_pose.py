@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import EXTERNALS, internals_of
 from cadcam.camera.lens import Fisheye
@@ -101,5 +101,5 @@ def test_a_calibrated_flat_target_reports_it_too(rng):
     """Fixed internals given by name lead to the same pair."""
     o = seen(tilted(40.0, 900.0), np.vstack([SQUARE, 0.5 * SQUARE]), noise=0.2, rng=rng)
     fixed = dict(zip(("aspect", "focal", "skew", "U0", "V0"), internals_of(CAMERA.K), strict=True))
-    a, b = calibrate(o, (768, 576), fixed=fixed), locate_camera(o, CAMERA)
+    a, b = calibrate_camera(o, (768, 576), fixed=fixed), locate_camera(o, CAMERA)
     assert a.alternative.sum_of_squares == pytest.approx(b.alternative.sum_of_squares, rel=1e-9)

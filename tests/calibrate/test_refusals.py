@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import METHODS, calibrate, locate_camera
+from cadcam.calibrate.points.camera import METHODS, calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import BrownConrady, Fisheye, OddRadial
@@ -34,7 +34,7 @@ def flat(p, thickness=0.0):
 
 
 def test_the_cloud_itself_calibrates(cloud):
-    estimate = calibrate(seen(cloud), SIZE)
+    estimate = calibrate_camera(seen(cloud), SIZE)
     assert pytest.approx(CAMERA.K, abs=1e-6) == estimate.camera.K
     assert estimate.thesis_residual < 1e-9
 
@@ -42,8 +42,8 @@ def test_the_cloud_itself_calibrates(cloud):
 @pytest.mark.parametrize("method", METHODS)
 def test_five_points_are_too_few_and_six_enough(cloud, method):
     with pytest.raises(TooFewPoints, match="needs at least 6 points; 5 given"):
-        calibrate(seen(cloud[:5]), SIZE, method=method)
-    assert calibrate(seen(cloud[:6]), SIZE, method=method).dof == 1
+        calibrate_camera(seen(cloud[:5]), SIZE, method=method)
+    assert calibrate_camera(seen(cloud[:6]), SIZE, method=method).dof == 1
 
 
 def test_a_pose_needs_four_points(cloud):
@@ -54,26 +54,26 @@ def test_a_pose_needs_four_points(cloud):
 
 def test_the_same_point_twice_counts_once(cloud):
     with pytest.raises(TooFewPoints, match="12 points, 5 of them different"):
-        calibrate(seen(cloud[[0, 1, 2, 3, 4, 4, 4, 4, 3, 2, 1, 0]]), SIZE)
-    assert calibrate(seen(cloud[[0, 1, 2, 3, 4, 5, 5, 4, 3, 2, 1, 0]]), SIZE).dof == 13
+        calibrate_camera(seen(cloud[[0, 1, 2, 3, 4, 4, 4, 4, 3, 2, 1, 0]]), SIZE)
+    assert calibrate_camera(seen(cloud[[0, 1, 2, 3, 4, 5, 5, 4, 3, 2, 1, 0]]), SIZE).dof == 13
 
 
 def test_lens_terms_ask_for_more_points(cloud):
     with pytest.raises(TooFewPoints, match="13 parameters"):
-        calibrate(seen(cloud[:6]), SIZE, lens=BrownConrady(), free_lens=("k1", "k2"))
-    assert calibrate(seen(cloud), SIZE, lens=BrownConrady(), free_lens=("k1", "k2")).dof == 11
+        calibrate_camera(seen(cloud[:6]), SIZE, lens=BrownConrady(), free_lens=("k1", "k2"))
+    assert calibrate_camera(seen(cloud), SIZE, lens=BrownConrady(), free_lens=("k1", "k2")).dof == 11
 
 
 @pytest.mark.parametrize("method", METHODS)
 def test_coplanar_points_give_no_full_calibration(cloud, method):
     with pytest.raises(DegenerateGeometry, match=r"on a plane .*thickness by length .*at most 8 of the 11"):
-        calibrate(seen(flat(cloud)), SIZE, method=method)
+        calibrate_camera(seen(flat(cloud)), SIZE, method=method)
 
 
 def test_coplanar_points_give_eight_parameters(cloud):
     K = CAMERA.K
     fixed = {"skew": 0.0, "aspect": K[0, 0] / K[1, 1], "U0": K[1, 2]}
-    estimate = calibrate(seen(flat(cloud)), SIZE, fixed=fixed)
+    estimate = calibrate_camera(seen(flat(cloud)), SIZE, fixed=fixed)
     assert len(estimate.free) == 8
     assert estimate.value("focal") == pytest.approx(790.0, rel=1e-6)
 
@@ -83,13 +83,13 @@ def test_points_as_good_as_coplanar_are_refused_by_what_they_leave_open(cloud, r
     reasons = []
     for _ in range(8):
         with pytest.raises(DegenerateGeometry, match=r"as good as coplanar|no camera fits best") as refusal:
-            calibrate(seen(flat(cloud, 3e-3), noise=0.5, rng=rng), SIZE)
+            calibrate_camera(seen(flat(cloud, 3e-3), noise=0.5, rng=rng), SIZE)
         reasons.append(str(refusal.value))
     assert any("thickness by length 0.00" in reason for reason in reasons)
-    assert calibrate(seen(flat(cloud, 0.3), noise=0.5, rng=rng), SIZE).sigma("focal") < 400
+    assert calibrate_camera(seen(flat(cloud, 0.3), noise=0.5, rng=rng), SIZE).sigma("focal") < 400
 
 
-@pytest.mark.parametrize("solve", [lambda o: calibrate(o, SIZE), lambda o: locate_camera(o, CAMERA)])
+@pytest.mark.parametrize("solve", [lambda o: calibrate_camera(o, SIZE), lambda o: locate_camera(o, CAMERA)])
 def test_collinear_points_are_refused(solve):
     line = np.outer(np.arange(8.0), [10, 20, -30]) + np.array([100, 150, -1150])
     with pytest.raises(DegenerateGeometry, match=r"on a line \(rms extents"):
@@ -101,9 +101,9 @@ def test_a_plane_and_a_line_through_the_camera_hide_a_combination(cloud):
     ray = np.array([150.0, 220.0, -1200.0]) - POSE.origin
     p = np.vstack([flat(cloud)[:8], POSE.origin + np.outer([0.8, 1.2], ray)])
     with pytest.raises(DegenerateGeometry, match="do not determine the combination"):
-        calibrate(seen(p), SIZE)
+        calibrate_camera(seen(p), SIZE)
     aside = p + np.where(np.arange(10)[:, None] == 9, [30.0, 0, 0], 0)
-    assert calibrate(seen(aside), SIZE).thesis_residual < 1e-6
+    assert calibrate_camera(seen(aside), SIZE).thesis_residual < 1e-6
 
 
 MIRRORS = {
@@ -118,7 +118,7 @@ MIRRORS = {
 @pytest.mark.parametrize("method", METHODS)
 def test_mirrored_points_are_refused_by_every_method(cloud, rng, mirror, method):
     with pytest.raises(MirroredPoints, match="left-handed or the image is mirrored"):
-        calibrate(mirror(seen(cloud, noise=0.3, rng=rng)), SIZE, method=method)
+        calibrate_camera(mirror(seen(cloud, noise=0.3, rng=rng)), SIZE, method=method)
 
 
 @pytest.mark.parametrize("mirror", [MIRRORS[k] for k in MIRRORS if k != "U and V exchanged"])
@@ -150,7 +150,7 @@ def test_nan_is_refused_with_the_name_of_its_point(cloud):
 
 def test_a_coefficient_that_the_focal_length_explains_is_named(cloud):
     with pytest.raises(DegenerateGeometry, match=r"combination (a1 .* focal|focal .* a1)"):
-        calibrate(seen(cloud), SIZE, lens=OddRadial(), free_lens=("a1", "a3"))
+        calibrate_camera(seen(cloud), SIZE, lens=OddRadial(), free_lens=("a1", "a3"))
 
 
 def test_a_pixel_outside_the_lens_is_named(cloud):
@@ -166,7 +166,7 @@ def test_points_and_pixels_that_do_not_belong_together_do_not_pass_unnoticed(clo
     o = seen(cloud)
     shuffled = Observations(o.p_world, rng.permutation(o.q))
     try:
-        estimate = calibrate(shuffled, SIZE)
+        estimate = calibrate_camera(shuffled, SIZE)
     except DegenerateGeometry:
         return
     assert estimate.thesis_residual > 5
@@ -188,9 +188,9 @@ BAD = [
 @pytest.mark.parametrize(("options", "error", "words"), BAD)
 def test_bad_arguments_are_named(cloud, options, error, words):
     with pytest.raises(error, match=words):
-        calibrate(seen(cloud), SIZE, **options)
+        calibrate_camera(seen(cloud), SIZE, **options)
 
 
 def test_fixing_everything_leaves_nothing_to_do(cloud):
     with pytest.raises(BadValue, match="free parameters"):
-        calibrate(seen(cloud), SIZE, fixed=dict.fromkeys(NAMES, 1.0))
+        calibrate_camera(seen(cloud), SIZE, fixed=dict.fromkeys(NAMES, 1.0))

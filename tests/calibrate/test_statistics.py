@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole, uv_from_pixel_matrix
 from cadcam.camera.lens import BrownConrady
@@ -33,7 +33,7 @@ def truth():
     e = ExtendedPinhole(7.7, 416.3, -210.4, d(-9.04), d(-9.44), d(-2.36), 1.007, 805.9, d(0.01), 319.7, 354.7)
     camera = e.camera((768, 576))
     q = camera.project(e.camera_from_world @ BENCH)
-    return calibrate(Observations(BENCH, q, sigma_px=SIGMA), (768, 576))
+    return calibrate_camera(Observations(BENCH, q, sigma_px=SIGMA), (768, 576))
 
 
 def draws(truth, free, rng):
@@ -132,7 +132,7 @@ def test_least_squares_has_less_bias_than_the_linear_transform(truth, sampled):
 def test_the_linear_transform_states_the_spread_of_its_own_draws(golden, points, size, position, draws_sigma):
     """Tables 2.14 and 2.19: 2000 draws of the C23 = 1 form; first order against samples, 4 standard errors and 4 %."""
     o = points("2_7", position)
-    estimate = calibrate(Observations(o.p_world, o.q, sigma_px=draws_sigma), size, method="dlt-c23")
+    estimate = calibrate_camera(Observations(o.p_world, o.q, sigma_px=draws_sigma), size, method="dlt-c23")
     sd = np.array([estimate.sigma(n) for n in NAMES])
     sd[[3, 4, 5, 8]] = np.degrees(sd[[3, 4, 5, 8]])
     entry = golden(f"mcA.pos{position}.sd")
@@ -141,14 +141,14 @@ def test_the_linear_transform_states_the_spread_of_its_own_draws(golden, points,
 
 def test_least_squares_is_sharper_than_the_linear_transform(truth):
     o = truth.observations
-    linear = calibrate(o, (768, 576), method="dlt-c23")
+    linear = calibrate_camera(o, (768, 576), method="dlt-c23")
     assert all(linear.sigma(n) >= truth.sigma(n) for n in NAMES)
 
 
 def test_sigma0_estimates_the_noise(truth, rng):
     """sigma0^2 dof / sigma^2 is chi-square with 21 degrees of freedom: between 5.0 and 50 but for 4 in 10,000."""
     q = truth.observations.q + SIGMA * rng.normal(size=truth.observations.q.shape)
-    estimate = calibrate(Observations(BENCH, q), (768, 576))
+    estimate = calibrate_camera(Observations(BENCH, q), (768, 576))
     assert estimate.dof == 21
     assert 5.0 < estimate.sigma0**2 * 21 / SIGMA**2 < 50
     assert estimate.noise_px == estimate.sigma0
@@ -162,8 +162,8 @@ def test_without_degrees_of_freedom_the_sigmas_are_unknown_not_zero():
     pose = Rigid.look_at([-200.0, -400.0, 900.0], [150.0, 100.0, 0.0])
     q = camera.project(pose @ p)
     fixed = {"skew": 0.0, "aspect": 1.0, "U0": 287.5}
-    unknown = calibrate(Observations(p, q), (768, 576), fixed=fixed)
-    stated = calibrate(Observations(p, q, sigma_px=0.1), (768, 576), fixed=fixed)
+    unknown = calibrate_camera(Observations(p, q), (768, 576), fixed=fixed)
+    stated = calibrate_camera(Observations(p, q, sigma_px=0.1), (768, 576), fixed=fixed)
     assert unknown.dof == 0
     assert unknown.sigma0 is None
     assert unknown.sigma("focal") == np.inf

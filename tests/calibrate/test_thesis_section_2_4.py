@@ -8,9 +8,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.calibrate.variability.alternating import alternating_externals
-from cadcam.calibrate.variability.methods import first_order, log_likelihood, markov_chain, monte_carlo, walk_of
+from cadcam.calibrate.variability.methods import (
+    first_order_variability,
+    log_likelihood,
+    markov_chain_variability,
+    monte_carlo_variability,
+    walk_of,
+)
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import BrownConrady
 
@@ -26,12 +32,12 @@ def index(*names):
 @pytest.fixture(scope="module")
 def linear(points, size):
     """Both positions by the thesis' own transform, C23 = 1."""
-    return {i: calibrate(points("2_7", i), size, method="dlt-c23") for i in (1, 2)}
+    return {i: calibrate_camera(points("2_7", i), size, method="dlt-c23") for i in (1, 2)}
 
 
 @pytest.fixture(scope="module")
 def best(points, size):
-    return {i: calibrate(points("2_7", i), size) for i in (1, 2)}
+    return {i: calibrate_camera(points("2_7", i), size) for i in (1, 2)}
 
 
 def thesis_noise(estimate):
@@ -42,7 +48,7 @@ def thesis_noise(estimate):
 def method_a(linear):
     """2000 draws of each position, estimated as the thesis does."""
     return {
-        i: monte_carlo(
+        i: monte_carlo_variability(
             e, rng=np.random.default_rng(i), draws=DRAWS, sigma_px=thesis_noise(e), method="dlt-c23"
         )
         for i, e in linear.items()
@@ -51,7 +57,9 @@ def method_a(linear):
 
 @pytest.fixture(scope="module")
 def method_b(best, linear):
-    return markov_chain(best[1], rng=np.random.default_rng(3), walk=walk_of(200_000), sigma_px=thesis_noise(linear[1]))
+    return markov_chain_variability(
+        best[1], rng=np.random.default_rng(3), walk=walk_of(200_000), sigma_px=thesis_noise(linear[1])
+    )
 
 
 @pytest.fixture(scope="module")
@@ -129,13 +137,13 @@ def test_the_shift_of_the_mean_is_the_linear_transforms_bias(linear, method_a, b
     """
     focal = NAMES.index("focal")
     shift = (method_a[1].mean - method_a[1].exact)[focal]
-    half = monte_carlo(
+    half = monte_carlo_variability(
         linear[1], rng=np.random.default_rng(8), sigma_px=thesis_noise(linear[1]) / 2, method="dlt-c23", draws=3000
     )
     error = half.mean_error[focal]
     assert shift == pytest.approx(-4.85, abs=4 * method_a[1].mean_error[focal])
     assert (half.mean - half.exact)[focal] == pytest.approx(shift / 4, abs=4 * error)
-    least = monte_carlo(best[1], rng=np.random.default_rng(9), draws=3000, sigma_px=thesis_noise(linear[1]))
+    least = monte_carlo_variability(best[1], rng=np.random.default_rng(9), draws=3000, sigma_px=thesis_noise(linear[1]))
     assert np.all(np.abs(least.mean - least.exact) < 0.05 * least.sigma + 4 * least.mean_error)
 
 
@@ -167,7 +175,7 @@ def test_the_printed_method_b_is_a_chain_that_has_not_mixed(printed, best, linea
     Our own chain of a fifth of the steps has thousands of them, and its means are where they should be.
     """
     mean, sd = printed("2_14")[:, 5:].T
-    first = first_order(best[1], sigma_px=thesis_noise(linear[1]))
+    first = first_order_variability(best[1], sigma_px=thesis_noise(linear[1]))
     assert implied_draws(mean, first, best[1].values) < 16
     assert implied_draws(mean, first, linear[1].values) < 16
     assert implied_draws(DEGREES * method_b.mean, first, best[1].values) > 300
@@ -181,7 +189,7 @@ def test_steps_that_ignore_the_correlations_hardly_mix(best, linear):
     from cadcam.fit.sampling import NotMixed, Walk, metropolis, refuse_unmixed
 
     noise = thesis_noise(linear[1])
-    first = first_order(best[1], sigma_px=noise)
+    first = first_order_variability(best[1], sigma_px=noise)
     model, state = model_of(best[1])
     rng = np.random.default_rng(5)
     starts = first.exact + 2 * rng.standard_normal((64, 11)) @ np.linalg.cholesky(first.covariance).T
@@ -268,7 +276,7 @@ def test_the_moved_principal_point_is_no_flat_optimum_but_a_missing_lens_term(be
     has a probability of 0.05 %), and V0 agrees within a sigma.
     """
     assert v0_in_sigmas(best[1], best[2]) > 4
-    radial = {i: calibrate(points("2_7", i), size, lens=BrownConrady(), free_lens=("k1",)) for i in (1, 2)}
+    radial = {i: calibrate_camera(points("2_7", i), size, lens=BrownConrady(), free_lens=("k1",)) for i in (1, 2)}
     for i, f in ((1, 158), (2, 279)):
         better = radial[i]
         ratio = (best[i].sum_of_squares - better.sum_of_squares) / (better.sum_of_squares / better.dof)

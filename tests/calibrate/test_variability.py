@@ -10,9 +10,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.calibrate.variability.alternating import alternating_externals
-from cadcam.calibrate.variability.methods import FirstOrder, first_order, markov_chain, monte_carlo, walk_of
+from cadcam.calibrate.variability.methods import (
+    FirstOrder,
+    first_order_variability,
+    markov_chain_variability,
+    monte_carlo_variability,
+    walk_of,
+)
 from cadcam.calibrate.variability.projection_map import projection_map
 from cadcam.calibrate.variability.repeated import response, seen_exactly
 from cadcam.camera.camera import Camera
@@ -42,7 +48,7 @@ def bench(sigma_px=SMALL, *, lens=None, rng=None):
 
 @pytest.fixture(scope="module")
 def estimate():
-    return calibrate(bench(rng=np.random.default_rng(4)), SIZE)
+    return calibrate_camera(bench(rng=np.random.default_rng(4)), SIZE)
 
 
 def generator(seed=5):
@@ -59,7 +65,7 @@ def assert_agree(study, first: FirstOrder, *, slack=0.0):
 
 
 def test_first_order_is_what_the_estimate_says_of_itself(estimate):
-    first = first_order(estimate)
+    first = first_order_variability(estimate)
     assert first.names == estimate.free
     unit = estimate.covariance / np.outer(first.sigma, first.sigma)
     assert first.covariance / np.outer(first.sigma, first.sigma) == pytest.approx(unit, abs=1e-9)
@@ -67,67 +73,72 @@ def test_first_order_is_what_the_estimate_says_of_itself(estimate):
 
 
 def test_method_a_agrees_with_first_order_where_the_noise_is_small(estimate):
-    assert_agree(monte_carlo(estimate, rng=generator()), first_order(estimate))
+    assert_agree(monte_carlo_variability(estimate, rng=generator()), first_order_variability(estimate))
 
 
 def test_method_b_agrees_with_first_order_where_the_noise_is_small(estimate):
-    study = markov_chain(estimate, rng=generator(), walk=walk_of(200_000))
+    study = markov_chain_variability(estimate, rng=generator(), walk=walk_of(200_000))
     assert study.effective.min() > 3000
     assert study.r_hat.max() < 1.03
-    assert_agree(study, first_order(estimate))
+    assert_agree(study, first_order_variability(estimate))
 
 
 @pytest.mark.parametrize("method", ["dlt", "dlt-c23"])
 def test_the_linear_transforms_have_first_orders_of_their_own(estimate, method):
     """At a tenth of the noise: the C23 = 1 form has a bias that goes with its square (Table 2.14)."""
     kwargs = {"sigma_px": SMALL / 10, "method": method}
-    study, first = monte_carlo(estimate, rng=generator(), **kwargs), first_order(estimate, **kwargs)
+    study, first = (
+        monte_carlo_variability(estimate, rng=generator(), **kwargs),
+        first_order_variability(estimate, **kwargs),
+    )
     assert_agree(study, first)
-    assert np.all(first.sigma > first_order(estimate, sigma_px=SMALL / 10).sigma)
+    assert np.all(first.sigma > first_order_variability(estimate, sigma_px=SMALL / 10).sigma)
 
 
 @pytest.mark.parametrize("method", ["reprojection", "dlt"])
 def test_noise_of_the_world_points_adds_its_part(estimate, method):
     """0.2 mm at 805 px and some 1000 mm is 0.16 px: most of the spread here comes from the world points."""
     kwargs = {"sigma_mm": 0.2, "method": method}
-    first, alone = first_order(estimate, **kwargs), first_order(estimate, method=method)
+    first, alone = first_order_variability(estimate, **kwargs), first_order_variability(estimate, method=method)
     assert np.all(first.sigma > 2 * alone.sigma)
-    assert_agree(monte_carlo(estimate, rng=generator(), **kwargs), first, slack=0.01)
+    assert_agree(monte_carlo_variability(estimate, rng=generator(), **kwargs), first, slack=0.01)
 
 
 @pytest.mark.parametrize("fixed", [{"skew": 0.0002, "aspect": 1.007}, {"a": PINHOLE.a, "X": 7.7}, {"b": PINHOLE.b}])
 def test_fixed_parameters_stay_out_of_it(fixed):
-    held = calibrate(bench(), SIZE, fixed=fixed)
-    first = first_order(held)
+    held = calibrate_camera(bench(), SIZE, fixed=fixed)
+    first = first_order_variability(held)
     assert not set(fixed) & set(first.names)
-    assert_agree(monte_carlo(held, rng=generator(), draws=1000), first)
-    assert_agree(markov_chain(held, rng=generator(), chains=32, walk=walk_of(60_000, 32)), first)
+    assert_agree(monte_carlo_variability(held, rng=generator(), draws=1000), first)
+    assert_agree(markov_chain_variability(held, rng=generator(), chains=32, walk=walk_of(60_000, 32)), first)
 
 
 def test_known_internals_leave_the_pose(estimate):
     pose = locate_camera(bench(), estimate.camera)
-    study = monte_carlo(pose, rng=generator())
+    study = monte_carlo_variability(pose, rng=generator())
     assert study.names == EXTERNALS
-    assert_agree(study, first_order(pose))
-    assert_agree(markov_chain(pose, rng=generator(), walk=walk_of(100_000)), first_order(pose))
+    assert_agree(study, first_order_variability(pose))
+    assert_agree(markov_chain_variability(pose, rng=generator(), walk=walk_of(100_000)), first_order_variability(pose))
 
 
 def test_a_lens_coefficient_is_a_parameter_like_others():
     """Its curvature shows at 0.05 px already: 2 % are left for it."""
-    curved = calibrate(bench(lens=Division(-0.2)), SIZE, lens=Division(), free_lens=("k",))
-    first = first_order(curved)
+    curved = calibrate_camera(bench(lens=Division(-0.2)), SIZE, lens=Division(), free_lens=("k",))
+    first = first_order_variability(curved)
     assert first.names == (*NAMES, "k")
-    assert_agree(monte_carlo(curved, rng=generator(), draws=150), first, slack=0.02)
-    assert_agree(markov_chain(curved, rng=generator(), chains=8, walk=Walk(1500, 300, 6)), first, slack=0.02)
+    assert_agree(monte_carlo_variability(curved, rng=generator(), draws=150), first, slack=0.02)
+    assert_agree(
+        markov_chain_variability(curved, rng=generator(), chains=8, walk=Walk(1500, 300, 6)), first, slack=0.02
+    )
 
 
 def test_angles_near_half_a_turn_do_not_tear():
     """The same view in a world turned so that c is 180 deg: half of the draws cross it."""
     turned = replace(PINHOLE, c=np.pi)
     p = turned.camera_from_world.inv @ (PINHOLE.camera_from_world @ BENCH)
-    seen = calibrate(Observations(p, bench().q, sigma_px=0.5), SIZE)
+    seen = calibrate_camera(Observations(p, bench().q, sigma_px=0.5), SIZE)
     assert abs(seen.value("c")) == pytest.approx(np.pi, abs=1e-6)
-    study, first = monte_carlo(seen, rng=generator(), draws=500), first_order(seen)
+    study, first = monte_carlo_variability(seen, rng=generator(), draws=500), first_order_variability(seen)
     assert study.sigma[3:6] == pytest.approx(first.sigma[3:6], rel=0.15)
     assert np.ptp(study.values[:, 5]) < 0.1
     assert (np.abs(study.values[:, 5]) > np.pi).mean() == pytest.approx(0.5, abs=0.1)
@@ -136,7 +147,7 @@ def test_angles_near_half_a_turn_do_not_tear():
 @pytest.mark.parametrize("method", ["reprojection", "dlt"])
 def test_the_response_is_how_an_estimate_moves(estimate, method):
     """Pixels and world points, all of them moved at random by little, and estimated again; relative 1e-3."""
-    exact = calibrate(Observations(BENCH, seen_exactly(estimate)), SIZE, method=method)
+    exact = calibrate_camera(Observations(BENCH, seen_exactly(estimate)), SIZE, method=method)
     by_q, by_p = response(estimate, method)
     for seed in range(1):
         dq, dp = generator(seed).normal(size=(16, 2)) * 1e-3, generator(seed + 9).normal(size=(16, 3)) * 1e-3
@@ -144,29 +155,31 @@ def test_the_response_is_how_an_estimate_moves(estimate, method):
             (Observations(BENCH, seen_exactly(estimate) + dq), by_q @ dq.ravel()),
             (Observations(BENCH + dp, seen_exactly(estimate)), by_p @ dp.ravel()),
         ):
-            change = calibrate(moved, SIZE, method=method).values - exact.values
-            sigma = first_order(estimate).sigma
+            change = calibrate_camera(moved, SIZE, method=method).values - exact.values
+            sigma = first_order_variability(estimate).sigma
             assert np.abs((change - predicted) / sigma).max() < 1e-3 * np.abs(predicted / sigma).max()
 
 
 def test_equal_seeds_give_equal_studies_and_more_draws_begin_with_the_same(estimate):
-    some = monte_carlo(estimate, rng=generator(), draws=300)
-    more = monte_carlo(estimate, rng=generator(), draws=700)
-    other = monte_carlo(estimate, rng=generator(6), draws=300)
+    some = monte_carlo_variability(estimate, rng=generator(), draws=300)
+    more = monte_carlo_variability(estimate, rng=generator(), draws=700)
+    other = monte_carlo_variability(estimate, rng=generator(6), draws=300)
     assert np.array_equal(some.values, more.values[:300])
     assert not np.array_equal(some.values, other.values)
-    chains = [markov_chain(estimate, rng=generator(), walk=Walk(800, 300, 4), chains=16).draws for _ in range(2)]
+    chains = [
+        markov_chain_variability(estimate, rng=generator(), walk=Walk(800, 300, 4), chains=16).draws for _ in range(2)
+    ]
     assert np.array_equal(*chains)
 
 
 def test_progress_is_told_block_by_block(estimate):
     calls = []
-    monte_carlo(estimate, rng=generator(), draws=600, progress=lambda: calls.append(1))
+    monte_carlo_variability(estimate, rng=generator(), draws=600, progress=lambda: calls.append(1))
     assert len(calls) == 3
 
 
 def test_minimum_maximum_and_quantiles_enclose_the_draws(estimate):
-    study = monte_carlo(estimate, rng=generator(), draws=300)
+    study = monte_carlo_variability(estimate, rng=generator(), draws=300)
     assert np.all(study.minimum <= study.quantile(0.025))
     assert np.all(study.quantile(0.975) <= study.maximum)
     assert study.mean_error == pytest.approx(study.sigma / np.sqrt(300))
@@ -174,25 +187,25 @@ def test_minimum_maximum_and_quantiles_enclose_the_draws(estimate):
 
 
 def test_method_b_starts_from_the_least_squares_optimum_of_the_measured_points(points, size):
-    linear = calibrate(points("2_7", 1), size, method="dlt-c23")
-    best = calibrate(points("2_7", 1), size)
-    study = markov_chain(linear, rng=generator(), walk=walk_of(30_000), sigma_px=0.5)
+    linear = calibrate_camera(points("2_7", 1), size, method="dlt-c23")
+    best = calibrate_camera(points("2_7", 1), size)
+    study = markov_chain_variability(linear, rng=generator(), walk=walk_of(30_000), sigma_px=0.5)
     assert study.exact == pytest.approx(best.values, rel=1e-8)
 
 
 def test_chains_that_hardly_step_are_refused(estimate):
     """The negative control: a hundredth of a sigma a step, nothing tuned."""
     with pytest.raises(NotMixed, match="have not mixed"):
-        markov_chain(estimate, rng=generator(), walk=Walk(300, 0, 10, scale=0.01))
+        markov_chain_variability(estimate, rng=generator(), walk=Walk(300, 0, 10, scale=0.01))
 
 
 def test_draws_without_an_answer_are_counted_and_too_many_refused():
     """Six points in space and 11 unknowns: with 60 px of noise most draws lead to no camera."""
     camera = Camera.from_focal(SIZE, 800.0)
     p = np.random.default_rng(2).uniform(-1, 1, (6, 3)) * [300, 200, 200] + [0, 0, 1000.0]
-    weak = calibrate(Observations(p, camera.project(p), sigma_px=0.1), SIZE)
+    weak = calibrate_camera(Observations(p, camera.project(p), sigma_px=0.1), SIZE)
     with pytest.raises(DegenerateGeometry, match=r"\d+ of 512 draws have no camera at 60 px"):
-        monte_carlo(weak, rng=generator(), draws=512, sigma_px=60.0)
+        monte_carlo_variability(weak, rng=generator(), draws=512, sigma_px=60.0)
 
 
 @pytest.mark.parametrize(
@@ -207,28 +220,30 @@ def test_draws_without_an_answer_are_counted_and_too_many_refused():
 )
 def test_bad_arguments_are_refused(estimate, error, arguments):
     with pytest.raises(error):
-        monte_carlo(estimate, rng=generator(), **arguments)
+        monte_carlo_variability(estimate, rng=generator(), **arguments)
 
 
 def test_the_linear_transform_has_no_fixed_parameters():
-    held = calibrate(bench(), SIZE, fixed={"skew": 0.0002})
+    held = calibrate_camera(bench(), SIZE, fixed={"skew": 0.0002})
     with pytest.raises(BadValue, match="reprojection"):
-        monte_carlo(held, rng=generator(), method="dlt-c23")
+        monte_carlo_variability(held, rng=generator(), method="dlt-c23")
 
 
 def test_one_chain_is_refused(estimate):
     with pytest.raises(BadValue, match="one alone cannot show"):
-        markov_chain(estimate, rng=generator(), chains=1)
+        markov_chain_variability(estimate, rng=generator(), chains=1)
 
 
 def test_noise_that_nothing_tells_has_to_be_stated():
     camera = Camera.from_focal(SIZE, 800.0)
     p = np.array([[0.0, 0, 0], [300, 0, 0], [300, 200, 0], [0, 200, 50]])
     pose = Rigid.look_at([-200.0, -400.0, 900.0], [150.0, 100.0, 0.0])
-    exact = calibrate(Observations(p, camera.project(pose @ p)), SIZE, fixed={"skew": 0.0, "aspect": 1.0, "U0": 287.5})
+    exact = calibrate_camera(
+        Observations(p, camera.project(pose @ p)), SIZE, fixed={"skew": 0.0, "aspect": 1.0, "U0": 287.5}
+    )
     with pytest.raises(BadValue, match="state it"):
-        first_order(exact)
-    assert np.isfinite(first_order(exact, sigma_px=0.1).sigma).all()
+        first_order_variability(exact)
+    assert np.isfinite(first_order_variability(exact, sigma_px=0.1).sigma).all()
 
 
 def test_alternating_externals_draw_within_their_spread_and_see_every_point(estimate):
@@ -244,7 +259,7 @@ def test_alternating_externals_draw_within_their_spread_and_see_every_point(esti
 
 def test_alternating_externals_without_spread_are_method_a(estimate):
     study = alternating_externals(estimate, rng=generator(), spread_mm=0, spread_deg=0).errors
-    assert_agree(study, first_order(estimate))
+    assert_agree(study, first_order_variability(estimate))
 
 
 def test_alternating_externals_refuse_what_they_cannot_do(estimate):
@@ -254,7 +269,7 @@ def test_alternating_externals_refuse_what_they_cannot_do(estimate):
         alternating_externals(estimate, rng=generator(), spread_mm=1, spread_deg=-1)
     with pytest.raises(DegenerateGeometry, match="make spread_mm or spread_deg smaller"):
         alternating_externals(estimate, rng=generator(), spread_mm=0, spread_deg=180, draws=200)
-    held = calibrate(bench(), SIZE, fixed={"skew": 0.0002})
+    held = calibrate_camera(bench(), SIZE, fixed={"skew": 0.0002})
     with pytest.raises(BadValue, match="all eleven"):
         alternating_externals(held, rng=generator(), spread_mm=1, spread_deg=1)
 
@@ -262,7 +277,7 @@ def test_alternating_externals_refuse_what_they_cannot_do(estimate):
 def test_the_projection_map_is_the_spread_of_drawn_cameras(estimate):
     """At the picture's centre and corners, along the worse direction, 4.5 standard errors of 2000 draws."""
     m = projection_map(estimate, nodes=5)
-    study = monte_carlo(estimate, rng=generator())
+    study = monte_carlo_variability(estimate, rng=generator())
     depth = (estimate.camera_from_world @ BENCH)[:, 2].mean()
     for i, j in ((0, 0), (-1, -1), (len(m.y) // 2, len(m.x) // 2)):
         ray = estimate.camera.unproject([m.x[j], m.y[i]])

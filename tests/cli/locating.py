@@ -9,7 +9,7 @@ import numpy as np
 from scipy import ndimage
 
 from cadcam.arrays import Picture
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.files.camera import write_camera
@@ -40,7 +40,7 @@ def photo() -> Picture:
 
 def seen(camera: Camera, camera_from_part: Rigid, *, model: str = "bracket.stl") -> Picture:
     """Return a model's photo."""
-    view = open_renderer(Scene.of(load(MODELS / model))).render(
+    view = open_renderer(Scene.of(read_model(MODELS / model))).render(
         camera,
         camera_from_part,
         channels=Channel.IMAGE,

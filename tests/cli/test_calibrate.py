@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cadcam.calibrate.joint.adjustment import calibrate_jointly
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
 from cadcam.files.camera import read_camera
@@ -26,7 +26,7 @@ Cadcam = Callable[..., Ran]
 def test_the_camera_file_holds_the_librarys_answer(cadcam: Cadcam, job: Path) -> None:
     ran = cadcam("calibrate", job / "points.csv", "--size", "320x240", "-o", job / "out.json")
     assert ran.code == 0
-    expected = calibrate(read_points(job / "points.csv"), SIZE)
+    expected = calibrate_camera(read_points(job / "points.csv"), SIZE)
     written = read_camera(job / "out.json").estimate
     assert written is not None
     np.testing.assert_array_equal(written.values, expected.values)
@@ -42,7 +42,9 @@ def test_fixed_parameters_are_in_degrees_and_lens_terms_are_named(cadcam: Cadcam
     options = [word for text in words for word in ("--fix", text)]
     ran = cadcam("calibrate", job / "points.csv", "--size", "320x240", *options, "--lens", "brown-conrady:k1", "--json")
     assert ran.code == 0, ran.err
-    expected = calibrate(read_points(job / "points.csv"), SIZE, fixed=fixed, lens=BrownConrady(), free_lens=("k1",))
+    expected = calibrate_camera(
+        read_points(job / "points.csv"), SIZE, fixed=fixed, lens=BrownConrady(), free_lens=("k1",)
+    )
     stated = ran.json["estimate"]["parameters"]
     assert stated["k1"]["value"] == pytest.approx(expected.value("k1"), rel=1e-9)
     assert stated["skew_rad"] == {"value": pytest.approx(fixed["skew"], rel=1e-12), "sigma": 0.0, "free": False}
@@ -82,7 +84,7 @@ def test_the_units_and_columns_of_the_points_file_can_be_said(cadcam: Cadcam, jo
     (job / "bare.txt").write_text(rows)
     options = ("--header", "X,Y,Z,U,V", "--points-unit", "m", "--sigma", "0.1", "--json")
     ran = cadcam("calibrate", job / "bare.txt", "--size", "320x240", *options)
-    expected = calibrate(points, SIZE)
+    expected = calibrate_camera(points, SIZE)
     assert ran.json["estimate"]["parameters"]["X_mm"]["value"] == pytest.approx(expected.value("X"), rel=1e-6)
     assert ran.json["estimate"]["noise_px"] == 0.1
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole, uv_from_pixel_matrix, uv_matrix
 from cadcam.files.camera import write_camera
 from cadcam.files.points import read_points
@@ -34,7 +34,7 @@ def test_matrices_in_both_row_orders_and_the_camera_file_agree(cadcam: Cadcam, j
 
 
 def test_sigmas_stand_beside_the_parameters_where_they_are_known(cadcam: Cadcam, job: Path) -> None:
-    estimate = calibrate(read_points(job / "points.csv"), SIZE)
+    estimate = calibrate_camera(read_points(job / "points.csv"), SIZE)
     write_camera(job / "calibrated.json", estimate)
     ran = cadcam("decompose", job / "calibrated.json")
     focal = next(line for line in ran.out.splitlines() if line.startswith("  focal"))

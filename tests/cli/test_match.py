@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.errors import MissingCore
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
@@ -28,7 +28,7 @@ except MissingCore as error:
 @pytest.fixture
 def photo(job: Path) -> Path:
     """Return a photo of the block on a floor, with noise, in place of the job's."""
-    view = open_renderer(Scene.of(load(job / "block.obj")), threads=1).render(
+    view = open_renderer(Scene.of(read_model(job / "block.obj")), threads=1).render(
         CAMERA, POSE, look=Look(background=(0.35, 0.35, 0.35), head=0.3, fill=0.6, supersampling=3)
     )
     noise = np.random.default_rng(3).normal(scale=0.01, size=view.gray.shape)

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.files.camera import write_camera
@@ -37,7 +37,9 @@ def rig(tmp_path_factory: pytest.TempPathFactory) -> Path:
     estimates = {}
     for name, pose in (("left", LEFT), ("right", RIGHT)):
         q = CAMERA.project(pose @ BOX) + rng.normal(scale=0.05, size=(len(BOX), 2))
-        estimates[name] = calibrate(Observations(BOX, q, sigma_px=0.05), SIZE, fixed={"skew": 0.002, "aspect": 1.0101})
+        estimates[name] = calibrate_camera(
+            Observations(BOX, q, sigma_px=0.05), SIZE, fixed={"skew": 0.002, "aspect": 1.0101}
+        )
         write_camera(folder / f"{name}.json", estimates[name])
     q = CAMERA.project(away @ BOX) + rng.normal(scale=0.05, size=(len(BOX), 2))
     write_camera(folder / "posed.json", locate_camera(Observations(BOX, q, sigma_px=0.05), estimates["left"].camera))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.calibrate.points.camera import locate_camera
 from cadcam.files.camera import write_camera
 from cadcam.files.points import read_points
@@ -30,7 +30,7 @@ def words(job: Path, *more: str | Path) -> list[str | Path]:
 def test_the_picture_is_the_librarys(cadcam: Cadcam, job: Path) -> None:
     ran = cadcam(*words(job, "-o", job / "o.png"))
     assert ran.code == 0, ran.err
-    wires = visible_wireframe(Scene.of(load(job / "block.obj")), CAMERA, POSE)
+    wires = visible_wireframe(Scene.of(read_model(job / "block.obj")), CAMERA, POSE)
     expected = overlay(read_picture(job / "photo.png"), wires)
     # written with 8 bits: half a step
     np.testing.assert_allclose(read_picture(job / "o.png"), expected, rtol=0, atol=0.5 / 255 + 1e-6)
@@ -71,7 +71,7 @@ def test_the_pose_may_be_found_from_points(cadcam: Cadcam, job: Path) -> None:
 
 
 def test_the_distance_to_the_photos_edges_is_measured(cadcam: Cadcam, job: Path) -> None:
-    scene = Scene.of(load(job / "block.obj"))
+    scene = Scene.of(read_model(job / "block.obj"))
     look = Look(supersampling=4, background=(0.1, 0.1, 0.1))
     write_picture(job / "photo.png", open_renderer(scene).render(CAMERA, POSE, channels=Channel.IMAGE, look=look).image)
     ran = cadcam(*words(job, "--measure", "-o", job / "o.png", "--json"))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.files.camera import write_camera
 from cadcam.image.picture import read_picture, read_picture_with_info
 from cadcam.render import open_renderer
@@ -21,7 +21,7 @@ Cadcam = Callable[..., Ran]
 
 
 def seen(job: Path) -> View:
-    return open_renderer(Scene.of(load(job / "block.obj"))).render(CAMERA, POSE)
+    return open_renderer(Scene.of(read_model(job / "block.obj"))).render(CAMERA, POSE)
 
 
 @pytest.mark.parametrize(("channel", "layer"), [("depth", "depth"), ("normals", "normal"), ("parts", "part")])
@@ -51,7 +51,7 @@ def test_parts_are_named_with_their_pixels(cadcam: Cadcam, job: Path) -> None:
 
 @pytest.mark.parametrize("view", sorted(DIRECTIONS))
 def test_without_a_camera_the_model_fills_the_picture(job: Path, view: str) -> None:
-    mesh = load(job / "block.obj")
+    mesh = read_model(job / "block.obj")
     camera, pose = standard_view(mesh, view, size=(400, 300))
     q = camera.project(pose @ mesh.vertices)
     assert camera.sees(q).all()

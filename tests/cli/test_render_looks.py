@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.cli.looks import NAMES
 from cadcam.image.picture import read_picture
 from cadcam.render import open_renderer
@@ -23,7 +23,7 @@ HALF = 0.5 / 255 + 1e-6  # what rounding to 8 bits may change
 
 
 def seen(job: Path, **look: object) -> View:
-    scene = Scene.of(load(job / "block.obj"))
+    scene = Scene.of(read_model(job / "block.obj"))
     fine = Look(supersampling=3, **look)
     return open_renderer(scene).render(CAMERA, POSE, channels=Channel.IMAGE | Channel.FACE, look=fine)
 
@@ -83,7 +83,7 @@ def test_face_numbers_as_a_picture_are_one_more(cadcam: Cadcam, job: Path) -> No
 
 def test_depth_and_normals_as_openexr_are_the_renderers_own(cadcam: Cadcam, job: Path) -> None:
     reader = pytest.importorskip("OpenEXR", reason="OpenEXR's own reader is not installed")
-    view = open_renderer(Scene.of(load(job / "block.obj"))).render(CAMERA, POSE)
+    view = open_renderer(Scene.of(read_model(job / "block.obj"))).render(CAMERA, POSE)
     for channel, layers in (("depth", {"Z": view.depth}), ("normals", dict(zip("XYZ", view.normal.T, strict=True)))):
         out = job / f"{channel}.exr"
         ran = cadcam("render", job / "block.obj", "--camera", job / "camera.json", "--channel", channel, "-o", out)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.camera.aperture import Aperture
 from cadcam.cli.photographs import LIGHTS as NAMES
 from cadcam.cli.sensors import generator
@@ -40,7 +40,7 @@ def test_a_photograph_is_what_the_library_takes(cadcam: Cadcam, job: Path) -> No
     assert ran.code == 0, ran.err
     said = json.loads(ran.out)
     assert (said["aperture_mm"], said["focus_mm"]) == (8.0, 700.0)
-    taken = Photographer(Scene.of(load(job / "block.obj"))).photograph(
+    taken = Photographer(Scene.of(read_model(job / "block.obj"))).photograph(
         CAMERA,
         POSE,
         light=named_light("sun"),
@@ -55,7 +55,7 @@ def test_a_photograph_is_what_the_library_takes(cadcam: Cadcam, job: Path) -> No
 def test_focus_is_the_middle_of_the_model_unless_it_is_said(cadcam: Cadcam, job: Path) -> None:
     ran = shot(cadcam, job, "--lens", "25", "--f-number", "2.5")
     assert ran.code == 0, ran.err
-    low, high = load(job / "block.obj").bounds
+    low, high = read_model(job / "block.obj").bounds
     depth = (POSE @ ((low + high) / 2))[2]
     assert f"opening 10 mm, focused at {depth:.6g} mm" in ran.out
 

@@ -18,7 +18,7 @@ import pytest
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
-from cadcam.locate.track.log import read_track
+from cadcam.locate.track.log import read_track_log
 
 from .job import Ran
 from .locating import CAMERA, MIDDLE, MODELS, POSE, seen, write_start
@@ -61,7 +61,7 @@ def test_the_part_is_followed_and_every_frame_logged(cadcam: Cadcam, here: Path)
     ran = cadcam(*TRACK, "--csv", "track.csv", "--overlays", "seen")
     assert ran.code == 0, ran.err
     assert "predicted" in ran.out
-    entries = read_track("track.jsonl")
+    entries = read_track_log("track.jsonl")
     assert [e["found"] for e in entries] == [True] * N
     for entry, pose in zip(entries, truth(), strict=True):
         assert np.linalg.norm(entry["pose"].world_from_part @ MIDDLE - pose @ MIDDLE) < 0.3
@@ -86,7 +86,7 @@ def test_a_killed_run_goes_on(cadcam: Cadcam, here: Path) -> None:
         while run.poll() is None and (not log.exists() or log.read_bytes().count(b"\n") < 3):
             time.sleep(0.01)
         os.kill(run.pid, signal.SIGKILL)
-    kept = len(read_track(log))
+    kept = len(read_track_log(log))
     assert kept >= 2
     ran = cadcam(*TRACK)
     assert f"{kept} frames are in track.jsonl" in ran.err
@@ -100,7 +100,7 @@ def test_two_cameras_are_followed_together(cadcam: Cadcam, here: Path, shots: li
     two = ("track", "shots", "shots", MODEL, "--camera", "camera.json", "--camera", "camera.json")
     ran = cadcam(*two, "--start", "start.txt", "-o", "two.jsonl", "--json")
     assert (ran.code, ran.json["found"]) == (0, N)
-    assert [len(entry["files"]) for entry in read_track("two.jsonl")] == [2] * N
+    assert [len(entry["files"]) for entry in read_track_log("two.jsonl")] == [2] * N
 
 
 def test_a_part_that_is_in_no_frame_is_not_found(cadcam: Cadcam, here: Path) -> None:
@@ -160,7 +160,7 @@ def test_a_log_without_frames_is_begun_anew(cadcam: Cadcam, here: Path) -> None:
     assert (here / "track.jsonl").read_bytes().count(b"\n") == 1
     write_camera("camera.json", CAMERA)
     ran = cadcam(*TRACK)
-    assert (ran.code, len(read_track("track.jsonl"))) == (0, N), ran.err
+    assert (ran.code, len(read_track_log("track.jsonl"))) == (0, N), ran.err
     assert cadcam(*TRACK[:-1], "whole.jsonl").code == 0
     assert (here / "track.jsonl").read_bytes() == (here / "whole.jsonl").read_bytes()
 

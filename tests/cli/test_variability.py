@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.calibrate.points.camera import calibrate
-from cadcam.calibrate.variability.methods import first_order, monte_carlo
+from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.calibrate.variability.methods import first_order_variability, monte_carlo_variability
 from cadcam.camera.observations import Observations
 from cadcam.files.points import read_points, write_points
 from cadcam.image.picture import read_picture_with_info
@@ -34,14 +34,14 @@ def points(tmp_path: Path) -> Path:
 def test_the_json_is_the_librarys_answer_in_degrees(cadcam: Cadcam, points: Path) -> None:
     ran = cadcam("variability", points, "--size", "320x240", *QUICK, "--seed", "7", "--json")
     assert ran.code == 0, ran.err
-    estimate = calibrate(read_points(points), SIZE)
-    expected = monte_carlo(estimate, rng=np.random.default_rng([7, 0]), draws=200)
+    estimate = calibrate_camera(read_points(points), SIZE)
+    expected = monte_carlo_variability(estimate, rng=np.random.default_rng([7, 0]), draws=200)
     stated = ran.json["monte_carlo"]
     assert stated["parameters"]["focal"]["sigma"] == pytest.approx(expected.sigma[7], rel=1e-12)
     assert stated["parameters"]["a_deg"]["sigma"] == pytest.approx(np.degrees(expected.sigma[3]), rel=1e-12)
     assert stated["sigma_px"] == pytest.approx(estimate.noise_px)
     first = ran.json["first_order"]["parameters"]
-    assert first["U0"]["sigma"] == pytest.approx(first_order(estimate).sigma[9], rel=1e-12)
+    assert first["U0"]["sigma"] == pytest.approx(first_order_variability(estimate).sigma[9], rel=1e-12)
     chain = ran.json["markov_chain"]
     assert chain["chains"] == 4
     assert 1.0 <= chain["parameters"]["focal"]["r_hat"] < 1.1

@@ -7,7 +7,7 @@ import json
 import pytest
 
 from cadcam.errors import UnknownName, UnreadableFile
-from cadcam.files.sensor import read_sensor, sensor_named, write_sensor
+from cadcam.files.sensor import named_sensor, read_sensor, write_sensor
 from cadcam.image.sensor.light import Blur, Motion
 from cadcam.image.sensor.presets import PRESETS
 from cadcam.image.sensor.sensor import EFFECTS, Sensor
@@ -57,10 +57,10 @@ def test_what_is_wrong_is_named_with_its_place(tmp_path, document, message):
 
 
 def test_a_name_is_a_preset_or_a_file(tmp_path):
-    assert sensor_named("phone") == PRESETS["phone"]
+    assert named_sensor("phone") == PRESETS["phone"]
     path = written(tmp_path, HEAD)
-    assert sensor_named(str(path)) == Sensor(name="hall")
+    assert named_sensor(str(path)) == Sensor(name="hall")
     with pytest.raises(UnknownName, match="did you mean 'ccir-1996'"):
-        sensor_named("ccir1996")
+        named_sensor("ccir1996")
     with pytest.raises(UnreadableFile, match="or one of ccir-1996"):
-        sensor_named(str(tmp_path / "none.json"))
+        named_sensor(str(tmp_path / "none.json"))

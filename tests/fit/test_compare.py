@@ -8,7 +8,7 @@ import pytest
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import LENSES, BrownConrady, Fisheye, InverseBrownConrady
 from cadcam.errors import SizeMismatch
-from cadcam.fit.compare import compare
+from cadcam.fit.compare import compare_cameras
 from cadcam.fit.lens import refitted
 from cadcam.geometry import rotation as so3
 
@@ -17,7 +17,7 @@ CAMERA = Camera.from_focal((640, 480), 535.9, cx=342.3, cy=235.6, skew=0.5, lens
 
 def test_a_camera_does_not_differ_from_itself() -> None:
     for rotate in (False, True):
-        difference = compare(CAMERA, CAMERA, rotate=rotate)
+        difference = compare_cameras(CAMERA, CAMERA, rotate=rotate)
         assert difference.max_px < 1e-11
         assert difference.unseen == 0
         assert difference.rotation_deg < 1e-12
@@ -25,11 +25,11 @@ def test_a_camera_does_not_differ_from_itself() -> None:
 
 def test_a_shifted_principal_point_is_the_shift_and_nearly_a_rotation() -> None:
     a, b = Camera.from_focal((640, 480), 2000.0), Camera.from_focal((640, 480), 2000.0, cx=319.5 + 3, cy=239.5 - 4)
-    plain = compare(a, b)
+    plain = compare_cameras(a, b)
     assert np.abs(plain.delta - [3, -4]).max() < 1e-10
     assert plain.rms_px == pytest.approx(5)
     assert set(plain.places()) == {"centre", "top left", "top right", "bottom left", "bottom right"}
-    turned = compare(a, b, rotate=True)
+    turned = compare_cameras(a, b, rotate=True)
     # a turn by d moves pixels by f d (1 + (r/f)^2): 5 px by (0.2)^2 at the corners, less what the best turn takes
     assert turned.max_px < 5 * 0.2**2
     assert turned.rotation_deg == pytest.approx(np.degrees(5 / 2000), rel=0.02)
@@ -37,7 +37,7 @@ def test_a_shifted_principal_point_is_the_shift_and_nearly_a_rotation() -> None:
 
 def test_no_rotation_is_better_than_the_one_found(rng: np.random.Generator) -> None:
     other = Camera.from_focal((640, 480), 540.0, cx=350, cy=230, lens=CAMERA.lens)
-    best = compare(CAMERA, other, rotate=True)
+    best = compare_cameras(CAMERA, other, rotate=True)
     q = best.q.reshape(-1, 2)
     d = CAMERA.unproject(q)
 
@@ -52,14 +52,14 @@ def test_no_rotation_is_better_than_the_one_found(rng: np.random.Generator) -> N
 def test_pixels_that_one_camera_does_not_see_are_counted_not_compared() -> None:
     wide = Camera.from_focal((640, 480), 300.0)
     folds = Camera.from_focal((640, 480), 300.0, lens=BrownConrady(-0.35, 0.05))
-    difference = compare(wide, folds)
+    difference = compare_cameras(wide, folds)
     assert 0 < difference.unseen < difference.distance.size
     assert np.isfinite(difference.max_px)
 
 
 def test_pictures_of_different_sizes_are_refused() -> None:
     with pytest.raises(SizeMismatch, match="320 x 240 px but the camera is 640 x 480"):
-        compare(CAMERA, CAMERA.resize((320, 240)))
+        compare_cameras(CAMERA, CAMERA.resize((320, 240)))
 
 
 def test_a_refit_with_its_own_lens_finds_it_again() -> None:
@@ -82,6 +82,6 @@ def test_no_other_coefficients_come_nearer() -> None:
     best = refitted(camera, "division", ("k",))
     for k in (-1e-3, 1e-3):
         lens = LENSES["division"](k=best.camera.lens.parameters["k"] + k)
-        worse = compare(camera, Camera(camera.size, best.camera.K, lens))
-        assert worse.rms_px > compare(camera, best.camera).rms_px
+        worse = compare_cameras(camera, Camera(camera.size, best.camera.K, lens))
+        assert worse.rms_px > compare_cameras(camera, best.camera).rms_px
     assert best.rms_px < best.max_px < 1

@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
-from cadcam.image.profile import blur_matrix, blur_of, candidates, noise_of, step_sums
+from cadcam.image.profile import blur_matrix, blur_of, noise_of, step_candidates, step_sums
 from cadcam.image.sensor.light import Motion
 from cadcam.native import profiles
 from cadcam.native.core import choose_variant
@@ -124,7 +124,7 @@ def test_every_instruction_set_finds_the_same_candidates(rng: np.random.Generato
     each = []
     for level in (0, -1):
         choose_variant(level)
-        each.append(candidates(gray, q, normal, half_length=2.0, reach=9, noise=1e-3))
+        each.append(step_candidates(gray, q, normal, half_length=2.0, reach=9, noise=1e-3))
     slow, fast = each
     assert 0.5 < np.isfinite(slow.slope[:, 0]).mean() < 1
     np.testing.assert_allclose(fast.slope, slow.slope, rtol=0, atol=1e-6)  # float32 pictures
@@ -147,7 +147,7 @@ def test_candidates_are_what_a_profile_read_plainly_shows(rng: np.random.Generat
     gray = picture(0.7, 0.4)
     q, angle = rng.uniform(28, 35, (40, 2)), 0.7 + rng.uniform(-0.5, 0.5, 40)
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    found = candidates(gray, q, normal, half_length=2.0, reach=8, noise=1e-3)
+    found = step_candidates(gray, q, normal, half_length=2.0, reach=8, noise=1e-3)
     expected = np.array([plain_candidate(gray, *place, 8) for place in zip(q, normal, strict=True)])
     np.testing.assert_allclose(found.offset[:, 0], expected[:, 0], rtol=0, atol=1e-3)
     np.testing.assert_allclose(found.slope[:, 0], expected[:, 1], rtol=0, atol=1e-6)
@@ -227,7 +227,9 @@ def test_cells_full_of_texture_hardly_change_the_blur(rng: np.random.Generator) 
 
 def test_twin_edges_are_two_candidates_of_opposite_sign() -> None:
     gray = picture(0.0, -2.0) - picture(0.0, 3.0)  # a bright strip 5 px wide
-    found = candidates(gray, np.array([[31.5, 31.5]]), np.array([[1.0, 0.0]]), half_length=2.0, reach=8, noise=1e-3)
+    found = step_candidates(
+        gray, np.array([[31.5, 31.5]]), np.array([[1.0, 0.0]]), half_length=2.0, reach=8, noise=1e-3
+    )
     order = np.argsort(found.offset[0])
     np.testing.assert_allclose(found.offset[0][order[:2]], [-2.0, 3.0], atol=0.15)  # half-pixel shoulder, parabola
     assert found.slope[0][order[0]] > 0 > found.slope[0][order[1]]

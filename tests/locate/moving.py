@@ -56,7 +56,7 @@ def location(pose: Rigid, quality: float = 0.9, alternatives: tuple[Location, ..
 
 @dataclass
 class Sighting:
-    """Stands for `refine` and `locate`: finds the true pose from a start that is near enough, and keeps the calls."""
+    """Stands for `refine_pose` and `locate_part`: finds the true pose from a start near enough, and keeps the calls."""
 
     poses: list[Rigid]
     hidden: set[int] = field(default_factory=set)

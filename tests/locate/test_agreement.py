@@ -12,12 +12,12 @@ from cadcam.fit.grouped import Groups, grouped_fit
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.agreement import agreed
 from cadcam.locate.refine.regression import Regression
-from cadcam.locate.refine.solution import Solution
+from cadcam.locate.refine.solution import PoseSolution
 
 GROUPS, EACH, SIGMA = 40, 6, 0.04  # edges, samples of each, px
 
 
-def fitted(off: Array, rng: np.random.Generator) -> Solution:
+def fitted(off: Array, rng: np.random.Generator) -> PoseSolution:
     """Return a fit that believes all edges, each of which is off by so much (GROUPS,) px from where the part stands."""
     group = np.repeat(np.arange(GROUPS), EACH)
     row = rng.normal(size=(GROUPS, 6))[group] * [1, 1, 0.3, 200, 200, 300] + 0.05 * rng.normal(size=(len(group), 6))
@@ -28,7 +28,7 @@ def fitted(off: Array, rng: np.random.Generator) -> Solution:
         ([SimpleNamespace(row=row)], [SimpleNamespace(usable=np.ones(len(group), bool), doubt=np.zeros(len(group)))]),
     )
     nothing = np.zeros(0), np.zeros((0, 6)), np.zeros(0)
-    return Solution([], Rigid(), Rigid.exp(fit.x), np.eye(6), *seen, fit, [], Regression([], []), nothing)
+    return PoseSolution([], Rigid(), Rigid.exp(fit.x), np.eye(6), *seen, fit, [], Regression([], []), nothing)
 
 
 def moved_px(pose: Rigid) -> float:

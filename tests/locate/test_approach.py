@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.load import load
 from cadcam.cad.parts import machined_bracket
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Division
 from cadcam.errors import BadValue, NothingInView
@@ -116,7 +116,7 @@ def test_a_reach_that_is_none_is_refused(wrong: dict[str, float]) -> None:
 def clean_block(shared: Callable[[str], Path], level: str, every: int) -> list[float]:
     """Return the error (px) of the first hypothesis for some of the clean ship block's starts."""
     folder = shared("data/shipblock_clean")
-    part, camera = Part.of(load(folder / "model.obj", unit="m")), Camera((768, 576), np.loadtxt(folder / "K.txt"))
+    part, camera = Part.of(read_model(folder / "model.obj", unit="m")), Camera((768, 576), np.loadtxt(folder / "K.txt"))
     true = {int(r[0]): pose_of(r[1:]) for r in np.loadtxt(folder / "gt.csv", delimiter=",", skiprows=1)}
     starts = np.loadtxt(folder / "starts.txt")[::every]
     photos = {

@@ -14,13 +14,13 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import StepSums, step_rests, step_sums
 from cadcam.locate.lines.bands import banded
-from cadcam.locate.lines.cells import Cells, measure
+from cadcam.locate.lines.cells import Cells, measured_steps
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine import refine as refinement
-from cadcam.locate.refine.refinement import refine
-from cadcam.locate.refine.solution import Solution
+from cadcam.locate.refine import refinement
+from cadcam.locate.refine.refinement import refine_pose
+from cadcam.locate.refine.solution import PoseSolution
 from cadcam.native.core import choose_variant
 from cadcam.native.profiles import StepCells, band_gains
 
@@ -59,7 +59,7 @@ def offsets(sight: Sight, pose: Rigid, *, told: bool) -> np.ndarray:
         _, cells, sums = banded(sight, at, cells, where, ROOM)
     else:
         sums = cells.sums_at(sight, at, where)
-    found = measure(sight, at, cells, where, sums=sums)
+    found = measured_steps(sight, at, cells, where, sums=sums)
     assert found.usable.mean() > 0.8
     return np.asarray(found.offset[found.usable])
 
@@ -106,7 +106,7 @@ def test_beside_bands_a_part_is_found_as_surely_as_is_said(
     def normalised() -> float:
         z2 = []
         for photo in photos:
-            found = refine(part, [photo], pose).pose
+            found = refine_pose(part, [photo], pose).pose
             xi = (pose.inv @ found.world_from_part).log()
             z2.append(xi @ np.linalg.solve(found.covariance, xi) / 6)
         return float(np.sqrt(np.mean(z2)))
@@ -123,14 +123,14 @@ def test_lines_beside_bands_that_leave_the_pose_open_are_no_pose(
 ) -> None:
     """Each line may be drawn by its band: then few lines that gave a pose as long as none was do so no more."""
 
-    def open_beside_bands(self: Solution) -> Solution:
+    def open_beside_bands(self: PoseSolution) -> PoseSolution:
         raise DegenerateGeometry("its lines do not determine the pose")
 
     sight, pose = sighted(noisy(plate(3.0, 0.1), 0.01, rng))
-    monkeypatch.setattr(Solution, "tells_lines", property(lambda self: False))
-    monkeypatch.setattr(Solution, "beside_its_bands", open_beside_bands)
+    monkeypatch.setattr(PoseSolution, "tells_lines", property(lambda self: False))
+    monkeypatch.setattr(PoseSolution, "beside_its_bands", open_beside_bands)
     part = Part.of(box((-60, -40, 0), (60, 40, 40), name="plate"))
-    found = refine(part, [sight.photo], pose)
+    found = refine_pose(part, [sight.photo], pose)
     assert not found.found
     assert "do not determine the pose" in found.reason
 

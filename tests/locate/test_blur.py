@@ -14,7 +14,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import answer
 from cadcam.locate.refine.options import EDGES
-from cadcam.locate.refine.solution import Solution, solved
+from cadcam.locate.refine.solution import PoseSolution, solved
 
 from .photos import CAMERA, noisy, shot, view
 
@@ -31,7 +31,7 @@ def pose(part: Part) -> Rigid:
     return view(part, (0.7, -0.9, 0.8))
 
 
-def solution(part: Part, pose: Rigid, blur: float, rng: np.random.Generator) -> Solution:
+def solution(part: Part, pose: Rigid, blur: float, rng: np.random.Generator) -> PoseSolution:
     photo = Photo.of(noisy(gaussian_filter(shot(part, pose), blur), 0.01, rng), CAMERA)
     sight = Sight.of(part, photo, pose, step_px=EDGES.step_px, reach_px=2 * EDGES.reach_px)
     return solved([sight], pose, FREE, (), EDGES)
@@ -63,8 +63,8 @@ def test_edges_that_blur_hides_something_beside_count_as_scattered_by_that_too(
     part: Part, pose: Rigid, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     asked: list[float] = []
-    judged = answer.judged
-    monkeypatch.setattr(answer, "judged", lambda *a, **k: (asked.append(k["scatter"]), judged(*a, **k))[1])
+    judged = answer.judged_support
+    monkeypatch.setattr(answer, "judged_support", lambda *a, **k: (asked.append(k["scatter"]), judged(*a, **k))[1])
     for blur in (0.3, 1.5):
         one = solution(part, pose, blur, rng)
         answer.location_of(part, one, FREE, chosen=0, wider=False)

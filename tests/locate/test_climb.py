@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.native.fields import PLACE, SECTORS, Belief, Eye, Planes, Views, firsts
+from cadcam.native.fields import PLACE, SECTORS, Belief, Eye, Planes, PoseEdges, firsts
 
 
 @pytest.mark.parametrize(("most", "apart"), [(200, 0.0), (200, 0.4), (7, 0.4), (200, 9.0)])
@@ -34,7 +34,7 @@ def test_what_an_edge_says_is_bounded_and_edges_are_judged_one_by_one(rng: np.ra
     line = np.maximum(np.arange(90) - 19, 0).astype(np.int32)  # twenty on the first, then one each
     poses = np.tile(np.concatenate([np.eye(3).ravel(), np.zeros(3)]), (3, 1))
     share = np.array([1.0, 0.1, 1.0])
-    views = Views([eye], places, np.zeros((3, 1), np.int64), np.array([[90], [90], [0]], np.int32))
+    views = PoseEdges([eye], places, np.zeros((3, 1), np.int64), np.array([[90], [90], [0]], np.int32))
     found = views.evidence(0, poses, 0.8, line, share, belief)
     gain = np.bincount(line[:60], minlength=71)[None] * ((sure - 0.15) * 4.0 * share[:, None])
     expected = np.log(0.1 + 0.9 * np.exp(np.minimum(gain, 4.0))).sum(axis=1)

@@ -8,7 +8,7 @@ import pytest
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.edges import canny
-from cadcam.locate.match.closeness import ClosenessOptions, closeness
+from cadcam.locate.match.closeness import ClosenessOptions, edge_closeness
 
 from .scene import CAMERA, block, off, photo_of, pose_of
 
@@ -16,8 +16,8 @@ from .scene import CAMERA, block, off, photo_of, pose_of
 def test_at_the_right_pose_edges_are_close_and_at_a_wrong_one_no_closer_than_chance(rng: np.random.Generator) -> None:
     truth = pose_of(rng)
     edges = canny(photo_of(truth, rng).gray)
-    right = closeness(edges, block().lines.draw(CAMERA, truth))
-    wrong = closeness(edges, block().lines.draw(CAMERA, off(truth, rng, degrees=25, px=40)))
+    right = edge_closeness(edges, block().lines.draw(CAMERA, truth))
+    wrong = edge_closeness(edges, block().lines.draw(CAMERA, off(truth, rng, degrees=25, px=40)))
     assert right.total > 0.6
     assert abs(wrong.total) < 0.15
     long = right.length > 100
@@ -32,7 +32,7 @@ def test_a_shift_of_the_model_is_read_off_each_edge(rng: np.random.Generator) ->
     centre = truth @ np.asarray(block().scene.mesh.bounds).mean(axis=0)
     shifted = Rigid(translation=[1.5 * centre[2] / CAMERA.fx, 0, 0]) @ truth  # the model 1.5 px too far right
     wireframe = block().lines.draw(CAMERA, shifted)
-    close = closeness(edges, wireframe)
+    close = edge_closeness(edges, wireframe)
     _, normal, line = wireframe.visible.points_along(1.0)
     chain = wireframe.visible.chain[line]
     long = np.flatnonzero((close.length > 80) & (close.share > 0.8))
@@ -49,7 +49,7 @@ def test_the_vote_finds_shifts_that_are_too_far_for_the_direct_way(rng: np.rando
     edges = canny(photo_of(truth, rng).gray)
     centre = truth @ np.asarray(block().scene.mesh.bounds).mean(axis=0)
     far = Rigid(translation=[8 * centre[2] / CAMERA.fx, 0, 0]) @ truth
-    close = closeness(edges, block().lines.draw(CAMERA, far))
+    close = edge_closeness(edges, block().lines.draw(CAMERA, far))
     steep = (close.length > 60) & (np.abs(close.shift) > 5) & (np.abs(close.shift) < 11)
     assert steep.sum() >= 4
     assert np.median(close.votes[steep]) > 0.6
@@ -58,11 +58,13 @@ def test_the_vote_finds_shifts_that_are_too_far_for_the_direct_way(rng: np.rando
 
 def test_a_photo_without_edges_and_a_model_without_lines_are_no_error(rng: np.random.Generator) -> None:
     truth = pose_of(rng)
-    blank = closeness(np.full((480, 640), 0.5), block().lines.draw(CAMERA, truth))
+    blank = edge_closeness(np.full((480, 640), 0.5), block().lines.draw(CAMERA, truth))
     assert blank.total == 0
     assert np.isnan(blank.offset).all()
     assert (blank.votes == 0).all()
-    away = closeness(photo_of(truth, rng).gray, block().lines.draw(CAMERA, Rigid(translation=[0, 0, -9000]) @ truth))
+    away = edge_closeness(
+        photo_of(truth, rng).gray, block().lines.draw(CAMERA, Rigid(translation=[0, 0, -9000]) @ truth)
+    )
     assert len(away) == 0
     assert away.total == 0
 

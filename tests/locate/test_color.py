@@ -19,7 +19,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.chequers import along_chequers
 from cadcam.locate.quality.color import by_color
 from cadcam.locate.refine.options import EDGES
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.refine.refinement import refine_pose
 from cadcam.native.profiles import values_at
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
@@ -106,7 +106,9 @@ def test_values_between_pixels_are_those_of_a_plane_and_none_outside() -> None:
 
 def test_a_grey_photo_in_three_channels_is_located_as_in_one(rng: np.random.Generator) -> None:
     gray, start = taken(picture(GRAY, cloth()), rng).gray, beside(2, 1, rng)
-    one, three = (refine(PART, [Photo.of(p, CAMERA)], start) for p in (gray, np.repeat(gray[..., None], 3, axis=2)))
+    one, three = (
+        refine_pose(PART, [Photo.of(p, CAMERA)], start) for p in (gray, np.repeat(gray[..., None], 3, axis=2))
+    )
     assert three.quality == pytest.approx(one.quality, abs=1e-6)  # luma of equal channels is rounded
     assert three.pose.world_from_part.matrix == pytest.approx(one.pose.world_from_part.matrix, abs=1e-5)
     assert "colour" not in one.reason + three.reason
@@ -140,7 +142,7 @@ def test_a_wedge_half_hidden_is_found_by_its_colour_and_not_without(rng: np.rand
     found = []
     for _ in range(5):
         photo, start = taken(clean, rng), beside(2, 1, rng)
-        colored, gray = (refine(PART, [p], start) for p in (photo, replace(photo, chroma=None)))
+        colored, gray = (refine_pose(PART, [p], start) for p in (photo, replace(photo, chroma=None)))
         off = CAMERA.project(colored.pose.world_from_part @ WEDGE.vertices) - CAMERA.project(POSE @ WEDGE.vertices)
         assert not colored.found or np.linalg.norm(off, axis=1).max() < 3, colored.reason
         found.append((colored.found, gray.found))
@@ -156,7 +158,7 @@ def test_a_printed_part_is_no_worse_off_in_colour(rng: np.random.Generator) -> N
     x, y = CAMERA.project(pose @ np.array([50.0, 35.0, 40.0]))
     clean[round(y) - 25 : round(y) + 25, round(x) - 60 : round(x) + 10] = ORANGE
     photo = taken(clean, rng)
-    colored, gray = (refine(part, [p], pose) for p in (photo, replace(photo, chroma=None)))
+    colored, gray = (refine_pose(part, [p], pose) for p in (photo, replace(photo, chroma=None)))
     assert colored.quality >= gray.quality
     assert colored.found
 

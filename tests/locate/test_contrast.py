@@ -10,7 +10,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.contrast import showing
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.refine.refinement import refine_pose
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 
@@ -54,8 +54,8 @@ def test_lines_left_out_have_no_contrast_in_the_photo_and_no_others_are(rng: np.
 def test_a_part_of_which_the_light_shows_the_outline_alone_is_found_by_it(rng: np.random.Generator) -> None:
     pose = pose_of(rng)
     shot = photo_in(EVEN, pose, rng)
-    found = refine(block(), [shot], off(pose, rng, degrees=0.5, px=3))
+    found = refine_pose(block(), [shot], off(pose, rng, degrees=0.5, px=3))
     assert found.found, found.reason
     assert "no contrast" in found.reason
     assert largest_miss(found.pose.world_from_part, pose) < 2
-    assert not refine(block(), [shot], off(pose, rng, degrees=12, px=60)).found
+    assert not refine_pose(block(), [shot], off(pose, rng, degrees=12, px=60)).found

@@ -9,7 +9,7 @@ import pytest
 
 from cadcam.errors import NothingInView
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.in_photos import _ranked, locate
+from cadcam.locate.in_photos import _ranked, locate_part
 from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.options import EDGES
@@ -41,7 +41,7 @@ def test_from_within_a_part_a_start_is_refined_though_no_approach_finds_it(
     about = Rigid(translation=middle)
     aside = Rigid(translation=middle[2] * np.array([14 / CAMERA.fx, -10 / CAMERA.fx, 0.02]))
     start = aside @ about @ Rigid.exp([0, 0, 0, 0.03, -0.02, 0.025]) @ about.inv @ pose
-    found = locate(part, [photo_of(pose, rng)], start)
+    found = locate_part(part, [photo_of(pose, rng)], start)
     assert found.found, found.reason
     q, truth = CAMERA.project(found.pose.world_from_part @ p), CAMERA.project(pose @ p)
     assert np.linalg.norm(q - truth, axis=1).max() < 1
@@ -60,7 +60,7 @@ def test_a_start_that_no_approach_helps_is_refined_nearby_before_far_off(
     aside = Hypothesis(Rigid(translation=[150.0, 0, 0]) @ pose, 1.0, 0.5)
     monkeypatch.setattr("cadcam.locate.in_photos.approach", lambda *_, **__: [aside])
     monkeypatch.setattr(Refinement, "around", noted)
-    found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=2, px=3))
+    found = locate_part(block(), [photo_of(pose, rng)], off(pose, rng, degrees=2, px=3))
     assert found.found
     assert largest_miss(found.pose.world_from_part, pose) < 1
     assert asked == [EDGES.search_px] * 2
@@ -81,7 +81,7 @@ def test_a_start_better_than_what_its_approach_leads_to_is_preferred(
     monkeypatch.setattr("cadcam.locate.in_photos.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 0.5)])
     monkeypatch.setattr(Refinement, "around", half_believed)
     for doubted in (True, False):
-        found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
+        found = locate_part(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
         assert (largest_miss(found.pose.world_from_part, pose) < 1) == doubted
     assert len(asked) == 3
 
@@ -112,7 +112,7 @@ def test_a_pose_that_is_hardly_found_is_held_against_the_start(
 
     monkeypatch.setattr("cadcam.locate.in_photos.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 0.5)])
     monkeypatch.setattr(Refinement, "around", hardly)
-    found = locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
+    found = locate_part(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
     assert largest_miss(found.pose.world_from_part, pose) < 1
 
 
@@ -142,11 +142,11 @@ def test_a_hypothesis_that_leads_where_one_led_before_is_not_refined(
     )
     monkeypatch.setattr(Refinement, "around", noted)
     monkeypatch.setattr(Photo, "calmed", lambda photo: photo)  # looked at once
-    locate(block(), [photo_of(pose, rng)], off(pose, rng, degrees=0.3, px=2))
+    locate_part(block(), [photo_of(pose, rng)], off(pose, rng, degrees=0.3, px=2))
     assert len(asked) == 1
 
 
 def test_a_start_that_sees_nothing_of_the_part_is_refused(rng: np.random.Generator) -> None:
     pose = Rigid.look_at((392, 165, 192), (193, 258, 23))
     with pytest.raises(NothingInView, match="outside of every photo"):
-        locate(block(), [photo_of(pose, rng)], Rigid.look_at((700, 500, 300), (1500, 900, 300)))
+        locate_part(block(), [photo_of(pose, rng)], Rigid.look_at((700, 500, 300), (1500, 900, 300)))

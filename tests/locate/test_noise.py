@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import calming, candidates
-from cadcam.locate.in_photos import locate
+from cadcam.image.profile import calming, step_candidates
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.photo import Photo
 
 from .scene import CAMERA, block, largest_miss, off, photo_of, pose_of
@@ -25,7 +25,7 @@ def test_noise_alone_seldom_makes_a_step(spread: float, rng: np.random.Generator
     normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     share = {}
     for clear in (2.0, 4.0):
-        found = candidates(gray, q, normal, half_length=2.0, reach=6, noise=noise, spread=spread, clear=clear)
+        found = step_candidates(gray, q, normal, half_length=2.0, reach=6, noise=noise, spread=spread, clear=clear)
         share[clear] = np.isfinite(found.slope[:, 0]).mean()
     assert share[4.0] < 0.01
     assert share[2.0] > 0.05
@@ -44,8 +44,8 @@ def test_a_part_is_found_where_noise_hides_most_of_its_lines(rng: np.random.Gene
     pose = pose_of(rng)
     gray = photo_of(pose, rng).gray + 20 / 255 * rng.standard_normal((CAMERA.height, CAMERA.width))
     photo = Photo.of(np.clip(gray, 0, 1).astype(np.float32), CAMERA)
-    found = locate(block(), [photo], off(pose, rng, degrees=3, px=6))
+    found = locate_part(block(), [photo], off(pose, rng, degrees=3, px=6))
     assert found.found, found.reason
     assert largest_miss(found.pose.world_from_part, pose) < 1.5
-    away = locate(block(), [photo], Rigid(translation=pose @ block().aspects.centre * [0.3, 0.3, 0]) @ pose)
+    away = locate_part(block(), [photo], Rigid(translation=pose @ block().aspects.centre * [0.3, 0.3, 0]) @ pose)
     assert not away.found or largest_miss(away.pose.world_from_part, pose) < 1.5

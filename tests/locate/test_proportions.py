@@ -11,8 +11,8 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.proportions import Stretched, _pulled, stretched
-from cadcam.locate.quality.support import judged
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.quality.support import judged_support
+from cadcam.locate.refine.refinement import refine_pose
 from cadcam.native.profiles import met
 
 from ..cad.solids import box
@@ -30,7 +30,7 @@ def sights(part: Part, shots: Photo, pose: Rigid) -> list[Sight]:
 def fitted(size: np.ndarray, rng: np.random.Generator) -> tuple[Part, Photo, Rigid, str]:
     """Return a box of another size, the true one's photo, the pose in which it fits best, and what is said of that."""
     part, shots = Part.of(box([0, 0, 0], size)), photo(BOX, CORNER, rng)
-    found = refine(part, [shots], CORNER)
+    found = refine_pose(part, [shots], CORNER)
     return part, shots, found.pose.world_from_part, found.reason
 
 
@@ -92,11 +92,11 @@ def test_beside_bands_proportions_a_band_s_width_away_say_nothing(
     """A twentieth of the box is 4 px, which lines may lie off on the other side of a band; a sixth is 12 px."""
     far, part = view(BOX, (0.5, 0.7, 1.0), away=8.0), Part.of(box([0, 0, 0], SIZE * [1, factor, 1]))
     shots = photo(BOX, far, rng)
-    pose = refine(part, [shots], far).pose.world_from_part
+    pose = refine_pose(part, [shots], far).pose.world_from_part
     drawn = sights(part, shots, pose)
     other = stretched(drawn, pose, np.eye(6))
     assert other.by == pytest.approx(factor - 1, abs=0.03)
     assert (other.moved_px(drawn, pose) < FARTHEST_PX) is excused
-    plain, beside = (judged(drawn, pose, np.eye(6), chosen=3, scatter=0.05, bands=b) for b in (False, True))
+    plain, beside = (judged_support(drawn, pose, np.eye(6), chosen=3, scatter=0.05, bands=b) for b in (False, True))
     assert plain.gain > 0
     assert (beside.gain == 0) is excused

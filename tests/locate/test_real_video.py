@@ -19,9 +19,9 @@ import pytest
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.photo import Photo
-from cadcam.locate.track.tracker import track
+from cadcam.locate.track.tracker import track_part
 
 PATH = Path(__file__).resolve().parents[2] / "benchmarks" / "video_sets.py"
 
@@ -48,7 +48,7 @@ def test_a_video_is_followed_near_the_reference(
     part = sets.part_of(clips[0])
     reference = clips[0].world_from_part(clips[0].refined)
     centre = part.scene.mesh.bounds.mean(axis=0)
-    for tracked in track(part, islice(sets.frames_of(*clips), 16), reference[0]):
+    for tracked in track_part(part, islice(sets.frames_of(*clips), 16), reference[0]):
         pose, known = tracked.location.pose.world_from_part, reference[tracked.frame.index]
         assert tracked.found, tracked.location.reason
         assert np.linalg.norm(pose @ centre - known @ centre) < mm
@@ -66,7 +66,7 @@ def test_a_triangle_half_hidden_is_found_from_its_published_pose(
     part, camera, pictures, published = sets.triangle(shared("data/m3t_triangle").parent)
     centre = part.scene.mesh.bounds.mean(axis=0)
     for picture in pictures:
-        found = locate(part, [Photo.of(read_picture(picture), camera)], published)
+        found = locate_part(part, [Photo.of(read_picture(picture), camera)], published)
         assert found.found, found.reason
         off = found.pose.world_from_part @ centre - published @ centre
         assert np.linalg.norm(off[:2]) < 3
@@ -77,5 +77,5 @@ def test_a_row_of_chequers_is_not_taken_for_the_triangle(shared: Callable[[str],
     """94 % of the lines of two of its sides, cut by the picture's border, are there: they run along the cloth's."""
     part, camera, pictures, _ = sets.triangle(shared("data/m3t_triangle").parent)
     along_a_row = Rigid(so3.exp([-0.4282, -1.9790, -0.4191]), [-81.45, 77.49, 243.21])
-    found = locate(part, [Photo.of(read_picture(pictures[0]), camera)], along_a_row)
+    found = locate_part(part, [Photo.of(read_picture(pictures[0]), camera)], along_a_row)
     assert not found.found, found.reason

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from cadcam.cad.load import load
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.bracket import machined_bracket
 from cadcam.cad.parts.shape import box, circle, prism
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
@@ -24,7 +24,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.support import SEARCHED
 from cadcam.locate.refine.options import EdgeOptions
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.refine.refinement import refine_pose
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 
@@ -63,7 +63,7 @@ def test_a_part_is_found_to_a_few_hundredths_of_a_pixel_and_as_surely_as_it_says
 ) -> None:
     z2 = []
     for _ in range(12):
-        found = refine(part, [Photo.of(noisy(clean, 0.01, rng), CAMERA)], pose @ OFF)
+        found = refine_pose(part, [Photo.of(noisy(clean, 0.01, rng), CAMERA)], pose @ OFF)
         xi = off(found, pose)
         z2.append(xi @ np.linalg.solve(found.pose.covariance, xi) / 6)
         assert found.found
@@ -75,7 +75,7 @@ def test_lens_distortion_and_skew_are_seen_through(part: Part, pose: Rigid, rng:
     """Left out, this lens moves the picture's rim by 5 px and the part by more than a millimetre."""
     camera = Camera.from_focal((640, 480), 900.0, fy=880.0, skew=6.0, lens=BrownConrady(k1=-0.2, p1=1e-3))
     aside = view(part, (0.7, -0.9, 0.8), aim=0.3)
-    found = refine(part, [photo(part, aside, rng, camera=camera)], aside @ OFF)
+    found = refine_pose(part, [photo(part, aside, rng, camera=camera)], aside @ OFF)
     xi = off(found, aside)
     assert xi @ np.linalg.solve(found.pose.covariance, xi) / 6 < 5
     assert np.linalg.norm(xi[:3]) < 0.5
@@ -89,8 +89,8 @@ def test_two_cameras_know_the_depth_that_one_does_not(
     photos = []
     for camera_from_part, picture in ((pose, clean), (other, shot(part, other))):
         photos.append(Photo.of(noisy(picture, 0.01, rng), CAMERA, camera_from_part @ world_from_part.inv))
-    one = refine(part, photos[:1], world_from_part @ OFF)
-    both = refine(part, photos, world_from_part @ OFF)
+    one = refine_pose(part, photos[:1], world_from_part @ OFF)
+    both = refine_pose(part, photos, world_from_part @ OFF)
     centre = part.scene.mesh.vertices.mean(axis=0)[None]
     spread = [np.sqrt(np.linalg.eigvalsh(f.pose.point_covariance(centre)[0])[-1]) for f in (one, both)]
     assert spread[1] < 0.5 * spread[0]
@@ -104,8 +104,8 @@ def test_on_a_floor_the_part_is_known_better_as_theory_says(
     """Covariance of the restricted fit = (B^T C^-1 B)^-1 of the free one's C, up to the edges that count in each."""
     floor = Freedom.planar([0.0, 0.0, 1.0], frame="part")
     shots = [Photo.of(noisy(clean, 0.01, rng), CAMERA)]
-    free = refine(part, shots, pose)
-    bound = refine(part, shots, pose @ Rigid.exp(floor.basis @ [0.8, -0.7, 0.01]), freedom=floor)
+    free = refine_pose(part, shots, pose)
+    bound = refine_pose(part, shots, pose @ Rigid.exp(floor.basis @ [0.8, -0.7, 0.01]), freedom=floor)
     B = bound.pose.freedom
     theory = np.linalg.inv(B.T @ np.linalg.inv(free.pose.from_noise) @ B)
     ratio = np.sqrt(np.diag(B.T @ bound.pose.from_noise @ B) / np.diag(theory))
@@ -124,14 +124,14 @@ def test_errors_of_the_calibration_reach_the_pose_as_they_should(
     effect = np.zeros((11, 1))
     effect[7, 0] = 1.0  # local coordinates: X Y Z rx ry rz aspect focal ...
     unsure = replace(exact, errors=((ErrorSource("calibration", np.array([[sd**2]]), owner=object()), effect),))
-    found = refine(part, [Photo(gray, unsure)], pose)
+    found = refine_pose(part, [Photo(gray, unsure)], pose)
     longer = Photo.of(gray, Camera.from_focal((640, 480), 900.0 + sd))
-    moved = off(refine(part, [longer], pose), found.pose.world_from_part)
+    moved = off(refine_pose(part, [longer], pose), found.pose.world_from_part)
     predicted = found.pose.from_calibration
     assert np.linalg.matrix_rank(predicted, tol=1e-9 * np.trace(predicted)) == 1
     direction = np.linalg.eigh(predicted)[1][:, -1] * np.sqrt(np.linalg.eigvalsh(predicted)[-1])
     assert min(np.linalg.norm(moved - direction), np.linalg.norm(moved + direction)) < 0.15 * np.linalg.norm(direction)
-    assert not refine(part, [Photo.of(gray, CAMERA)], pose).pose.from_calibration.any()
+    assert not refine_pose(part, [Photo.of(gray, CAMERA)], pose).pose.from_calibration.any()
 
 
 def test_points_and_lines_are_believed_as_stated(
@@ -140,19 +140,19 @@ def test_points_and_lines_are_believed_as_stated(
     shots = [Photo.of(noisy(clean, 0.01, rng), CAMERA)]
     p = part.scene.mesh.vertices[[0, 20, 60, 90]]
     points = PointEvidence(p, CAMERA.project(pose @ p), 0.002)
-    plain, told = refine(part, shots, pose), refine(part, shots, pose @ OFF, evidence=[points])
+    plain, told = refine_pose(part, shots, pose), refine_pose(part, shots, pose @ OFF, evidence=[points])
     assert corners_px(part, told.pose.world_from_part, pose) < 0.02
     assert np.trace(told.pose.covariance[:3, :3]) < 0.2 * np.trace(plain.pose.covariance[:3, :3])
     ends = p[:2]
     line = LineEvidence(
         ends, CAMERA.project(pose @ (ends[:1] + np.array([[0.2], [0.7]]) * (ends[1:] - ends[:1]))), 0.002
     )
-    along = refine(part, shots, pose @ OFF, evidence=[line])
+    along = refine_pose(part, shots, pose @ OFF, evidence=[line])
     q = CAMERA.project(along.pose.world_from_part @ ends)
     normal = np.array([-(q[1] - q[0])[1], (q[1] - q[0])[0]]) / np.linalg.norm(q[1] - q[0])
     assert np.abs((line.q - q[0]) @ normal).max() < 0.01
     with pytest.raises(BadValue, match="photo of the evidence"):
-        refine(part, shots, pose, evidence=[replace(points, photo=1)])
+        refine_pose(part, shots, pose, evidence=[replace(points, photo=1)])
 
 
 @pytest.mark.parametrize("rows", ["points", "line"])
@@ -180,14 +180,14 @@ def test_a_wrong_answer_says_that_it_is_lost(
         (gray, pose @ Rigid.exp([40.0, 0, 0, 0, 0, 0])),
         (noisy(np.full_like(clean, 0.5), 0.02, rng), pose),
     ):
-        lost = refine(part, [Photo.of(picture, CAMERA)], start)
+        lost = refine_pose(part, [Photo.of(picture, CAMERA)], start)
         assert not lost.found, lost.reason
         assert lost.reason.startswith("not found")
 
 
 def test_empty_black_and_white_pictures_give_no_pose_and_no_error(part: Part, pose: Rigid) -> None:
     for level in (0.0, 0.5, 1.0):
-        lost = refine(part, [Photo.of(np.full((480, 640), level, np.float32), CAMERA)], pose)
+        lost = refine_pose(part, [Photo.of(np.full((480, 640), level, np.float32), CAMERA)], pose)
         assert lost.quality == 0
         assert np.isnan(lost.matches.offset).all()
         assert lost.pose.covariance[0, 0] >= 1e5
@@ -198,12 +198,12 @@ def test_a_part_behind_the_camera_or_beside_the_picture_is_not_found(
 ) -> None:
     shots = [Photo.of(noisy(clean, 0.01, rng), CAMERA)]
     for start in (Rigid(translation=[0, 0, -900.0]) @ pose, Rigid(translation=[2000.0, 0, 0]) @ pose):
-        assert refine(part, shots, start).quality == 0
+        assert refine_pose(part, shots, start).quality == 0
 
 
 def test_options_and_inputs_that_mean_nothing_are_refused(part: Part, pose: Rigid) -> None:
     with pytest.raises(BadValue, match="photos"):
-        refine(part, [], pose)
+        refine_pose(part, [], pose)
     with pytest.raises(BadValue, match="search_px"):
         EdgeOptions(search_px=0.0)
 
@@ -222,7 +222,7 @@ def test_light_at_the_border_of_a_round_surface_hardly_moves_the_pose(rng: np.ra
     clean = shot(body(19.9), pose)
     depth = []
     for _ in range(3):
-        found = refine(part, [Photo.of(noisy(clean, 0.005, rng), CAMERA)], pose)
+        found = refine_pose(part, [Photo.of(noisy(clean, 0.005, rng), CAMERA)], pose)
         assert found.found
         depth.append((found.pose.world_from_part @ np.array([0, 0, 40.0]))[2] - (pose @ np.array([0, 0, 40.0]))[2])
     assert np.mean(depth) < 0.15
@@ -230,7 +230,7 @@ def test_light_at_the_border_of_a_round_surface_hardly_moves_the_pose(rng: np.ra
 
 def test_plates_seen_edge_on_are_not_taken_for_each_other(shared, rng: np.random.Generator) -> None:
     """From 6 px off, every line finds one to lie on, the far one of a plate: a loose fit of good quality."""
-    block = Part.of(load(shared("data/shipblock_clean") / "model.obj", unit="m"))
+    block = Part.of(read_model(shared("data/shipblock_clean") / "model.obj", unit="m"))
     camera = Camera.from_focal((768, 576), 1185.0)
     rotation = [[-0.5132, -0.8569, 0.0487], [-0.8563, 0.5074, -0.0964], [0.0579, -0.0912, -0.9942]]
     pose = Rigid(nearest(np.array(rotation)), np.array([365.2, 80.7, 2886.3]))
@@ -240,7 +240,7 @@ def test_plates_seen_edge_on_are_not_taken_for_each_other(shared, rng: np.random
     bright = 0.8 * np.asarray(view.gray, float) * cover + (1 - cover) * (0.3 + 0.06 * ground)
     picture = Photo.of(noisy(gaussian_filter(bright, 0.6), 3 / 255, rng), camera)
     start = pose @ Rigid.exp([1.1, -2.58, -4.64, -0.0488, -0.0073, -0.001])
-    found = refine(block, [picture], start, chosen=SEARCHED)
+    found = refine_pose(block, [picture], start, chosen=SEARCHED)
     v = block.scene.mesh.vertices
     off_px = np.linalg.norm(camera.project(found.pose.world_from_part @ v) - camera.project(pose @ v), axis=1)
     assert found.found
@@ -249,18 +249,18 @@ def test_plates_seen_edge_on_are_not_taken_for_each_other(shared, rng: np.random
 
 def test_a_path_traced_block_is_found_from_its_published_starts(shared) -> None:
     """Twelve views with interreflections and soft shadows, exact truth: half within 0.1 mm at 1.6 m, all within 0.3."""
-    from cadcam.cad.load import load
+    from cadcam.cad.read import read_model
     from cadcam.image.picture import read_picture
 
     folder = shared("data/shipblock_clean")
-    block = Part.of(load(folder / "model.obj", unit="m"))
+    block = Part.of(read_model(folder / "model.obj", unit="m"))
     camera = Camera((768, 576), np.loadtxt(folder / "K.txt"))
     truth = np.loadtxt(folder / "gt.csv", delimiter=",", skiprows=1)
     centre, error, z2 = block.scene.mesh.vertices.mean(axis=0), [], []
     for row in truth[::2]:
         pose = Rigid(row[1:10].reshape(3, 3), 1000 * row[10:])
         shots = [Photo.of(read_picture(folder / f"n3/images/{int(row[0]):04d}.png"), camera)]
-        found = refine(block, shots, pose @ Rigid.exp([4.0, -3.0, 5.0, 0.01, 0.01, -0.01]))
+        found = refine_pose(block, shots, pose @ Rigid.exp([4.0, -3.0, 5.0, 0.01, 0.01, -0.01]))
         assert found.found
         xi = off(found, pose)
         error.append(np.linalg.norm(found.pose.world_from_part @ centre - pose @ centre))
@@ -275,7 +275,7 @@ def test_how_far_a_turned_part_is_turned_is_not_said(rng: np.random.Generator) -
     bolt = Part.of(merge([turned_prism(64, radius=20.0, height=60.0), turned_prism(64, radius=32.0, height=12.0)]))
     pose = view(bolt, (0.8, -0.5, 0.7))
     turn = Rigid.exp([0, 0, 0, 0, 0, 0.5])
-    found = refine(bolt, [photo(bolt, pose, rng)], pose @ turn)
+    found = refine_pose(bolt, [photo(bolt, pose, rng)], pose @ turn)
     assert found.found, found.reason
     assert "turned about its axis" in found.reason
     sd = np.sqrt(np.diag(found.pose.covariance))
@@ -284,5 +284,5 @@ def test_how_far_a_turned_part_is_turned_is_not_said(rng: np.random.Generator) -
     assert found.pose.freedom.shape == (6, 6)
     ends = np.array([[0.0, 0, 0], [0, 0, 60]])
     assert found.pose.world_from_part @ ends == pytest.approx(pose @ ends, abs=0.15)
-    held = refine(bolt, [photo(bolt, pose, rng)], pose, freedom=Freedom.along([0, 0, 1]))
+    held = refine_pose(bolt, [photo(bolt, pose, rng)], pose, freedom=Freedom.along([0, 0, 1]))
     assert np.linalg.matrix_rank(held.pose.covariance, tol=1e-12) == 1

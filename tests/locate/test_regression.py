@@ -10,7 +10,7 @@ import pytest
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.regression import Regression
-from cadcam.locate.refine.solution import Solution
+from cadcam.locate.refine.solution import PoseSolution
 
 LINES, PIECES, EACH, SIGMA = 24, 3, 8, 0.08  # lines, pieces of each, samples of these, px
 UNIT = np.array([1, 1, 0.3, 200, 200, 300])  # px by a unit of the twist
@@ -69,7 +69,7 @@ def test_a_fit_untold_of_bands_keeps_its_pose_and_is_less_sure_of_it(rng: np.ran
     regression, given = asked(rng, line=0.06, piece=0.03, drawn=0.05, bands=False)
     fit = regression.step(*given, 12, on_lines=True)
     places, measured, _, B = given
-    before = Solution([], Rigid(), Rigid.exp(fit.x), B, places, measured, fit, [], regression, NOTHING)
+    before = PoseSolution([], Rigid(), Rigid.exp(fit.x), B, places, measured, fit, [], regression, NOTHING)
     beside = before.beside_its_bands()
     assert beside.pose is before.pose
     assert beside.regression.bands

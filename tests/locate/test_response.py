@@ -11,7 +11,7 @@ from cadcam.image.profile import step_sums
 from cadcam.locate.lines.response import _OF_BLUR, _weighed
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.refine.refinement import refine_pose
 from cadcam.native.profiles import StepCells
 
 from ..cad.solids import box
@@ -32,7 +32,7 @@ def light(pose: Rigid) -> np.ndarray:
 
 
 def squared(picture: np.ndarray, pose: Rigid) -> float:
-    found = refine(BOX, [Photo.of(picture, CAMERA)], pose).pose
+    found = refine_pose(BOX, [Photo.of(picture, CAMERA)], pose).pose
     xi = (pose.inv @ found.world_from_part).log()
     return float(xi @ np.linalg.solve(found.covariance, xi))
 

@@ -10,13 +10,13 @@ from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.lines.sight import Sight
-from cadcam.locate.in_photos import locate
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.apart import away
 from cadcam.locate.refine.options import EDGES
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.refine.refinement import refine_pose
 from cadcam.locate.rivals import Rivals
 from cadcam.render import open_renderer
 from cadcam.render.view import Scene
@@ -66,14 +66,14 @@ def test_a_lattice_is_told_from_itself_one_bay_on(n: int) -> None:
     shifts = [like.motion.translation for like in part.likenesses if not like.mirrored]
     assert any(np.allclose(s, [n * BAY, 0, 0], atol=1.0) for s in shifts)
     photo = photo_of(comb(), pose)
-    wrong = refine(part, [photo], pose @ Rigid(translation=np.array([n * BAY, 0.0, 0.0])))
+    wrong = refine_pose(part, [photo], pose @ Rigid(translation=np.array([n * BAY, 0.0, 0.0])))
     asked = Rivals(part, [photo], FREE, EDGES, 0)
     right = asked.beside(wrong)
     corners = part.scene.mesh.vertices
     apart = CAMERA.project(right.pose.world_from_part @ corners) - CAMERA.project(pose @ corners)
     assert right.found
     assert np.abs(apart).max() < 0.5
-    kept = refine(part, [photo], pose)
+    kept = refine_pose(part, [photo], pose)
     assert asked.beside(kept).pose is kept.pose
     assert asked.holds(kept, wrong.pose.world_from_part)
     assert not asked.holds(wrong, kept.pose.world_from_part)
@@ -99,12 +99,12 @@ def test_the_part_of_the_other_hand_is_refused_and_the_right_one_is_not() -> Non
     part, pose = Part.of(hooked()), looking(hooked())
     best = next(like for like in part.likenesses if like.mirrored)
     assert 0.6 < best.share < 0.995
-    right = locate(part, [photo_of(hooked(), pose)], pose)
+    right = locate_part(part, [photo_of(hooked(), pose)], pose)
     assert right.found
     assert "mirror" not in right.reason
     other = part.mirrored.scene.mesh
     there = photo_of(other, pose @ best.motion)
-    wrong = refine(part, [there], pose)
+    wrong = refine_pose(part, [there], pose)
     told = Rivals(part, [there], FREE, EDGES, 0).beside(wrong)
     assert not told.found
     assert "mirror image" in told.reason
@@ -115,7 +115,7 @@ def test_what_only_lies_in_the_dark_is_said_to_be_open() -> None:
     plain = merge([hooked().subset([k]) for k in range(5)])
     part, pose = Part.of(hooked()), looking(hooked())
     photo = photo_of(plain, pose)
-    found = refine(part, [photo], pose)
+    found = refine_pose(part, [photo], pose)
     told = Rivals(part, [photo], FREE, EDGES, 0).beside(found)
     assert told.pose is found.pose
     assert "either may be seen" in told.reason
@@ -146,7 +146,7 @@ def test_lines_drawn_from_elsewhere_make_no_other_reading(away: float) -> None:
     pose = Rigid.look_at(middle + np.array([30.0, -140.0, 160.0]), middle)
     image = open_renderer(Scene.of(mesh)).render(near, pose).image.mean(axis=2)
     photo = Photo.of(np.asarray(image * 0.8, np.float32), near)
-    found = refine(part, [photo], pose)
+    found = refine_pose(part, [photo], pose)
     aside = pose @ Rigid(translation=np.array([away / 2, away, -away]))
     sights = [Sight.of(part, photo, aside, step_px=EDGES.step_px, reach_px=2 * EDGES.reach_px)]
     assert found.found

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from cadcam.cad.load import load
 from cadcam.cad.parts import machined_bracket
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -76,14 +76,14 @@ def test_a_symmetric_part_comes_back_in_every_pose_in_which_it_looks_the_same(rn
         assert apart.min(axis=1).max() < RIGHT_PX
     rotations = np.array([h.world_from_part.rotation for h in found])
     assert all(np.abs(rotations[k] - rotations[:k]).max(axis=(1, 2)).min() > 0.5 for k in range(1, 8))
-    located = locate(part, [photo(part, pose, rng)], views=ViewRange(distance_mm=(200.0, 350.0)))
+    located = locate_part(part, [photo(part, pose, rng)], views=ViewRange(distance_mm=(200.0, 350.0)))
     assert located.found
     assert len(located.alternatives) >= 7
 
 
 def test_locate_refines_what_it_finds_and_says_why(rng: np.random.Generator) -> None:
     pose = view(BRACKET, (0.5, 0.7, 1.0))
-    found = locate(BRACKET, [photo(BRACKET, pose, rng)], views=FROM_ABOVE)
+    found = locate_part(BRACKET, [photo(BRACKET, pose, rng)], views=FROM_ABOVE)
     assert found.found
     assert found.reason
     assert error_px(BRACKET, CAMERA, found.pose.world_from_part, pose) < 0.5
@@ -103,7 +103,7 @@ def clutter(rng: np.random.Generator) -> np.ndarray:
 def test_what_is_not_in_the_photo_is_not_found(rng: np.random.Generator) -> None:
     photo_without = Photo.of(noisy(clutter(rng), 0.01, rng), CAMERA)
     for start in (None, view(BRACKET, (0.5, 0.7, 1.0))):
-        found = locate(BRACKET, [photo_without], start, views=FROM_ABOVE)
+        found = locate_part(BRACKET, [photo_without], start, views=FROM_ABOVE)
         assert found.quality < FOUND
         assert found.reason.startswith("not ")
 
@@ -111,23 +111,23 @@ def test_what_is_not_in_the_photo_is_not_found(rng: np.random.Generator) -> None
 def test_another_part_is_not_taken_for_this_one(rng: np.random.Generator) -> None:
     other = Part.of(box([0, 0, 0], [90, 50, 20]))
     shown = Photo.of(noisy(shot(other, view(other, (0.4, 0.9, 0.8), away=6.0)), 0.01, rng), CAMERA)
-    assert not locate(BRACKET, [shown], views=FROM_ABOVE).found
+    assert not locate_part(BRACKET, [shown], views=FROM_ABOVE).found
 
 
 @pytest.mark.parametrize(("picture", "words"), [(np.full((480, 640), 0.4), "empty"), (np.ones((480, 640)), "empty")])
 def test_a_photo_without_contrast_is_refused(picture: np.ndarray, words: str) -> None:
     with pytest.raises(BadValue, match=f"photo 'photo'.*{words}"):
-        locate(BRACKET, [Photo.of(picture, CAMERA)])
+        locate_part(BRACKET, [Photo.of(picture, CAMERA)])
 
 
 def test_a_photo_of_nothing_but_black_and_white_is_refused(rng: np.random.Generator) -> None:
     with pytest.raises(BadValue, match="black or white"):
-        locate(BRACKET, [Photo.of((rng.random((480, 640)) > 0.5).astype(np.float32), CAMERA)])
+        locate_part(BRACKET, [Photo.of((rng.random((480, 640)) > 0.5).astype(np.float32), CAMERA)])
 
 
 def test_no_photo_is_refused() -> None:
     with pytest.raises(BadValue, match="at least one photo"):
-        locate(BRACKET, [])
+        locate_part(BRACKET, [])
 
 
 @pytest.mark.parametrize(
@@ -149,7 +149,7 @@ def test_a_range_allows_what_lies_within_its_cone() -> None:
 def test_a_real_cube_is_found_from_nothing(shared: Callable[[str], Path]) -> None:
     folder = shared("data/visp_mbt_cube")
     camera = Camera.from_focal((640, 480), 547.7367575, fy=542.0744058, cx=338.7036994, cy=234.5083345)
-    part = Part.of(load(folder / "cube.obj", unit="m"))
+    part = Part.of(read_model(folder / "cube.obj", unit="m"))
     reference = np.loadtxt(folder / "poses_refined.csv", delimiter=",", skiprows=1)
     v = part.scene.mesh.vertices
     for frame in (0, 72, 144, 216):

@@ -12,7 +12,7 @@ from cadcam.cad.parts.shape import circle, prism
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.light import Blur
-from cadcam.locate.lines.cells import Cells, measure
+from cadcam.locate.lines.cells import Cells, measured_steps
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -42,7 +42,7 @@ def test_the_border_of_a_disc_is_measured_where_it_is(radius: float) -> None:
     sight = Sight.of(part, Photo.of(disc(radius), CAMERA), pose, step_px=4.0, reach_px=9.0)
     at = sight.project(pose)
     cells = Cells.of(sight, at, half_length=2.0, reach_px=4.5, room_px=2.5)
-    found = measure(sight, at, cells, np.zeros(len(sight.samples)))
+    found = measured_steps(sight, at, cells, np.zeros(len(sight.samples)))
     outward = np.sign(((at.q - CAMERA.principal_point) * at.normal).sum(axis=1))
     assert found.usable.mean() > 0.9
     assert abs(np.mean((outward * found.offset)[found.usable])) < 0.018
@@ -111,7 +111,7 @@ def test_ground_that_slopes_less_than_a_cell_tells_draws_no_edge_as_a_whole(as_l
         sight = Sight.of(part, Photo.of(noisy, camera), pose, step_px=4.0, reach_px=14.0)
         at = sight.project(pose)
         cells = Cells.of(sight, at, half_length=2.0, reach_px=7.0, room_px=2.5)
-        found = measure(sight, at, cells, np.zeros(len(sight.samples)), as_lines=as_lines)
+        found = measured_steps(sight, at, cells, np.zeros(len(sight.samples)), as_lines=as_lines)
         for side in (-1, 1):
             rows = found.usable & (np.abs(at.normal[:, 0]) > 0.9) & (side * (at.q[:, 0] - 160) > 0)
             weight, along_x = 1 / found.sigma[rows] ** 2, np.sign(at.normal[rows, 0]) * found.offset[rows]

@@ -48,9 +48,9 @@ def test_a_mark_breaks_the_symmetry() -> None:
 
 def test_rotations_that_the_tolerance_cannot_tell_apart_are_one() -> None:
     """Curved plates in thousands of small edges map onto themselves within the tolerance by turns of a milliradian."""
-    from cadcam.cad.load import load
+    from cadcam.cad.read import read_model
 
-    block = load(Path(__file__).resolve().parents[2] / "models" / "shipblock_10k.obj", unit="mm")
+    block = read_model(Path(__file__).resolve().parents[2] / "models" / "shipblock_10k.obj", unit="mm")
     assert len(Part.of(block).symmetries) == 1
 
 

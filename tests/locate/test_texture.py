@@ -14,9 +14,9 @@ from cadcam.image.picture import write_picture
 from cadcam.locate.evidence import PoseEvidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.track.frames import Frame, Frames
-from cadcam.locate.track.log import TrackLog, head_of, track_to
+from cadcam.locate.track.log import TrackLog, head_of, track_part_to_log
 from cadcam.locate.track.texture import Followed, Texture
-from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, track
+from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, track_part
 
 from .printed import CAMERA, FIRST, STEP, miss_mm, part, photo, truth
 
@@ -144,7 +144,10 @@ def misses(tracked: list[TrackedFrame]) -> list[float]:
 
 def test_a_printed_part_is_followed_and_a_bare_look_at_edges_can_be_had() -> None:
     """Edges alone miss by up to 0.5 mm here, a third of a pixel, and print does not make that worse."""
-    with_print, edges = list(track(part(), film(6), FIRST)), list(track(part(), film(6), FIRST, texture=False))
+    with_print, edges = (
+        list(track_part(part(), film(6), FIRST)),
+        list(track_part(part(), film(6), FIRST, texture=False)),
+    )
     assert [t.how for t in with_print[1:]] == ["followed"] * 5
     assert [t.how for t in edges[1:]] == ["predicted"] * 5
     assert max(misses(with_print)) < 0.5
@@ -153,7 +156,7 @@ def test_a_printed_part_is_followed_and_a_bare_look_at_edges_can_be_had() -> Non
 @pytest.mark.parametrize(("slid", "frames"), [(2.0, 1), (0.5, 4)])
 def test_print_that_slides_over_the_part_takes_it_along_for_some_frames_at_most(slid: float, frames: int) -> None:
     """2 mm a frame: edges fit far better elsewhere in the next. 0.5 mm: they pull to one side in every frame."""
-    tracked = list(track(part(), film(8, slid=slid), FIRST))
+    tracked = list(track_part(part(), film(8, slid=slid), FIRST))
     assert all(t.found for t in tracked)
     assert max(misses(tracked)) < frames * slid + 0.5  # and what edges err by
     assert "predicted" in {t.how for t in tracked}
@@ -162,10 +165,10 @@ def test_print_that_slides_over_the_part_takes_it_along_for_some_frames_at_most(
 def test_a_run_that_goes_on_follows_the_print_as_if_there_had_been_no_break() -> None:
     """Cut anywhere: the same ways and poses to the last bit."""
     frames = film(7)
-    whole = list(track(part(), frames, FIRST))
+    whole = list(track_part(part(), frames, FIRST))
     for cut in (1, 3, 5):
         history = [LoggedFrame(t.frame.index, t.location.pose, t.how, t.frame.photos) for t in whole[:cut]]
-        rest = list(track(part(), frames[cut:], FIRST, history=history))
+        rest = list(track_part(part(), frames[cut:], FIRST, history=history))
         assert [t.how for t in rest] == [t.how for t in whole[cut:]]
         for one, other in zip(rest, whole[cut:], strict=True):
             np.testing.assert_array_equal(
@@ -184,7 +187,7 @@ def test_a_log_that_goes_on_is_that_of_a_run_without_a_break(tmp_path: Path) -> 
     def run(log: str, n: int | None) -> None:
         head = head_of(part(), pictures.viewpoints, FIRST)
         with TrackLog.open(tmp_path / log, head) as open_log:
-            list(islice(track_to(open_log, part(), pictures, FIRST), n))
+            list(islice(track_part_to_log(open_log, part(), pictures, FIRST), n))
 
     run("whole.jsonl", None)
     run("cut.jsonl", 4)

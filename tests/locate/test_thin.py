@@ -7,8 +7,8 @@ import numpy as np
 from cadcam.cad.mesh import merge
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
-from cadcam.locate.quality.support import seen
 from cadcam.locate.quality.shown import ROOM_PX
+from cadcam.locate.quality.support import support_at
 from cadcam.locate.quality.thin import Strips
 
 from ..cad.solids import box
@@ -51,11 +51,13 @@ def test_a_crate_of_sheets_seen_from_afar_is_found_where_it_is_and_nowhere_else(
     """Of borders with room of their own alone there are so few that much of them could be fitted anywhere."""
     sight = drawn(rng)
     samples = sight.samples
-    here = seen([sight], POSE, constraints=6, scatter=0.05)
-    lone = seen([sight.select(np.minimum(samples.below, samples.above) >= ROOM_PX)], POSE, constraints=6, scatter=0.05)
+    here = support_at([sight], POSE, constraints=6, scatter=0.05)
+    lone = support_at(
+        [sight.select(np.minimum(samples.below, samples.above) >= ROOM_PX)], POSE, constraints=6, scatter=0.05
+    )
     assert here.free < 0.6 * lone.free
     assert here.quality > max(0.6, lone.quality)
     for shift in ((6.0, 0.0), (0.0, 7.0), (-9.0, 5.0)):
         elsewhere = np.array([*shift, 0.0]) * (POSE @ CRATE.aspects.centre)[2] / CAMERA.fx
         pose = type(POSE)(translation=elsewhere) @ POSE
-        assert seen([sight], pose, constraints=6, scatter=0.05).quality < 0.3
+        assert support_at([sight], pose, constraints=6, scatter=0.05).quality < 0.3

@@ -19,10 +19,10 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.track import track as module
+from cadcam.locate.track import tracker as module
 from cadcam.locate.track.frames import Frame, Frames
-from cadcam.locate.track.log import COLUMNS, TrackLog, head_of, read_track, track_to
-from cadcam.locate.track.tracker import LoggedFrame, track
+from cadcam.locate.track.log import COLUMNS, TrackLog, head_of, read_track_log, track_part_to_log
+from cadcam.locate.track.tracker import LoggedFrame, track_part
 
 from .moving import CAMERA, FIRST, STEP, Sighting, block, frames, location, measured, truth
 
@@ -36,8 +36,8 @@ def sighting(monkeypatch: pytest.MonkeyPatch) -> Install:
 
     def install(n: int, **given: Any) -> Sighting:
         made = Sighting(truth(n), **given)
-        monkeypatch.setattr(module, "refine", made.refine)
-        monkeypatch.setattr(module, "locate", made.locate)
+        monkeypatch.setattr(module, "refine_pose", made.refine)
+        monkeypatch.setattr(module, "locate_part", made.locate)
         return made
 
     return install
@@ -46,7 +46,7 @@ def sighting(monkeypatch: pytest.MonkeyPatch) -> Install:
 def test_even_motion_is_predicted_and_costs_one_look_a_frame(sighting: Install) -> None:
     """The block moves 5 mm a frame, refinement reaches 1 mm: only the prediction is near enough."""
     seen = sighting(8)
-    tracked = list(track(PART, frames(8), FIRST))
+    tracked = list(track_part(PART, frames(8), FIRST))
     assert [t.how for t in tracked] == ["recovered", "recovered", *["predicted"] * 6]
     assert seen.calls[-6:] == [("refine", i) for i in range(2, 8)]
     for one, pose in zip(tracked, truth(8), strict=True):
@@ -58,11 +58,11 @@ def test_rounding_does_not_grow_from_frame_to_frame(monkeypatch: pytest.MonkeyPa
 
     Without care each frame triples the defect: 3^200 eps. With it each is that of one product, some eps.
     """
-    monkeypatch.setattr(module, "refine", lambda part, photos, start, **_: location(start))
+    monkeypatch.setattr(module, "refine_pose", lambda part, photos, start, **_: location(start))
     still = [frame for _ in range(200) for frame in frames(1)]
     numbered = [replace(frame, index=i) for i, frame in enumerate(still)]
     history = [LoggedFrame(-2, measured(FIRST)), LoggedFrame(-1, measured(FIRST @ STEP))]
-    *_, last = track(PART, numbered, history=history)
+    *_, last = track_part(PART, numbered, history=history)
     R = last.location.pose.world_from_part.rotation
     assert np.abs(R @ R.T - np.eye(3)).max() < 20 * np.finfo(float).eps
 
@@ -70,19 +70,19 @@ def test_rounding_does_not_grow_from_frame_to_frame(monkeypatch: pytest.MonkeyPa
 def test_without_velocity_the_part_is_expected_where_it_was(sighting: Install) -> None:
     """It moves 5 mm a frame and refinement reaches 4 mm: never where it was, at last where it was going."""
     sighting(5, near_mm=4.0)
-    assert [t.how for t in track(PART, frames(5), FIRST, velocity=False)] == ["recovered"] * 5
-    assert [t.how for t in track(PART, frames(5), FIRST)] == ["recovered"] * 2 + ["predicted"] * 3
+    assert [t.how for t in track_part(PART, frames(5), FIRST, velocity=False)] == ["recovered"] * 5
+    assert [t.how for t in track_part(PART, frames(5), FIRST)] == ["recovered"] * 2 + ["predicted"] * 3
 
 
 def test_without_a_start_the_part_is_searched_for(sighting: Install) -> None:
     sighting(3)
-    assert [t.how for t in track(PART, frames(3))] == ["searched", "recovered", "predicted"]
+    assert [t.how for t in track_part(PART, frames(3))] == ["searched", "recovered", "predicted"]
 
 
 def test_a_short_loss_is_recovered_around_the_last_pose(sighting: Install) -> None:
     """Gone for two frames the block is 15 mm away: in reach of a search around the last pose, no motion is made up."""
     seen = sighting(8, hidden={3, 4})
-    tracked = list(track(PART, frames(8), FIRST))
+    tracked = list(track_part(PART, frames(8), FIRST))
     ways = [t.how for t in tracked]
     assert ways == ["recovered", "recovered", "predicted", "lost", "lost", "recovered", "recovered", "predicted"]
     assert [t.found for t in tracked] == [t.how != "lost" for t in tracked]
@@ -92,7 +92,7 @@ def test_a_short_loss_is_recovered_around_the_last_pose(sighting: Install) -> No
 def test_a_long_loss_is_searched_for_without_a_start_but_rarely(sighting: Install) -> None:
     """Hidden from frame 2 to 39, then 190 mm away: found at the next search, never more than eight frames late."""
     seen = sighting(60, hidden=set(range(2, 40)))
-    tracked = list(track(PART, frames(60), FIRST))
+    tracked = list(track_part(PART, frames(60), FIRST))
     searched = [i for how, i in seen.calls if how == "search"]
     assert searched == [4, 6, 10, 18, 26, 34, 42]
     first = next(t for t in tracked[40:] if t.found)
@@ -107,13 +107,13 @@ def test_a_part_that_jumped_must_be_clear_to_be_found(
     """30 px aside in one frame; what is near its last place needs no more than what any pose needs."""
     aside = Rigid(translation=[30 * 400 / CAMERA.fx, 0, 0]) @ FIRST
     where = {0: FIRST, 1: FIRST, 2: aside}
-    monkeypatch.setattr(module, "refine", lambda *_, **__: location(FIRST, 0.1))
+    monkeypatch.setattr(module, "refine_pose", lambda *_, **__: location(FIRST, 0.1))
 
     def locate(part: Part, photos: tuple[Photo, ...], start: Rigid | None = None, **_: Freedom) -> Location:
         return location(where[round(float(photos[0].gray[0, 0]) * 255)], quality)
 
-    monkeypatch.setattr(module, "locate", locate)
-    tracked = list(track(PART, frames(3), FIRST))
+    monkeypatch.setattr(module, "locate_part", locate)
+    tracked = list(track_part(PART, frames(3), FIRST))
     assert [t.found for t in tracked] == [True, True, found]
     assert found or "far from where the part was" in tracked[2].location.reason
 
@@ -129,24 +129,26 @@ def test_a_motion_out_of_the_pictures_is_a_loss_but_a_start_outside_is_an_error(
             raise NothingInView("outside of every photo")
         return seen.refine(part, photos, start, **how)
 
-    monkeypatch.setattr(module, "refine", refine)
-    assert [t.how for t in track(PART, frames(4), FIRST)] == ["recovered", "recovered", "recovered", "predicted"]
+    monkeypatch.setattr(module, "refine_pose", refine)
+    assert [t.how for t in track_part(PART, frames(4), FIRST)] == ["recovered", "recovered", "recovered", "predicted"]
 
     def locate(*_: object, **__: object) -> Location:
         raise NothingInView("outside of every photo")
 
-    monkeypatch.setattr(module, "locate", locate)
+    monkeypatch.setattr(module, "locate_part", locate)
     with pytest.raises(NothingInView):
-        next(track(PART, frames(1), FIRST))
+        next(track_part(PART, frames(1), FIRST))
     blind += [0, 1]
-    (lost,) = track(PART, frames(3)[2:], history=[LoggedFrame(0, measured(FIRST)), LoggedFrame(1, measured(FIRST))])
+    (lost,) = track_part(
+        PART, frames(3)[2:], history=[LoggedFrame(0, measured(FIRST)), LoggedFrame(1, measured(FIRST))]
+    )
     assert (lost.how, lost.location.quality, len(lost.location.matches)) == ("lost", 0.0, 0)
 
 
 def test_a_frame_without_contrast_is_a_loss_that_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
     """Real pictures of nothing: both of what locates are the real ones."""
     blank = [Frame.of(i, Photo.of(np.full((48, 64), 0.4, np.float32), CAMERA)) for i in range(2)]
-    for tracked in track(PART, blank, FIRST):
+    for tracked in track_part(PART, blank, FIRST):
         assert (tracked.how, tracked.found) == ("lost", False)
         assert "empty" in tracked.location.reason
 
@@ -154,27 +156,27 @@ def test_a_frame_without_contrast_is_a_loss_that_says_so(monkeypatch: pytest.Mon
 def test_a_restricted_motion_is_searched_for_only_around_its_start(sighting: Install) -> None:
     """A search without a start would find poses that the restriction does not allow."""
     seen = sighting(6, hidden={2, 3, 4, 5})
-    list(track(PART, frames(6), FIRST, freedom=Freedom.planar([0, 0, 1])))
+    list(track_part(PART, frames(6), FIRST, freedom=Freedom.planar([0, 0, 1])))
     assert not [call for call in seen.calls if call[0] == "search"]
     with pytest.raises(BadValue, match="a start to move from"):
-        next(track(PART, frames(1), freedom=Freedom.planar([0, 0, 1])))
+        next(track_part(PART, frames(1), freedom=Freedom.planar([0, 0, 1])))
 
 
 def test_of_symmetric_poses_the_one_nearest_to_the_last_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
     turned = FIRST @ Rigid.exp([0, 0, 0, 0, 0, np.pi])
     both = location(turned, 0.95, (location(FIRST, 0.9), location(Rigid(), 0.2)))
-    monkeypatch.setattr(module, "locate", lambda *_, **__: both)
-    (one,) = track(PART, frames(1), FIRST)
+    monkeypatch.setattr(module, "locate_part", lambda *_, **__: both)
+    (one,) = track_part(PART, frames(1), FIRST)
     np.testing.assert_array_equal(one.location.pose.world_from_part.matrix, FIRST.matrix)
 
 
 def test_a_run_that_goes_on_is_one_that_never_stopped(sighting: Install) -> None:
     """Cut anywhere, also within a loss: the same ways, the same poses."""
     sighting(30, hidden={4, 5, 9, 10, 11, 12, 13, 14, 15, 16, 17})
-    whole = list(track(PART, frames(30), FIRST))
+    whole = list(track_part(PART, frames(30), FIRST))
     for cut in range(1, 30):
         history = [LoggedFrame(t.frame.index, t.location.pose if t.found else None) for t in whole[:cut]]
-        rest = list(track(PART, frames(30)[cut:], FIRST, history=history))
+        rest = list(track_part(PART, frames(30)[cut:], FIRST, history=history))
         assert [t.how for t in rest] == [t.how for t in whole[cut:]], cut
         for one, other in zip(rest, whole[cut:], strict=True):
             assert (one.filtered is None) == (other.filtered is None)
@@ -200,7 +202,7 @@ def run(folder: Path, log: Path, n: int | None = None, start: Rigid = FIRST) -> 
     """Track into a log, the first n frames; return how each was found."""
     pictures = opened(folder)
     with TrackLog.open(log, head_of(PART, pictures.viewpoints, start), table=log.with_suffix(".csv")) as open_log:
-        lines = track_to(open_log, PART, pictures, start)
+        lines = track_part_to_log(open_log, PART, pictures, start)
         return [line["how"] for _, line in islice(lines, n)]
 
 
@@ -248,7 +250,7 @@ def test_a_log_is_only_continued_with_the_same_inputs(sighting: Install, folder:
 def test_a_log_holds_every_bit_and_a_table_beside_it_the_same(sighting: Install, folder: Path, tmp_path: Path) -> None:
     sighting(12, hidden={7})
     run(folder, tmp_path / "log.jsonl")
-    entries = read_track(tmp_path / "log.jsonl")
+    entries = read_track_log(tmp_path / "log.jsonl")
     rows = [line.split(",") for line in (tmp_path / "log.csv").read_text().splitlines()]
     assert tuple(rows[0]) == COLUMNS
     for entry, row, pose in zip(entries, rows[1:], truth(12), strict=True):

@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 from cadcam.locate.track.frames import Frame
-from cadcam.locate.track.tracker import TrackedFrame, track
+from cadcam.locate.track.tracker import TrackedFrame, track_part
 
 from .scene import block, largest_miss, off, photo_of, pose_of
 
@@ -56,7 +56,7 @@ def film() -> Film:
         covered(photo, 0.9 if k in HIDDEN else 0.5) if k in {*PARTLY, *HIDDEN} else photo
         for k, photo in enumerate(photos)
     ]
-    return Film(poses, list(track(block(), [Frame.of(k, photo) for k, photo in enumerate(shown)])))
+    return Film(poses, list(track_part(block(), [Frame.of(k, photo) for k, photo in enumerate(shown)])))
 
 
 def test_the_part_is_found_in_every_frame_that_shows_it_and_in_no_other() -> None:

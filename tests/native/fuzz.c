@@ -195,7 +195,7 @@ static void edges(void) {
     }
     const int n_free = 1 + upto(5);
     for (int i = 0; i < n_free; i++) freedom[i * n_free + i] = 1;
-    const cc_views v = {.eyes = eyes, .places = places, .first = first, .count = count,
+    const cc_pose_edges v = {.eyes = eyes, .places = places, .first = first, .count = count,
                         .n_eyes = n_eyes, .n_poses = n_poses};
     for (int e = 0; e < n_eyes; e++) {
         const cc_field *f = &eyes[e].field;

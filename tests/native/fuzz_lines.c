@@ -223,7 +223,7 @@ static void seen(void) {
         if (i && upto(1)) memcpy(ends + 6 * i, ends + 6 * i - 3, 24); /* head to tail */
     }
     for (int i = 0; i < planes; i++) front[i] = (uint8_t)upto(1);
-    const cc_sight sight = {depth, normal, 1 / 30.f, 1 / 30.f, 1e-3f, 0.1f, width, height};
+    const cc_depth_view sight = {depth, normal, 1 / 30.f, 1 / 30.f, 1e-3f, 0.1f, width, height};
     cc_seen(&sight, n, p, q, out);
     for (int i = 0; i < n; i++)
         if (out[i] > 1) exit(fprintf(stderr, "seen is %d\n", out[i]));

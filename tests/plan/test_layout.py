@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cadcam.plan.choice.problem import MEASURED, Score
-from cadcam.plan.layout import CandidateSurvey, next_views, plan_layout, survey
+from cadcam.plan.layout import CandidateSurvey, next_cameras, plan_layout, survey
 
 from .scenes import ring, scene
 
@@ -57,7 +57,7 @@ def test_a_role_is_what_is_lost_without_the_camera(seen: CandidateSurvey) -> Non
 
 def test_the_next_view_is_one_more_camera(seen: CandidateSurvey) -> None:
     layout = plan_layout(seen, 2)
-    (best, score), *others = next_views(seen, layout.chosen)
+    (best, score), *others = next_cameras(seen, layout.chosen)
     assert best.name not in {camera.name for camera in layout.cameras}
     assert len(others) == 8 - 2 - 1
     assert score.value == same(seen.problem.score((*layout.chosen, seen.candidates.index(best))))

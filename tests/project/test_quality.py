@@ -47,7 +47,7 @@ def test_tool_is_content(command: tuple[str, ...]) -> None:
         ("plan/coverage.py", "import matplotlib", "plotting stays in report"),
         ("plan/coverage.py", "import distributed", "Dask stays in dataset"),
         ("locate/part.py", "import sqlalchemy", "the database stays in record"),
-        ("locate/lines/sight.py", "from cadcam.locate.quality import quality", "so do those within locate"),
+        ("locate/lines/sight.py", "from cadcam.locate.quality import support", "so do those within locate"),
         ("calibrate/points/flat.py", "from cadcam.calibrate.joint import nested", "so do those within calibrate"),
         ("cli/wires.py", "from cadcam.cli.verbs import overlay", "so do those within cli"),
         ("cli/verbs/lens.py", "from cadcam.cli.verbs import compare", "verbs do not lean on each other"),

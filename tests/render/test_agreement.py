@@ -15,9 +15,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye
 from cadcam.errors import MissingCore, MissingExtra, MissingOpenGL
@@ -70,7 +70,7 @@ def scene(request: pytest.FixtureRequest, shared: Callable[[str], Path]) -> Scen
     if request.param in PARTS:
         return scene_of(PARTS[request.param]())
     pytest.importorskip("cascadio", reason="STEP needs the extra step")
-    return scene_of(load(shared(f"data/cad_nist_ctc/{request.param}.stp")))
+    return scene_of(read_model(shared(f"data/cad_nist_ctc/{request.param}.stp")))
 
 
 @pytest.fixture(scope="module")

@@ -18,7 +18,7 @@ from cadcam.native import core
 from cadcam.render import RENDERERS, open_renderer
 from cadcam.render.cutout import Cutout
 from cadcam.render.lines.visible import visible_wireframe
-from cadcam.render.looks import LOOKS, named_look, repainted
+from cadcam.render.looks import LOOKS, named_look, repaint
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.ray import RayRenderer
 from cadcam.render.standard_view import standard_view
@@ -96,7 +96,7 @@ def test_an_unknown_look_or_part_is_named_with_the_nearest() -> None:
     with pytest.raises(UnknownName, match="inspection"):
         named_look("inspect")
     with pytest.raises(UnknownName, match="unknown part 'nut'"):
-        repainted(BRACKET, [("nut", (1, 0, 0))])
+        repaint(BRACKET, [("nut", (1, 0, 0))])
 
 
 def test_parts_are_repainted_by_name_and_pattern_the_last_one_winning() -> None:
@@ -105,7 +105,7 @@ def test_parts_are_repainted_by_name_and_pattern_the_last_one_winning() -> None:
     mesh = Mesh.single(p, np.arange(12).reshape(4, 3))
     mesh = replace(mesh, part=np.arange(4), part_names=names, part_colors=np.full((4, 3), 0.25))
     red, blue = (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
-    scene = repainted(Scene.of(mesh), [("bolt*", red), ("bolt 2", blue), ("rib[1]", blue)])
+    scene = repaint(Scene.of(mesh), [("bolt*", red), ("bolt 2", blue), ("rib[1]", blue)])
     assert scene.colors.tolist() == [[*red], [*blue], [0.25] * 3, [*blue]]
     assert np.all(Scene.of(mesh).colors == 0.25)
 
@@ -116,7 +116,7 @@ def test_faces_show_their_own_colour_and_a_repainted_part_only_its_own(name: str
     red = np.arange(mesh.n_faces)[:, None] % 2 == 0
     scene = Scene.of(replace(mesh, face_colors=np.where(red, np.float32([1, 0, 0]), np.float32(np.nan))))
     shown = []
-    for painted in (scene, repainted(scene, [("*", (0.0, 0.5, 0.0))])):
+    for painted in (scene, repaint(scene, [("*", (0.0, 0.5, 0.0))])):
         try:
             shown.append(open_renderer(painted, name).render(CAMERA, POSE, look=named_look("flat")))
         except (MissingCore, MissingExtra, MissingOpenGL) as error:

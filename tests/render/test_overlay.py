@@ -19,11 +19,11 @@ from cadcam.render.lines.wireframe import LineOptions, Wireframe
 from cadcam.render.overlay import (
     KIND_COLORS,
     LineStyle,
-    added,
-    blended,
+    add_pictures,
+    blend_pictures,
     edge_distances,
-    over_edges,
     overlay,
+    overlay_on_edges,
     side_by_side,
     write_overlay_svg,
 )
@@ -66,7 +66,7 @@ def test_lines_have_the_colour_of_their_kind_or_part() -> None:
 @pytest.mark.parametrize(("shape", "remedy"), [((120, 161), "resize"), ((160, 120), "turned by 90 degrees")])
 def test_a_photo_of_another_size_is_refused_with_a_remedy(shape: tuple[int, int], remedy: str) -> None:
     photo = np.zeros(shape, np.float32)
-    for job in (lambda: overlay(photo, card_wireframe()), lambda: blended(photo, card_view())):
+    for job in (lambda: overlay(photo, card_wireframe()), lambda: blend_pictures(photo, card_view())):
         with pytest.raises(SizeMismatch, match=remedy):
             job()
 
@@ -79,35 +79,35 @@ def test_a_photo_in_bytes_is_drawn_on_as_it_is() -> None:
 
 def test_blending_leaves_the_background_and_mixes_the_model() -> None:
     view = card_view()
-    picture = blended(GRAY, view, opacity=0.25)
+    picture = blend_pictures(GRAY, view, opacity=0.25)
     inside, outside = view.coverage == 1, view.coverage == 0
     assert inside.any()
     assert outside.any()
     assert np.array_equal(picture[outside], np.full((outside.sum(), 3), 0.5, np.float32))
     assert np.abs(picture[inside] - (0.75 * 0.5 + 0.25 * view.image[inside])).max() < 1e-6
-    assert np.array_equal(blended(GRAY, view, opacity=0.0)[inside], np.full((inside.sum(), 3), 0.5, np.float32))
+    assert np.array_equal(blend_pictures(GRAY, view, opacity=0.0)[inside], np.full((inside.sum(), 3), 0.5, np.float32))
 
 
 def test_the_background_colour_of_the_view_does_not_reach_the_blend() -> None:
     white, black = (card_view(Look(background=(v, v, v), supersampling=3)) for v in (1.0, 0.0))
-    assert np.abs(blended(GRAY, white) - blended(GRAY, black)).max() < 1e-6
-    assert np.abs(added(GRAY, white) - added(GRAY, black)).max() < 0.02  # ranks of nearly equal values
+    assert np.abs(blend_pictures(GRAY, white) - blend_pictures(GRAY, black)).max() < 1e-6
+    assert np.abs(add_pictures(GRAY, white) - add_pictures(GRAY, black)).max() < 0.02  # ranks of nearly equal values
 
 
 def test_the_added_picture_has_a_flat_histogram(rng: np.random.Generator) -> None:
     photo = rng.random((120, 160)).astype(np.float32) ** 3
-    levels = np.histogram(added(photo, card_view()), bins=8, range=(0, 1))[0]
+    levels = np.histogram(add_pictures(photo, card_view()), bins=8, range=(0, 1))[0]
     assert levels.min() > 0.8 * photo.size / 8
 
 
 def test_canny_edges_are_white_under_the_wireframe() -> None:
     photo = np.zeros((120, 160), np.float32)
     photo[:, 20:] = 1.0  # an edge away from the card
-    picture = over_edges(photo, card_wireframe(), style=LineStyle(color_by="one", color=(1.0, 0.0, 0.0)))
+    picture = overlay_on_edges(photo, card_wireframe(), style=LineStyle(color_by="one", color=(1.0, 0.0, 0.0)))
     assert (picture[10:110, 19:21].max(axis=1) == 1.0).all()
     x, y = np.rint(CAMERA.project(POSE @ np.array([-80.0, 0.0, 0.0]))).astype(int)
     assert picture[y, x, 0] > picture[y, x, 1] + 0.3
-    assert over_edges(GRAY, card_wireframe())[y, x].max() < 0.2  # black lines as in the thesis, unless asked
+    assert overlay_on_edges(GRAY, card_wireframe())[y, x].max() < 0.2  # black lines as in the thesis, unless asked
 
 
 def test_side_by_side_keeps_both_pictures_apart() -> None:

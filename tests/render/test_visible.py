@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from cadcam.cad.edges import EdgeKind, feature_edges
-from cadcam.cad.load import load
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shipblock import ship_block
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye
 from cadcam.errors import BadValue, NothingInView
@@ -88,7 +88,7 @@ def test_step_parts_agree_with_the_double_precision_judge(
     number: int, shared: Callable[[str], Path], rng: np.random.Generator
 ) -> None:
     pytest.importorskip("cascadio")
-    mesh = load(shared(f"data/cad_nist_ctc/nist_ctc_0{number}_asme1_ap242.stp"))
+    mesh = read_model(shared(f"data/cad_nist_ctc/nist_ctc_0{number}_asme1_ap242.stp"))
     scene, centre, diagonal = Scene.of(mesh), mesh.bounds.mean(axis=0), np.linalg.norm(mesh.size_mm)
     pose = Rigid.look_at(centre + diagonal * np.array([0.9, -1.1, 0.8]), centre)
     for size in ((640, 480), (1920, 1440)):

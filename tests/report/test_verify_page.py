@@ -26,7 +26,7 @@ from cadcam.report.verify.json import Origin, verification_as_json
 from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import to_do
-from cadcam.verify.judge import Verification, direction_words, verify
+from cadcam.verify.judge import Verification, direction_words, verify_part
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Verdict
 
@@ -50,7 +50,7 @@ def at(pose: Rigid, quality: float) -> Location:
 @pytest.fixture(scope="module")
 def found() -> tuple[Verification, Photo]:
     taken = photo(displaced("rib 1", np.array([0.0, 1.5, 0.0])), np.random.default_rng(3))
-    return verify(part(), [taken], at(Rigid(), 1.0), ASKED), taken
+    return verify_part(part(), [taken], at(Rigid(), 1.0), ASKED), taken
 
 
 def test_the_serial_says_that_it_is_one(found: tuple[Verification, Photo]) -> None:
@@ -104,7 +104,7 @@ def test_the_page_says_first_what_to_do(found: tuple[Verification, Photo]) -> No
     assert to_do(found[0])[0] == ("Put back into place, or have it decided whether it can stay", ["rib <1>"])
     small = Limit(Quantity.POSITION, 0.06)
     strict = Tolerances((*ASKED.features, Feature("bracket", Selection("bracket"), (small,))))
-    again = verify(part(), [found[1]], at(Rigid(), 1.0), strict)
+    again = verify_part(part(), [found[1]], at(Rigid(), 1.0), strict)
     undecided = [j for j in again.judgements if j.verdict is Verdict.UNDECIDED]
     assert undecided
     said = {name: what for what, names in to_do(again) for name in names}
@@ -154,7 +154,7 @@ def test_the_json_says_the_same_and_is_a_record(found: tuple[Verification, Photo
 
 
 def test_a_part_that_was_not_found_gets_no_verdict(found: tuple[Verification, Photo]) -> None:
-    lost = verify(part(), [found[1]], at(Rigid(), 0.1), ASKED)
+    lost = verify_part(part(), [found[1]], at(Rigid(), 0.1), ASKED)
     assert lost.verdict is Verdict.NOT_FOUND
     assert {j.verdict for j in lost.judgements} == {Verdict.NOT_FOUND}
     assert "as the test says" in verification_page(lost, [found[1]], ORIGIN)

@@ -11,7 +11,7 @@ from cadcam.errors import BadValue, UnreadableFile, UnwritableFile
 from cadcam.record.store import open_store
 from cadcam.station.document import read_plate, read_station, read_stations, write_plate, write_station
 from cadcam.station.log import append_log, log_entries, read_log, records
-from cadcam.station.measure import measure
+from cadcam.station.measure import measure_marks
 from cadcam.station.plate import Plate
 from cadcam.station.simulate import day, sight
 from cadcam.station.survey import read_drawing, read_survey, write_drawing, write_survey
@@ -28,7 +28,7 @@ def test_a_station_measures_the_same_after_it_was_written_and_read(tmp_path, hal
     again = stations["6"].recalibrated(sight(hall, "known", "6", at, known, rng), known, sigma_mm=0.1)
     write_station(tmp_path / "s.json", again)
     back = {**stations, "6": read_station(tmp_path / "s.json")}
-    one, other = (measure({**stations, "6": s["6"]}, work.sightings) for s in ({"6": again}, back))
+    one, other = (measure_marks({**stations, "6": s["6"]}, work.sightings) for s in ({"6": again}, back))
     assert np.array_equal(one.points, other.points)
     assert other.joint_covariance() == pytest.approx(one.joint_covariance(), rel=1e-6, abs=1e-9)
 
@@ -115,7 +115,7 @@ def test_what_is_wrong_in_a_survey_is_named(tmp_path, text, says):
 def test_entries_that_the_disk_does_not_hold_leave_the_log_as_it_was(tmp_path, stations, work):
     """A disk that takes a part of a write reports no error until the next one: half a line would spoil the log."""
     resource = pytest.importorskip("resource")
-    log, entries = tmp_path / "log.jsonl", log_entries(measure(stations, work.sightings), work.sightings)
+    log, entries = tmp_path / "log.jsonl", log_entries(measure_marks(stations, work.sightings), work.sightings)
     append_log(log, entries[:1])
     before = log.read_bytes()
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
@@ -131,7 +131,7 @@ def test_entries_that_the_disk_does_not_hold_leave_the_log_as_it_was(tmp_path, s
 
 
 def test_a_log_grows_and_is_never_rewritten(tmp_path, stations, work):
-    entries = log_entries(measure(stations, work.sightings), work.sightings, block="B1")
+    entries = log_entries(measure_marks(stations, work.sightings), work.sightings, block="B1")
     append_log(tmp_path / "log.jsonl", entries[:1])
     before = (tmp_path / "log.jsonl").read_bytes()
     append_log(tmp_path / "log.jsonl", entries[1:])
@@ -144,7 +144,7 @@ def test_a_log_grows_and_is_never_rewritten(tmp_path, stations, work):
 
 
 def test_records_keep_the_place_with_its_covariance_and_the_deviation_from_the_drawing(tmp_path, stations, work):
-    found = measure(stations, work.sightings)
+    found = measure_marks(stations, work.sightings)
     kept = records(found, work.sightings, drawn={"mark01": work.points[0]}, serial="B1")
     with open_store(tmp_path / "parts.sqlite") as store:
         store.add(*kept)

@@ -7,14 +7,14 @@ import pytest
 
 from cadcam.errors import BadValue, TooFewPoints, UnknownName
 from cadcam.station.drawing import check_distances, independent, trend
-from cadcam.station.measure import measure
+from cadcam.station.measure import measure_marks
 from cadcam.station.plate import turn
 from cadcam.station.simulate import day
 
 
 def test_a_turned_block_shows_its_angle_and_no_difference(hall, stations, rng):
     work = day(hall, rng, marks=3)
-    found = measure(stations, work.sightings)
+    found = measure_marks(stations, work.sightings)
     drawn = {n: p[:2] @ turn(0.01) + [100, 200] for n, p in zip(found.names, found.points, strict=True)}
     for check in check_distances(found, drawn):
         assert check.difference == pytest.approx(0, abs=1e-6)
@@ -23,7 +23,7 @@ def test_a_turned_block_shows_its_angle_and_no_difference(hall, stations, rng):
 
 
 def test_marks_that_are_not_drawn_are_named(hall, stations, rng):
-    found = measure(stations, day(hall, rng, marks=2).sightings)
+    found = measure_marks(stations, day(hall, rng, marks=2).sightings)
     with pytest.raises(UnknownName, match="mark of the drawing 'B'"):
         check_distances(found, {"mark01": [0, 0]}, [("mark01", "B")])
     with pytest.raises(TooFewPoints):
@@ -34,7 +34,7 @@ def test_marks_that_are_not_drawn_are_named(hall, stations, rng):
 
 def test_only_distances_without_a_common_mark_are_taken_together(hall, stations, rng):
     work = day(hall, rng, marks=6)
-    found = measure(stations, work.sightings)
+    found = measure_marks(stations, work.sightings)
     apart = independent(check_distances(found, dict(zip(found.names, work.points, strict=True))))
     assert len(apart) == 3
     assert len({name for c in apart for name in (c.one, c.other)}) == 6

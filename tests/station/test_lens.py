@@ -13,7 +13,7 @@ from cadcam.station.gantry import calibrate_gantry
 from cadcam.station.hall import Visit, make_hall
 from cadcam.station.hall_picture import hall_picture
 from cadcam.station.marks import MarkLook, find_plate
-from cadcam.station.measure import measure
+from cadcam.station.measure import measure_marks
 from cadcam.station.plane import calibrate_position, refuse_misfit
 from cadcam.station.plate import place_plate
 from cadcam.station.simulate import calibrate_robot, day
@@ -35,7 +35,7 @@ def test_errors_are_those_of_the_covariance_through_a_lens():
         hall = bent_hall(rng, deflection_mm=1e-6)
         station = calibrate_robot(hall, "6", rng, columns=2, rows=2).station
         work = day(hall, rng, marks=1)
-        found = measure(station, work.sightings)
+        found = measure_marks(station, work.sightings)
         z.append((found.points[:, :2] - work.points) / found.sigma[:, :2])
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=0.45)
 

@@ -10,7 +10,7 @@ from cadcam.station.budget import LASER, VISION, Budget, budget_of
 from cadcam.station.gantry import Repeatability, Sighting, calibrate_gantry
 from cadcam.station.hall import Visit, make_hall
 from cadcam.station.interpolation import RULES
-from cadcam.station.measure import estimates, measure, repeatability
+from cadcam.station.measure import estimates, measure_marks, repeatability
 from cadcam.station.simulate import calibrate_robot, day, distances, sight
 
 
@@ -30,7 +30,7 @@ def test_errors_are_those_of_the_covariance_in_a_stiff_hall(rule):
         again = Repeatability.stated(hall.repeatability_mm, hall.repeatability_mm)
         station = calibrate_gantry("6", one.positions, repeatability=again)
         work = day(hall, rng, marks=1)
-        found = measure(station, work.sightings, rule=rule)
+        found = measure_marks(station, work.sightings, rule=rule)
         z.append((found.points[:, :2] - work.points) / found.sigma[:, :2])
     assert np.sqrt(np.mean(np.square(z))) == pytest.approx(1, abs=0.45)
 
@@ -39,7 +39,7 @@ def test_distances_know_what_two_marks_have_in_common(hall, stations, rng):
     at = stations["6"].grid[7]
     p = hall.view_centre("6", at)
     seen = [sight(hall, name, "6", at, p + off, rng) for name, off in (("A", [0, 0]), ("B", [60, 0]))]
-    found = measure(stations["6"], seen)
+    found = measure_marks(stations["6"], seen)
     alone = np.hypot(*found.sigma[:, 0])
     assert found.distance("A", "B").sigma < 0.9 * alone
 
@@ -53,14 +53,16 @@ def test_a_day_s_distances_are_within_what_is_stated(hall, stations, rng):
 
 def test_the_smooth_rule_is_the_best_of_all(hall, stations, rng):
     work = day(hall, rng, marks=30)
-    off = {r: np.mean((measure(stations, work.sightings, rule=r).points[:, :2] - work.points) ** 2) for r in RULES}
+    off = {
+        r: np.mean((measure_marks(stations, work.sightings, rule=r).points[:, :2] - work.points) ** 2) for r in RULES
+    }
     assert off["smooth"] <= 1.1 * min(off.values())
     assert off["bilinear"] < off["nearest"]
 
 
 def test_the_budget_adds_up_to_the_covariance(hall, stations, rng):
     work = day(hall, rng, marks=2)
-    found = measure(stations, work.sightings)
+    found = measure_marks(stations, work.sightings)
     budget = budget_of(found, "mark01")
     assert budget.total**2 == pytest.approx(np.linalg.eigvalsh(found.covariance[0][:2, :2])[-1])
     assert set(budget.contributions) == {
@@ -91,13 +93,13 @@ def test_one_known_mark_takes_a_bumped_camera_s_offset_off_everywhere(hall, stat
 
     first, second = station.grid[7], station.grid[6]
     known, mark = hall.view_centre("6", first), hall.view_centre("6", second)
-    off = measure(station, [seen("A", second, mark)]).points[0, :2] - mark
+    off = measure_marks(station, [seen("A", second, mark)]).points[0, :2] - mark
     assert off == pytest.approx([-9, 6], abs=1.0)
     again = station.recalibrated(seen("known", first, known), known, sigma_mm=0.1)
-    after = measure(again, [seen("A", second, mark)])
+    after = measure_marks(again, [seen("A", second, mark)])
     assert (np.abs(after.points[0, :2] - mark) < 4 * after.sigma[0, :2]).all()
     assert np.abs(after.points[0, :2] - mark).max() < 1.0
-    itself = measure(again, [seen("known", first, known)])
+    itself = measure_marks(again, [seen("known", first, known)])
     assert itself.points[0, :2] == pytest.approx(known, abs=1e-6)
 
 
@@ -119,21 +121,21 @@ def test_each_calibration_s_estimate_is_told_as_program_bilinear_did(hall, stati
     seen = sight(hall, "A", "6", at, hall.view_centre("6", at), rng)
     found = estimates(stations["6"], seen, rule="linear")
     total = sum(e.weight * e.point for e in found)
-    assert total == pytest.approx(measure(stations["6"], [seen], rule="linear").points[0, :2])
+    assert total == pytest.approx(measure_marks(stations["6"], [seen], rule="linear").points[0, :2])
 
 
 def test_what_cannot_be_measured_is_refused(hall, stations, rng):
     seen = sight(hall, "A", "6", stations["6"].grid[0], hall.view_centre("6", stations["6"].grid[0]), rng)
     with pytest.raises(UnknownName, match=r"camera \(it has no calibration\): '6'"):
-        measure(stations["12"], [seen])
+        measure_marks(stations["12"], [seen])
     outside = Sighting.of("A", "6", [20_000.0, 20_000.0], seen.q, sigma_px=0.1)
     for rule in RULES:
         with pytest.raises(BadValue, match="extrapolation has to be asked for"):
-            measure(stations["6"], [outside], rule=rule)
-        far = measure(stations["6"], [outside], rule=rule, extrapolate=True)
+            measure_marks(stations["6"], [outside], rule=rule)
+        far = measure_marks(stations["6"], [outside], rule=rule, extrapolate=True)
         assert far.sigma[0, 0] > 1.0
     with pytest.raises(TooFewPoints):
-        measure(stations, [])
+        measure_marks(stations, [])
     with pytest.raises(BadValue, match="sigma_px"):
         Sighting.of("A", "6", [0, 0], [0, 0], sigma_px=0.0)
     with pytest.raises(BadValue, match="which is re-calibrated"):
@@ -152,7 +154,7 @@ def test_one_position_alone_measures_nearby(hall, stations, rng):
     station = calibrate_gantry("6", stations["6"].positions[:1])
     at = station.grid[0]
     seen = sight(hall, "A", "6", at, hall.view_centre("6", at), rng)
-    assert measure(station, [seen]).points[0, :2] == pytest.approx(hall.view_centre("6", at), abs=1.5)
+    assert measure_marks(station, [seen]).points[0, :2] == pytest.approx(hall.view_centre("6", at), abs=1.5)
 
 
 def test_a_day_without_a_short_distance_and_a_hall_of_nothing_are_refused(hall, stations, rng):

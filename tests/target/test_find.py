@@ -198,7 +198,7 @@ def test_the_dissertation_s_bench_is_calibrated_from_pictures_of_its_targets() -
     Chi-square of the 11 parameters by their covariance: below its 95 % quantile 19.7. The first calibration takes the
     centres of the ellipses, the second those that the first camera gives.
     """
-    from cadcam.calibrate.points.camera import calibrate
+    from cadcam.calibrate.points.camera import calibrate_camera
 
     truth = ExtendedPinhole.from_vector(BENCH_CAMERA)
     camera, view = truth.camera((768, 576)), truth.camera_from_world
@@ -219,7 +219,7 @@ def test_the_dissertation_s_bench_is_calibrated_from_pictures_of_its_targets() -
             found = find_marks(picture, mark, radius_px=(8.0, 18.0), count=8, camera=known, normal=normal)
             q, expected = np.array([one.pixel for one in found]), camera.project(view @ places)
             seen.append(q[np.linalg.norm(q - expected[:, None], axis=2).argmin(axis=1)])
-        estimate = calibrate(Observations(np.concatenate(points), np.concatenate(seen)), (768, 576))
+        estimate = calibrate_camera(Observations(np.concatenate(points), np.concatenate(seen)), (768, 576))
     assert estimate is not None
     assert estimate.rms_px < 0.03
     error = estimate.values - np.array(BENCH_CAMERA)

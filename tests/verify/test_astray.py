@@ -10,9 +10,9 @@ import pytest
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
-from cadcam.verify.bodies.findings import Case, elsewhere_by, looked, sure
+from cadcam.verify.bodies.findings import Case, elsewhere_by, findings_of, sure
 from cadcam.verify.bodies.redrawn import redrawn
-from cadcam.verify.deviations.astray import Doubt, Group, _possible, broken_edges
+from cadcam.verify.deviations.astray import Doubt, EdgeGroup, _possible, broken_edges
 from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.ground import uneven_edges
 from cadcam.verify.deviations.measured import Displacement
@@ -84,33 +84,33 @@ def test_doubt_adds_what_edges_astray_explain() -> None:
     """Of two of three edges: p + sum c_e p_e + c_f sum c_e p_ef, f being the one that matters more."""
     tried = np.array([0.1, 0.4, 0.0]), np.array([0.7, 0.0, 0.5])
     chance = np.array([0.01, 0.02, 0.05])
-    doubt = Doubt(tuple(Group((e,)) for e in range(3)), 3, tried)
+    doubt = Doubt(tuple(EdgeGroup((e,)) for e in range(3)), 3, tried)
     expected = 1e-6 + (0.01 * 0.1 + 0.02 * 0.4) + 0.02 * (0.01 * 0.7 + 0.05 * 0.5)
     assert doubt.p_value(1e-6, chance) == pytest.approx(expected)
     assert doubt.p_value(1e-6, np.zeros(3)) == 1e-6
     assert doubt.p_value(0.5, np.full(3, 1.0)) == 1.0
     assert doubt.astray == 0  # two of three are off: it is rather displaced
-    assert Doubt(tuple(Group((e,)) for e in range(4)), 4, tried[:1]).astray == 1
-    others = Doubt(tuple(Group((e,)) for e in range(4)), 1, tried[:1])
+    assert Doubt(tuple(EdgeGroup((e,)) for e in range(4)), 4, tried[:1]).astray == 1
+    others = Doubt(tuple(EdgeGroup((e,)) for e in range(4)), 1, tried[:1])
     assert others.astray == 0  # the one that matters is not its own
 
 
 def test_edges_are_led_far_astray_more_rarely_and_oftenest_beside_uneven_ground() -> None:
     uneven = {1: True, 2: False}
-    near = [Group((e,), 0.1).chance(0.02, uneven) for e in (1, 2, 3)]
+    near = [EdgeGroup((e,), 0.1).chance(0.02, uneven) for e in (1, 2, 3)]
     assert near[0] > near[1] == near[2] > 0
-    assert Group((1, 2), 0.1).chance(0.02, uneven) == near[0]
-    far = [Group((2,), off).chance(0.02, uneven) for off in (0.4, 0.8, 1.0, 3.0)]
+    assert EdgeGroup((1, 2), 0.1).chance(0.02, uneven) == near[0]
+    far = [EdgeGroup((2,), off).chance(0.02, uneven) for off in (0.4, 0.8, 1.0, 3.0)]
     assert near[1] > far[0] == pytest.approx(4 * far[1])
     assert far[1] > far[2] == far[3]  # that far off it is rather another line, wherever that is
 
 
 def test_edges_that_show_in_part_are_astray_the_more_often_and_farther() -> None:
     for uneven in ({}, {1: True}):
-        near, far = ([Group((1, 2), off).chance(0.02, uneven, those) for those in ((), {2})] for off in (0.4, 0.8))
+        near, far = ([EdgeGroup((1, 2), off).chance(0.02, uneven, those) for those in ((), {2})] for off in (0.4, 0.8))
         assert 0 < near[0] < near[1]
         assert far[1] / far[0] > near[1] / near[0]
-    assert Group((1,), 0.4).chance(1.0, {1: True}, {1}) <= 1.0
+    assert EdgeGroup((1,), 0.4).chance(1.0, {1: True}, {1}) <= 1.0
 
 
 def test_an_edge_that_is_hidden_along_much_of_it_is_broken(rng: np.random.Generator) -> None:
@@ -135,7 +135,7 @@ def test_drawn_elsewhere_a_body_is_beyond_doubt_only_where_its_pixels_say_so(rng
     for shot, there in ((photo(displaced("block", by[body]), rng), True), (with_shadows(rng), False)):
         asked = whole_parts(part().scene)
         case = Case(part(), [shot], Rigid(), asked, np.eye(6), 8.0, 0.01)
-        look = looked(case, drawn, surveyed(drawn, [shot], Rigid(), asked, reach_px=8.0, by=by))
+        look = findings_of(case, drawn, surveyed(drawn, [shot], Rigid(), asked, reach_px=8.0, by=by))
         assert (elsewhere_by(case, look, body) > sure(look.presence, 0.01)) is there
 
 

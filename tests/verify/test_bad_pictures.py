@@ -16,8 +16,8 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refinement import refine
-from cadcam.verify.judge import Verification, verify
+from cadcam.locate.refine.refinement import refine_pose
+from cadcam.verify.judge import Verification, verify_part
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Verdict
 
@@ -30,7 +30,7 @@ ASKED = Tolerances((Feature("rib", Selection("rib 1"), LIMITS), Feature("block",
 def verified(gray: Picture, *, camera: Camera = CAMERA, pose: Rigid = POSE, of: Part | None = None) -> Verification:
     """Return the verification of a picture, the part being looked for where the plate stood."""
     of, photo = of or part(), Photo.of(gray, camera, pose)
-    return verify(of, [photo], refine(of, [photo], Rigid()), ASKED)
+    return verify_part(of, [photo], refine_pose(of, [photo], Rigid()), ASKED)
 
 
 def other_parts() -> Mesh:

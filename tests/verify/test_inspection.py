@@ -12,9 +12,9 @@ import pytest
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.refine.refinement import refine_pose
 from cadcam.verify.adjustment.datum_fit import Estimate
-from cadcam.verify.bodies.findings import looked
+from cadcam.verify.bodies.findings import findings_of
 from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.measured import Displacement
 from cadcam.verify.edges.presence import Presence
@@ -46,12 +46,12 @@ def test_a_datum_that_would_carry_the_part_away_does_not_hold_it(
     """Of a small part half hidden few edges are seen: fitted to them it moved by 133 px, and out of view."""
 
     def carried(*args: object) -> SimpleNamespace:
-        look = looked(*args)
+        look = findings_of(*args)
         pose = look.measured.adjustment.pose()
         told = replace(pose, xi=pose.xi + np.array([20.0, 0, 0, 0, 0, 0]))
         return SimpleNamespace(measured=SimpleNamespace(adjustment=SimpleNamespace(pose=lambda: told)))
 
-    monkeypatch.setattr("cadcam.verify.inspection.looked", carried)
+    monkeypatch.setattr("cadcam.verify.inspection.findings_of", carried)
     seen = inspect(part(), [photo(plate(), rng)], off(rng))
     assert not seen.found
     assert re.search(r"do not hold the part: fitted to them it would move by \d\d px", seen.reason)
@@ -116,7 +116,7 @@ def test_the_body_that_is_displaced_is_the_one_that_is_named(rng: np.random.Gene
     other = Rigid.look_at((-620.0, -520.0, 500.0), (10.0, 0.0, 10.0))
     mesh = displaced(name, by)
     shots = [photo(mesh, rng), photo(mesh, rng, other, name="second")][:photos]
-    seen = inspect(part(), shots, refine(part(), shots, off(rng)).pose.world_from_part)
+    seen = inspect(part(), shots, refine_pose(part(), shots, off(rng)).pose.world_from_part)
     assert set(flagged(seen)) <= {name}
     found = seen.feature(name)
     assert found.displacement is not None

@@ -19,9 +19,9 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look
 from cadcam.verify.deviations.deviation import State
 from cadcam.verify.edges.limbs import limb_errors
-from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import sightlines
-from cadcam.verify.edges.surroundings import surroundings
+from cadcam.verify.edges.surroundings import edge_surroundings
 from cadcam.verify.inspection import Inspection, inspect
 
 from .scene import CAMERA, NOISE, POSE
@@ -78,7 +78,9 @@ def test_a_displaced_roller_is_found_all_the_same(rng: np.random.Generator) -> N
 def test_a_limb_seen_outside_of_its_place_tells_and_one_seen_inside_does_not() -> None:
     """Two limbs of a roller, seen 2 px to the same side: one moved away from it, one into it."""
     lines, sights = sightlines(stand(), [Photo.of(np.zeros((360, 480), np.float32), CAMERA, POSE)], Rigid())
-    beside = surroundings([s.photo for s in sights], [Shown.of(stand(), s.photo, POSE) for s in sights], lines)
+    beside = edge_surroundings(
+        [s.photo for s in sights], [ShownFaces.of(stand(), s.photo, POSE) for s in sights], lines
+    )
     limbs = (lines.kind == EdgeKind.CONTOUR) & (lines.part == stand().scene.mesh.part_names.index("roller"))
     down = lines.normal[:, 1]  # of the picture
     errors = limb_errors(lines, beside, np.where(limbs, 2.0 * np.sign(down), np.nan))

@@ -7,8 +7,8 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateGeometry
-from cadcam.verify.adjustment.datum_fit import Adjustment, FittedPose
 from cadcam.verify.adjustment.alarms import either, false_discoveries_below, surely_below, tail_probability
+from cadcam.verify.adjustment.datum_fit import Adjustment, FittedPose
 from cadcam.verify.adjustment.scatter import EdgeNoise, common_error, improbability, white_scale
 
 EDGES, PLACES, SIGMA = 24, 30, 0.15

@@ -21,9 +21,9 @@ from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.bodies.tones import Tones, _Pixels
 from cadcam.verify.deviations.deviation import State
 from cadcam.verify.edges.association import nearby_edges, strays
-from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import STEP_PX, sightlines
-from cadcam.verify.edges.surroundings import surroundings
+from cadcam.verify.edges.surroundings import edge_surroundings
 from cadcam.verify.edges.survey import surveyed
 from cadcam.verify.inspection import inspect
 from cadcam.verify.tolerances.tolerance import whole_parts
@@ -33,8 +33,8 @@ from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
 SMALL = [name for name in plate().part_names if name != "plate"]
 
 
-def shown_in(shot: Photo) -> Shown:
-    return Shown.of(part(), shot, shot.viewpoint.camera_from_world)
+def shown_in(shot: Photo) -> ShownFaces:
+    return ShownFaces.of(part(), shot, shot.viewpoint.camera_from_world)
 
 
 def tones_of(shot: Photo) -> Tones:
@@ -55,7 +55,7 @@ def test_a_round_body_has_its_tones_though_each_of_its_strips_is_narrow(rng: np.
     whole = Part.of(merge([plate(), pin]))
     for mesh, there in ((whole.scene.mesh, 1.0), (plate(), -1.0)):
         shot = photo(mesh, rng)
-        tones = Tones(whole, [shot], Rigid(), [Shown.of(whole, shot, shot.viewpoint.camera_from_world)])
+        tones = Tones(whole, [shot], Rigid(), [ShownFaces.of(whole, shot, shot.viewpoint.camera_from_world)])
         assert there * tones.log_ratio(5) > 6.5
         state = inspect(whole, [shot], Rigid()).feature("pin").state
         assert state is (State.IN_PLACE if there > 0 else State.MISSING)
@@ -97,7 +97,7 @@ def test_the_light_knows_to_which_side_an_edge_is_brighter(rng: np.random.Genera
     """Where it says so, the photo's own sides agree: noise alone would turn none of steps this large."""
     shot = photo(plate(), rng)
     lines, _ = sightlines(part(), [shot], Rigid())
-    way = surroundings([shot], [shown_in(shot)], lines).way
+    way = edge_surroundings([shot], [shown_in(shot)], lines).way
     told = (way != 0) & (lines.room > 5.0)
     assert told.sum() > 30
     sides = [np.rint(lines.q[told] + t * lines.normal[told]).astype(int) for t in (-3.0, 3.0)]
@@ -109,7 +109,7 @@ def test_edges_that_step_the_other_way_are_not_taken(rng: np.random.Generator) -
     shot = photo(plate(), rng)
     lines, _ = sightlines(part(), [shot], Rigid())
     sights = [Sight.of(part(), shot, Rigid(), step_px=STEP_PX, reach_px=14.0, noise=noise_of(shot.gray))]
-    way = surroundings([shot], [shown_in(shot)], lines).way
+    way = edge_surroundings([shot], [shown_in(shot)], lines).way
     right = nearby_edges(lines, sights, reach_px=1.5, way=way)
     wrong = nearby_edges(lines, sights, reach_px=1.5, way=-way)
     told = (way != 0) & (lines.room > 5.0)

@@ -46,7 +46,7 @@ def add_estimate_options(parser: argparse.ArgumentParser, *, required: bool = Tr
 
 def estimate_as_asked(arguments: argparse.Namespace, observations: Observations) -> CameraEstimate:
     """Return the estimate by the options of `add_estimate_options`."""
-    from cadcam.calibrate.points.camera import calibrate, locate_camera
+    from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 
     if arguments.internals:
         kept = "none: all internals are kept"
@@ -57,7 +57,7 @@ def estimate_as_asked(arguments: argparse.Namespace, observations: Observations)
     lens, free_lens = lens_as_asked(arguments)
     picture = size_as_asked(arguments)
     check_in_picture(observations, picture)
-    return calibrate(
+    return calibrate_camera(
         observations,
         picture,
         fixed=fixed_as_asked(arguments),

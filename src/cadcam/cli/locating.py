@@ -188,22 +188,22 @@ def located(
     part: Part, shots: Shots, start: Rigid | None, freedom: Freedom, views: ViewRange | None = None
 ) -> Location:
     """Return where the part is: from the start, else from where the camera's file has its world, else searched for."""
-    from cadcam.locate.in_photos import locate
+    from cadcam.locate.in_photos import locate_part
     from cadcam.locate.views.view_range import WHOLE_SPHERE
 
     views = WHOLE_SPHERE if views is None else views
     if start is not None:
         with working("looking for the part"):
-            return locate(part, shots.photos, start, freedom=freedom)
+            return locate_part(part, shots.photos, start, freedom=freedom)
     if shots.camera_from_world is not None:
         try:
-            location = locate(part, shots.photos, shots.camera_from_world, freedom=freedom)
+            location = locate_part(part, shots.photos, shots.camera_from_world, freedom=freedom)
         except NothingInView:  # the file's world is something else
             location = None
         if location is not None and location.found:
             return location
     with prepared(part, shots.photos, views), working("looking for the part"):
-        return locate(part, shots.photos, views=views, freedom=freedom)
+        return locate_part(part, shots.photos, views=views, freedom=freedom)
 
 
 def overlaid(

@@ -82,24 +82,24 @@ def look_of(arguments: argparse.Namespace) -> Look:
 
 def scene_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
     """Return the scene in the colours asked for, with its edges where they are drawn: looking for them takes time."""
-    from cadcam.render.looks import repainted
+    from cadcam.render.looks import repaint
 
     scene = scene_of(arguments, mesh) if draws_lines(arguments) else scene_without_edges(mesh)
-    return repainted(scene, arguments.part_color or ())
+    return repaint(scene, arguments.part_color or ())
 
 
 class Dress:
     """What is put around and on the shaded model, and how it becomes a file."""
 
     def __init__(self, arguments: argparse.Namespace, scene: Scene) -> None:
-        from cadcam.files.sensor import sensor_named
+        from cadcam.files.sensor import named_sensor
         from cadcam.render.lines.visible import LineDrawer
 
         self._arguments = arguments
         usual = WALL if is_photograph(arguments) else "white"
         self._background = None if arguments.transparent else background(arguments.background or usual)
         self._drawer = LineDrawer(scene) if arguments.edges else None
-        self._sensor = None if arguments.sensor is None else sensor_named(arguments.sensor)
+        self._sensor = None if arguments.sensor is None else named_sensor(arguments.sensor)
 
     def write(self, path: str, view: View) -> dict[str, Any]:
         """Write the picture; return how many pixels saw the model."""

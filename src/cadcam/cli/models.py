@@ -11,8 +11,8 @@ from cadcam.cli.output import say, working
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
-    from cadcam.cad.load import LoadReport
     from cadcam.cad.mesh import Mesh
+    from cadcam.cad.read import LoadReport
 
 
 def add_model_options(parser: argparse.ArgumentParser) -> None:
@@ -28,7 +28,7 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
 
 def check_order(photos: Sequence[str], model: str, *, frames: bool = False) -> None:
     """Refuse a photo and a model that have changed places; frames: photos may be folders, patterns and videos."""
-    from cadcam.cad.load import SUFFIXES
+    from cadcam.cad.read import SUFFIXES
 
     what, expected = ("frames", "a folder, pattern or video") if frames else ("photo", "a picture")
     if not model.lower().endswith(SUFFIXES):
@@ -41,9 +41,11 @@ def check_order(photos: Sequence[str], model: str, *, frames: bool = False) -> N
 def load_as_asked(arguments: argparse.Namespace) -> tuple[Mesh, LoadReport]:
     """Return the mesh in mm and the report of loading it, which is also printed to stderr unless JSON was asked for."""
     with working(f"loading {arguments.model}"):
-        from cadcam.cad.load import load_with_report
+        from cadcam.cad.read import read_model_with_report
 
-        mesh, report = load_with_report(arguments.model, unit=arguments.unit, chordal_tolerance_mm=arguments.tolerance)
+        mesh, report = read_model_with_report(
+            arguments.model, unit=arguments.unit, chordal_tolerance_mm=arguments.tolerance
+        )
     if not arguments.json:
         for line in report.lines():
             say(line)

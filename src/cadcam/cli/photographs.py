@@ -74,7 +74,7 @@ class Photographs:
     """Photographs of a scene, dressed with background and sensor; an `Output` of `render`."""
 
     def __init__(self, scene: Scene, arguments: argparse.Namespace, dress: Dress) -> None:
-        from cadcam.files.sensor import sensor_named
+        from cadcam.files.sensor import named_sensor
         from cadcam.image.sensor.sensor import Sensor
         from cadcam.render.light import named_light
         from cadcam.render.photograph import Photographer
@@ -82,7 +82,7 @@ class Photographs:
         self._photographer = Photographer(scene, renderer=arguments.renderer, threads=arguments.threads)
         self._light = named_light(arguments.light or "hall")
         self._samples = _SAMPLES if arguments.samples is None else arguments.samples
-        self._sensor = Sensor() if arguments.sensor is None else sensor_named(arguments.sensor)
+        self._sensor = Sensor() if arguments.sensor is None else named_sensor(arguments.sensor)
         self._arguments, self._dress = arguments, dress
 
     @property

@@ -34,7 +34,7 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.cad.load import load
+from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.dataset.key_points import read_key_points
 from cadcam.dataset.plan import BOX, CYLINDER, NOISE, PLAIN, DatasetPlan, Lights, Occluders, Span
@@ -42,7 +42,7 @@ from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.files.camera import read_camera
 from cadcam.files.jsontext import Place
 from cadcam.files.poses import read_poses
-from cadcam.files.sensor import sensor_named
+from cadcam.files.sensor import named_sensor
 from cadcam.files.text import read_text
 from cadcam.files.yamltext import parsed_yaml
 from cadcam.image.suffixes import READABLE
@@ -126,7 +126,7 @@ class _Given:
             lights=Lights(**{key: self.span(key, getattr(Lights(), key)) for key in ("head", "distant", "ambient")}),
             backgrounds=self._backgrounds(),
             occluders=self._occluders(),
-            sensor=None if sensor is None else sensor_named(sensor),
+            sensor=None if sensor is None else named_sensor(sensor),
             samples=self.whole("samples", 2),
             gray=self._flag("gray"),
             key_points=places,
@@ -180,7 +180,7 @@ class _Given:
             (int(low), int(high)),
             tuple(word for word in words if word in (BOX, CYLINDER)),
             self.span("occluder_size", (0.1, 0.3)),
-            tuple(map(partial(load, unit=None), files)),
+            tuple(map(partial(read_model, unit=None), files)),
         )
 
 

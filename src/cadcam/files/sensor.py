@@ -36,7 +36,7 @@ def read_sensor(path: str | os.PathLike[str]) -> Sensor:
     return Sensor(name=name, **effects)
 
 
-def sensor_named(name: str) -> Sensor:
+def named_sensor(name: str) -> Sensor:
     """Return the preset of this name, or else the sensor in the file of this name."""
     if name in PRESETS:
         return PRESETS[name]

@@ -66,7 +66,7 @@ class Difference:
         return {name: float(value) for name, value in {"centre": middle, **corners}.items()}
 
 
-def compare(a: Camera, b: Camera, *, rotate: bool = False) -> Difference:
+def compare_cameras(a: Camera, b: Camera, *, rotate: bool = False) -> Difference:
     """Return the difference field of two cameras over a's picture; with `rotate` after the best rotation.
 
     The rotation minimises the sum of squared pixel distances over the picture. Raises `SizeMismatch` for pictures of

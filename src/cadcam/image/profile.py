@@ -240,7 +240,7 @@ def parabola(x: Array, y: Array, best: int) -> float:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
+class StepCandidates:
     """Slopes along the normals of N samples, the strongest first; nan where there are no more.
 
     offset (N, K) px along the normal; slope (N, K) brightness a px, smoothed by 1 px.
@@ -250,7 +250,7 @@ class Candidates:
     slope: Array
 
 
-def candidates(
+def step_candidates(
     gray: Picture,
     q: Array,
     normal: Array,
@@ -261,7 +261,7 @@ def candidates(
     most: int = 4,
     spread: float = 0.0,
     clear: float = 4.0,
-) -> Candidates:
+) -> StepCandidates:
     """Return where brightness steps along the normals within `reach` px, clearly above the noise.
 
     spread: by which Gaussian (sd, px) the picture was smoothed; noise: of a pixel before that. clear: how many standard
@@ -271,7 +271,7 @@ def candidates(
     offset, slope = profiles.candidates(
         gray, q, normal, half_length=half_length, reach=reach, least=max(clear * of_slope, 0.002), most=most
     )
-    return Candidates(offset, slope)
+    return StepCandidates(offset, slope)
 
 
 def slope_noise(noise: float, half_length: float, spread: float = 0.0) -> float:

@@ -44,7 +44,7 @@ _LOOKED_AT = 5_000  # pixels of a photo that tell whether anything can be seen i
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # contrast below which a photo is empty; share of pixels at black or white
 
 
-def locate(
+def locate_part(
     part: Part,
     photos: Sequence[Photo],
     start: Rigid | None = None,
@@ -83,7 +83,7 @@ def _located(
     freedom: Freedom,
     options: EdgeOptions,
 ) -> Location:
-    """Return what `locate` finds in the photos as given, from hypotheses around a start or all over the photos."""
+    """Return what `locate_part` finds in the photos as given, from hypotheses around a start or all over the photos."""
     most = _TRIED[start is None]
     if not hypotheses:
         hypotheses = [Hypothesis(Rigid() if start is None else start, 0.0, 0.0, options.search_px)]

@@ -61,7 +61,7 @@ static void best_of(uint16_t *sums, int32_t wide, int32_t high, int32_t stride, 
     }
 }
 
-void VARIANT(climb_slide)(const cc_views *v, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
+void VARIANT(climb_slide)(const cc_pose_edges *v, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
                           int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch,
                           int32_t *shift, float *score) {
     const cc_eye *e = &v->eyes[eye];
@@ -247,7 +247,7 @@ static void axes_at(const rigid *c, const float *p, double *F) {
         }
 }
 
-static void step(const cc_views *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n) {
+static void step(const cc_pose_edges *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n) {
     equations q = {0};
     double x[6], xi[6] = {0}, axes[36];
     for (int32_t e = 0; e < v->n_eyes; e++) {
@@ -280,7 +280,8 @@ static double best_at(const cc_eye *e, const rigid *c, const cc_place *place, co
 }
 
 /* The certainty under all places of a pose, its mean and variance anywhere, and the weight in the picture. */
-static void judge(const cc_views *v, int64_t k, int32_t eye, const double *pose, const kernel *kernel, double *score) {
+static void judge(const cc_pose_edges *v, int64_t k, int32_t eye, const double *pose, const kernel *kernel,
+                  double *score) {
     const cc_eye *e = &v->eyes[eye];
     const rigid c = seen_by(e, pose);
     const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
@@ -304,7 +305,7 @@ static double all_lines(const double *gain, int32_t lines, const cc_belief *beli
     return sum + log(product);
 }
 
-void VARIANT(climb_evidence)(const cc_views *v, int32_t eye, const double *poses, double blur, const int32_t *line,
+void VARIANT(climb_evidence)(const cc_pose_edges *v, int32_t eye, const double *poses, double blur, const int32_t *line,
                              const double *share, const cc_belief *belief, double *scratch, double *out) {
     const cc_eye *e = &v->eyes[eye];
     const kernel kernel = kernel_of(blur);
@@ -323,8 +324,8 @@ void VARIANT(climb_evidence)(const cc_views *v, int32_t eye, const double *poses
     }
 }
 
-void VARIANT(climb_poses)(const cc_views *v, double *poses, const double *freedom, int32_t n_free, const double *blur,
-                          int32_t steps, double *scores) {
+void VARIANT(climb_poses)(const cc_pose_edges *v, double *poses, const double *freedom, int32_t n_free,
+                          const double *blur, int32_t steps, double *scores) {
     for (int32_t i = 0; i < steps; i++) {
         const kernel now = kernel_of(blur[i]);
         for (int64_t k = 0; k < v->n_poses; k++) step(v, k, poses + 12 * k, &now, freedom, n_free);

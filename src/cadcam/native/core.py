@@ -155,7 +155,7 @@ class Worker(Handle):
         super().__init__(library().cc_worker_new(), "cc_worker_free", "a thread's scratch")
 
 
-class Frame(Handle):
+class RasterFrame(Handle):
     """One picture under way: `look`, from any number of threads; when all are back `work`, each with its own worker."""
 
     def __init__(self, scene: NativeScene, request: Request) -> None:
@@ -180,7 +180,7 @@ class Workers:
         self._idle: list[Worker] = []
         self._lock = threading.Lock()
 
-    def run(self, frame: Frame) -> None:
+    def run(self, frame: RasterFrame) -> None:
         """Work on a frame with an idle worker."""
         with self._lock:
             worker = self._idle.pop() if self._idle else Worker()

@@ -41,7 +41,7 @@ typedef struct {
     const int32_t *count; /* (poses, eyes) */
     int32_t n_eyes;
     int64_t n_poses;
-} cc_views;
+} cc_pose_edges;
 
 /* Means over boxes of k x k pixels: out (height / k, width / k), what is over at the right and below is left out.
  * `stride` pixels lie between the beginnings of the rows. */
@@ -65,7 +65,7 @@ CC_API void cc_halve(const uint8_t *in, int32_t width, int32_t height, uint8_t *
  * (centre_x, centre_y). Writes the `keep` best of each pose, no two closer than `apart`: shift (2,) and score, the
  * sum above the mean in standard deviations of places put down anywhere. Scratch of
  * (2 reach_x + 16) (2 reach_y + 1) numbers. Fewer than `keep`: score -inf. */
-CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
+CC_API void cc_slide(const cc_pose_edges *edges, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
                      int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
                      float *score);
 
@@ -76,7 +76,7 @@ CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, in
 #define CC_MARGIN 48
 #define CC_SPARE 3
 #define CC_SWEPT 51
-CC_API void cc_sweep(const cc_views *views, int32_t eye, const double *poses, int32_t keep, int32_t apart,
+CC_API void cc_sweep(const cc_pose_edges *edges, int32_t eye, const double *poses, int32_t keep, int32_t apart,
                      uint8_t *scratch, int32_t *shift, float *score);
 
 /* Move each pose (in place) uphill: `steps` steps of Gauss-Newton towards the lines within 2.5 blur[step] px along the
@@ -84,8 +84,8 @@ CC_API void cc_sweep(const cc_views *views, int32_t eye, const double *poses, in
  * pose @ exp(xi). blur (steps + 1,): the last is that of the judgement. Writes for each pose and eye 4 numbers: sum of
  * weight times certainty in [0, 1] (the best under a Gaussian along the normal), its mean and variance anywhere, sum of
  * weights in the picture. */
-CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom, int32_t n_free, const double *blur,
-                     int32_t steps, double *scores);
+CC_API void cc_climb(const cc_pose_edges *edges, double *poses, const double *freedom, int32_t n_free,
+                     const double *blur, int32_t steps, double *scores);
 
 /* What a place says for a pose: nats times the certainty there less `even`; and of all places of a line at most `most`.
  * A line is seen with probability `seen`, in [0, 1). */
@@ -93,9 +93,9 @@ typedef struct { double even, nats, most, seen; } cc_belief;
 
 /* How much more likely the lines of each pose make the picture of one eye, in nats: the sum over them of
  * ln(1 - seen + seen exp(what their places say)). At a place the best certainty under a Gaussian of `blur` px along the
- * normal counts, in [0, 1]; outside the picture none. line: of each of the views' places, a number from 0;
+ * normal counts, in [0, 1]; outside the picture none. line: of each of the places of `edges`, a number from 0;
  * share (n_poses,): what part of `nats` a place of that pose is worth. Scratch of as many numbers as lines. */
-CC_API void cc_evidence(const cc_views *views, int32_t eye, const double *poses, double blur, const int32_t *line,
+CC_API void cc_evidence(const cc_pose_edges *edges, int32_t eye, const double *poses, double blur, const int32_t *line,
                         const double *share, const cc_belief *belief, double *scratch, double *out);
 
 /* Which of n poses are kept, best first, as numbers: none of whose corners (n, 4, 3) is farther than `apart` from those

@@ -25,25 +25,25 @@ CC_API void cc_halve(const uint8_t *in, int32_t width, int32_t height, uint8_t *
     IN_USE(field_halve)(in, width, height, planes, mean, variance);
 }
 
-CC_API void cc_slide(const cc_views *views, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
+CC_API void cc_slide(const cc_pose_edges *edges, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
                      int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
                      float *score) {
-    IN_USE(climb_slide)(views, eye, poses, centre_x, centre_y, reach_x, reach_y, keep, apart, scratch, shift, score);
+    IN_USE(climb_slide)(edges, eye, poses, centre_x, centre_y, reach_x, reach_y, keep, apart, scratch, shift, score);
 }
 
-CC_API void cc_sweep(const cc_views *views, int32_t eye, const double *poses, int32_t keep, int32_t apart,
+CC_API void cc_sweep(const cc_pose_edges *edges, int32_t eye, const double *poses, int32_t keep, int32_t apart,
                      uint8_t *scratch, int32_t *shift, float *score) {
-    IN_USE(sweep_field)(views, eye, poses, keep, apart, scratch, shift, score);
+    IN_USE(sweep_field)(edges, eye, poses, keep, apart, scratch, shift, score);
 }
 
-CC_API void cc_climb(const cc_views *views, double *poses, const double *freedom, int32_t n_free, const double *blur,
-                     int32_t steps, double *scores) {
-    IN_USE(climb_poses)(views, poses, freedom, n_free, blur, steps, scores);
+CC_API void cc_climb(const cc_pose_edges *edges, double *poses, const double *freedom, int32_t n_free,
+                     const double *blur, int32_t steps, double *scores) {
+    IN_USE(climb_poses)(edges, poses, freedom, n_free, blur, steps, scores);
 }
 
-CC_API void cc_evidence(const cc_views *views, int32_t eye, const double *poses, double blur, const int32_t *line,
+CC_API void cc_evidence(const cc_pose_edges *edges, int32_t eye, const double *poses, double blur, const int32_t *line,
                         const double *share, const cc_belief *belief, double *scratch, double *out) {
-    IN_USE(climb_evidence)(views, eye, poses, blur, line, share, belief, scratch, out);
+    IN_USE(climb_evidence)(edges, eye, poses, blur, line, share, belief, scratch, out);
 }
 
 CC_API void cc_straighten(const float *in, int32_t width, int32_t height, const float *nodes, int32_t step,

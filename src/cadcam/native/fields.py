@@ -45,7 +45,7 @@ class _Eye(c.Structure):
     )
 
 
-class _Views(c.Structure):
+class _PoseEdges(c.Structure):
     _fields_ = (
         *((name, c.c_void_p) for name in ("eyes", "places", "first", "count")),
         ("n_eyes", c.c_int32),
@@ -68,7 +68,7 @@ class _Belief(c.Structure):
 
 @cache
 def _core() -> c.CDLL:
-    at, i64, i32, views = c.c_void_p, c.c_int64, c.c_int32, c.POINTER(_Views)
+    at, i64, i32, edges = c.c_void_p, c.c_int64, c.c_int32, c.POINTER(_PoseEdges)
     return functions(
         "the search for parts",
         {
@@ -76,10 +76,10 @@ def _core() -> c.CDLL:
             "cc_straighten": (None, [at, i32, i32, at, *[i32] * 3, at, at]),
             "cc_directions": (None, [at, i32, i32, c.c_float, *[at] * 4]),
             "cc_halve": (None, [at, i32, i32, *[at] * 3]),
-            "cc_slide": (None, [views, i32, at, *[i32] * 6, *[at] * 3]),
-            "cc_sweep": (None, [views, i32, at, i32, i32, *[at] * 3]),
-            "cc_evidence": (None, [views, i32, at, c.c_double, at, at, c.POINTER(_Belief), at, at]),
-            "cc_climb": (None, [views, at, at, i32, at, i32, at]),
+            "cc_slide": (None, [edges, i32, at, *[i32] * 6, *[at] * 3]),
+            "cc_sweep": (None, [edges, i32, at, i32, i32, *[at] * 3]),
+            "cc_evidence": (None, [edges, i32, at, c.c_double, at, at, c.POINTER(_Belief), at, at]),
+            "cc_climb": (None, [edges, at, at, i32, at, i32, at]),
             "cc_firsts": (i64, [at, i64, i64, c.c_double, at, at]),
         },
     )
@@ -151,7 +151,7 @@ class Eye(NamedTuple):
     translation: Array
 
 
-class Views:
+class PoseEdges:
     """What is scored: for each of N poses and each eye a run of places (a structured array of PLACE).
 
     first, count (N, eyes): the runs.
@@ -163,9 +163,9 @@ class Views:
         self._places = np.ascontiguousarray(places, PLACE)
         self._kept = tuple(eyes)
 
-    def part(self, poses: slice) -> Views:
-        """Return the views of some of the poses."""
-        return Views(self._kept, self._places, self._first[poses], self._count[poses])
+    def part(self, poses: slice) -> PoseEdges:
+        """Return the edges of some of the poses."""
+        return PoseEdges(self._kept, self._places, self._first[poses], self._count[poses])
 
     def slide(
         self, eye: int, poses: Array, *, centre: tuple[int, int], reach: tuple[int, int], keep: int, apart: int
@@ -232,7 +232,7 @@ class Views:
     def _given(self, n: int) -> object:
         eyes = c.cast(self._eyes, c.c_void_p)
         runs = addresses(self._places, self._first, self._count)
-        return c.byref(_Views(eyes, *runs, len(self._kept), n))
+        return c.byref(_PoseEdges(eyes, *runs, len(self._kept), n))
 
 
 def _eye(eye: Eye) -> _Eye:

@@ -14,7 +14,7 @@ static f4 size_of_each(f4 v) { return (f4)((i4)v & INT32_MAX); }
 /* Whether the point of inverse depth w on the ray (u, v, 1), seen at pixel (x, y), has nothing in front at one of the
  * four pixel centres around it. The plane of the face seen there meets the ray at its own depth times 1 - slope,
  * slope = along/across: multiplied out, and all four at once. */
-static int shows(const cc_sight *s, float u, float v, float w, float x, float y) {
+static int shows(const cc_depth_view *s, float u, float v, float w, float x, float y) {
     const float right = (float)s->width - 0.5f, bottom = (float)s->height - 0.5f;
     if (!(x >= -0.5f && x <= right && y >= -0.5f && y <= bottom && w > 0)) return 0;
     const int32_t left = (int32_t)(x + 1) - 1, top = (int32_t)(y + 1) - 1; /* floor, of what is above -1 */
@@ -35,7 +35,7 @@ static int shows(const cc_sight *s, float u, float v, float w, float x, float y)
     return (open[0] | open[1] | open[2] | open[3]) != 0;
 }
 
-void cc_seen(const cc_sight *s, int64_t n, const double *p, const double *q, uint8_t *out) {
+void cc_seen(const cc_depth_view *s, int64_t n, const double *p, const double *q, uint8_t *out) {
     for (int64_t i = 0; i < n; i++) {
         const double w = 1 / p[3 * i + 2], u = p[3 * i] * w, v = p[3 * i + 1] * w;
         out[i] = (uint8_t)shows(s, (float)u, (float)v, (float)w, (float)q[2 * i], (float)q[2 * i + 1]);
@@ -110,7 +110,7 @@ typedef struct {
     int goes_on; /* where the edge before it ended */
 } line;
 
-static void look_at(const cc_sight *s, const cc_eye_point *eye, corner *c) {
+static void look_at(const cc_depth_view *s, const cc_eye_point *eye, corner *c) {
     const double *K = eye->K, *p = c->p;
     c->w = 1 / p[2];
     c->u[0] = p[0] * c->w, c->u[1] = p[1] * c->w;
@@ -119,7 +119,7 @@ static void look_at(const cc_sight *s, const cc_eye_point *eye, corner *c) {
     c->in_view = p[2] >= eye->near && x >= 0 && x <= s->width && y >= 0 && y <= s->height;
 }
 
-static void carry(const cc_sight *s, const cc_eye_point *eye, const double world[3], corner *c) {
+static void carry(const cc_depth_view *s, const cc_eye_point *eye, const double world[3], corner *c) {
     for (int i = 0; i < 3; i++) {
         const double *row = eye->pose + 4 * i;
         c->p[i] = row[0] * world[0] + row[1] * world[1] + row[2] * world[2] + row[3];
@@ -128,7 +128,7 @@ static void carry(const cc_sight *s, const cc_eye_point *eye, const double world
 }
 
 /* How far a point lies inside each border of what the camera sees, in numbers linear in the point: pixels times z. */
-static void borders(const cc_sight *s, const cc_eye_point *eye, const double p[3], double inside[5]) {
+static void borders(const cc_depth_view *s, const cc_eye_point *eye, const double p[3], double inside[5]) {
     const double *K = eye->K;
     const double x = K[0] * p[0] + K[1] * p[1] + (K[2] + 0.5) * p[2], y = K[4] * p[1] + (K[5] + 0.5) * p[2];
     inside[0] = x, inside[1] = s->width * p[2] - x;
@@ -137,7 +137,7 @@ static void borders(const cc_sight *s, const cc_eye_point *eye, const double p[3
 }
 
 /* Find what of the line is in view; 0 if nothing is. */
-static int clip(const cc_sight *s, const cc_eye_point *eye, line *l) {
+static int clip(const cc_depth_view *s, const cc_eye_point *eye, line *l) {
     double one[5], other[5];
     l->t0 = 0, l->t1 = 1;
     if (l->a->in_view && l->b->in_view) return 1;
@@ -155,7 +155,7 @@ static int clip(const cc_sight *s, const cc_eye_point *eye, line *l) {
 }
 
 /* Cut a clipped line to what is left of it. */
-static void cut(const cc_sight *s, const cc_eye_point *eye, line *l) {
+static void cut(const cc_depth_view *s, const cc_eye_point *eye, line *l) {
     const double *a = l->a->p, *b = l->b->p;
     if (l->t0 == 0 && l->t1 == 1) return;
     for (int i = 0; i < 3; i++)
@@ -192,7 +192,7 @@ static void draw(pen *n, const line *l, double s0, double s1, double length) {
 }
 
 /* Draw the runs of seen samples, each in the middle of its share of the line. */
-static void walk_on(pen *n, const cc_sight *s, const line *l, double length, int32_t samples) {
+static void walk_on(pen *n, const cc_depth_view *s, const line *l, double length, int32_t samples) {
     const corner *a = l->a, *b = l->b;
     const double dx = b->q[0] - a->q[0], dy = b->q[1] - a->q[1], dw = b->w - a->w, share = 1.0 / samples;
     const double du = b->u[0] - a->u[0], dv = b->u[1] - a->u[1];
@@ -209,7 +209,7 @@ static void walk_on(pen *n, const cc_sight *s, const line *l, double length, int
 }
 
 /* Draw what is seen of a line. What goes on by less than a step since the last sample is taken for what that showed. */
-static void walk(pen *n, const cc_sight *s, const line *l, double step) {
+static void walk(pen *n, const cc_depth_view *s, const line *l, double step) {
     const double dx = l->b->q[0] - l->a->q[0], dy = l->b->q[1] - l->a->q[1], length = sqrt(dx * dx + dy * dy);
     const int near = l->goes_on && n->walked == l->number - 1 && n->back + length < step;
     if (!(length <= 2.0 * ((double)s->width + s->height))) return; /* no number */
@@ -236,7 +236,7 @@ static int32_t find_wanted(const cc_edges *edges, const uint8_t *front, int64_t 
     return n;
 }
 
-void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front,
+void cc_seen_edges(const cc_depth_view *view, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front,
                    double step, double shortest, double bend, cc_lines *lines) {
     enum { BLOCK = 1024 };
     pen n = {.to = lines, .shortest = shortest, .bend = bend, .arrived = -1, .walked = -1};
@@ -254,12 +254,12 @@ void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edge
             l.a = a, l.b = b, l.ends = edges->ends + 6 * i, l.number = i;
             l.goes_on = i && edges->chain[i] == edges->chain[i - 1];
             if (!last || last[0] != l.ends[0] || last[1] != l.ends[1] || last[2] != l.ends[2])
-                carry(sight, eye, l.ends, a);
-            carry(sight, eye, l.ends + 3, b);
+                carry(view, eye, l.ends, a);
+            carry(view, eye, l.ends + 3, b);
             last = l.ends + 3;
-            if (!clip(sight, eye, &l)) continue;
-            cut(sight, eye, &l);
-            walk(&n, sight, &l, step);
+            if (!clip(view, eye, &l)) continue;
+            cut(view, eye, &l);
+            walk(&n, view, &l, step);
         }
     }
     lift(&n);

@@ -16,11 +16,11 @@ typedef struct {
     const float *depth, *normal;
     float px, py, slack, steepest;
     int32_t width, height;
-} cc_sight;
+} cc_depth_view;
 
 /* Points p (n, 3) mm in the camera's axes and their pixels q (n, 2): out (n) is 1 for seen, 0 for hidden, behind the
  * camera or outside the picture. */
-CC_API void cc_seen(const cc_sight *sight, int64_t n, const double *p, const double *q, uint8_t *out);
+CC_API void cc_seen(const cc_depth_view *view, int64_t n, const double *p, const double *q, uint8_t *out);
 
 /* When an edge is drawn: whatever; if one of its faces looks at the camera; if just one does. */
 enum { CC_ALWAYS, CC_FACING, CC_TURNING };
@@ -51,7 +51,7 @@ typedef struct {
  * `bend` px of the straight line without them; lines shorter than `shortest` px are left out. front[i] says whether the
  * camera is in front of plane i. Sets lines->points and lines->lines; where one of them is more than the room, what is
  * written is not all: call again with more. */
-CC_API void cc_seen_edges(const cc_sight *sight, const cc_eye_point *eye, const cc_edges *edges, const uint8_t *front,
-                          double step, double shortest, double bend, cc_lines *lines);
+CC_API void cc_seen_edges(const cc_depth_view *view, const cc_eye_point *eye, const cc_edges *edges,
+                          const uint8_t *front, double step, double shortest, double bend, cc_lines *lines);
 
 #endif

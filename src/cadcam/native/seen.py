@@ -15,7 +15,7 @@ from cadcam.native.core import addresses, functions
 ALWAYS, FACING, TURNING = 0, 1, 2  # CC_ALWAYS ...: when an edge is drawn
 
 
-class _Sight(c.Structure):
+class _DepthView(c.Structure):
     _fields_ = (
         *((name, c.c_void_p) for name in ("depth", "normal")),
         *((name, c.c_float) for name in ("px", "py", "slack", "steepest")),
@@ -40,18 +40,18 @@ class _Lines(c.Structure):
 
 @cache
 def _core() -> c.CDLL:
-    sight, pointer, real = c.POINTER(_Sight), c.c_void_p, c.c_double
+    view, pointer, real = c.POINTER(_DepthView), c.c_void_p, c.c_double
     of_edges = [c.POINTER(_EyePoint), c.POINTER(_Edges), pointer, real, real, real, c.POINTER(_Lines)]
     return functions(
         "the removal of hidden lines",
         {
-            "cc_seen": (None, [sight, c.c_int64, pointer, pointer, pointer]),
-            "cc_seen_edges": (None, [sight, *of_edges]),
+            "cc_seen": (None, [view, c.c_int64, pointer, pointer, pointer]),
+            "cc_seen_edges": (None, [view, *of_edges]),
         },
     )
 
 
-class Sight:
+class DepthView:
     """What a view of depth (H, W) mm and unit normals (H, W, 3) hides; see seen.h.
 
     pixel: its width and height in the plane (x, y)/z.
@@ -62,7 +62,7 @@ class Sight:
     ) -> None:
         self._kept = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
         height, width = depth.shape
-        self.request = _Sight(*addresses(*self._kept), *pixel, slack, steepest, width, height)
+        self.request = _DepthView(*addresses(*self._kept), *pixel, slack, steepest, width, height)
 
     def points(self, p: Array, q: Array) -> Mask:
         """Return which points (n,) are seen: p (n, 3) mm in the camera frame, q (n, 2) px."""
@@ -101,24 +101,26 @@ class EdgesInSpace:
         self._edges = _Edges(*addresses(*self._kept), len(chain))
         self._room = 1024  # points; more once a view had more
 
-    def seen(self, sight: Sight, eye: EyePoint, front: Mask, *, step: float, shortest: float, bend: float) -> SeenLines:
+    def seen(
+        self, view: DepthView, eye: EyePoint, front: Mask, *, step: float, shortest: float, bend: float
+    ) -> SeenLines:
         """Return the stretches that a view shows; front: the planes that the camera is in front of; see seen.h."""
         while True:
             room = self._room
-            out, points, lines = self._written(sight, eye, front, room, (step, shortest, bend))
+            out, points, lines = self._written(view, eye, front, room, (step, shortest, bend))
             if points <= room >= lines:
                 start = np.append(out.start[:lines], np.int32(points))
                 return SeenLines(out.q[:points], out.p[:points], out.edge[:points], start)
             self._room = 2 * max(points, lines)
 
     def _written(
-        self, sight: Sight, eye: EyePoint, front: Mask, room: int, lengths: tuple[float, float, float]
+        self, view: DepthView, eye: EyePoint, front: Mask, room: int, lengths: tuple[float, float, float]
     ) -> tuple[SeenLines, int, int]:
         """Return what there is room for, and how many points and lines there are."""
         out = SeenLines(np.zeros((room, 2)), np.zeros((room, 3)), *np.zeros((2, room), np.int32))
         told = _Lines(*addresses(out.q, out.p, out.edge, out.start), room)
         place = _EyePoint((c.c_double * 12)(*eye.pose.ravel()), (c.c_double * 6)(*eye.K.ravel()), eye.near)
         front = np.ascontiguousarray(front, bool)
-        given = (c.byref(sight.request), c.byref(place), c.byref(self._edges), front.ctypes.data)
+        given = (c.byref(view.request), c.byref(place), c.byref(self._edges), front.ctypes.data)
         _core().cc_seen_edges(*given, *lengths, c.byref(told))
         return out, told.points, told.lines

@@ -77,7 +77,7 @@ static int32_t largest_beside(const swept *s, int32_t width, int32_t x, int32_t 
     return most;
 }
 
-void VARIANT(sweep_field)(const cc_views *v, int32_t eye, const double *poses, int32_t keep, int32_t apart,
+void VARIANT(sweep_field)(const cc_pose_edges *v, int32_t eye, const double *poses, int32_t keep, int32_t apart,
                           uint8_t *scratch, int32_t *shift, float *score) {
     const cc_eye *e = &v->eyes[eye];
     const cc_field *f = &e->field;

@@ -181,7 +181,7 @@ def plan_layout(
     )
 
 
-def next_views(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candidate, Score]]:
+def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candidate, Score]]:
     """Return the other candidates with the score that each would bring to the cameras `have`, the best first."""
     order = ranked(seen.problem, have, range(len(seen.candidates)))
     return [(seen.candidates[i], score) for i, score in order]

@@ -32,7 +32,7 @@ def named_look(name: str) -> Look:
     return LOOKS[name]
 
 
-def repainted(scene: Scene, chosen: Iterable[tuple[str, Color]]) -> Scene:
+def repaint(scene: Scene, chosen: Iterable[tuple[str, Color]]) -> Scene:
     """Return the scene with other colours for some parts: (name, RGB in [0, 1]) pairs, later ones over earlier ones.
 
     A name may be a pattern in the manner of file names (`bolt*`, `rib_[0-9]`); one that fits no part is `UnknownName`.

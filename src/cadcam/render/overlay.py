@@ -98,7 +98,7 @@ def write_overlay_svg(
     write_svg(path, wireframe.camera.size, list(_layers(wireframe, style)), photo=embedded, title=title)
 
 
-def blended(photo: npt.ArrayLike, view: View, *, opacity: float = 0.5) -> Picture:
+def blend_pictures(photo: npt.ArrayLike, view: View, *, opacity: float = 0.5) -> Picture:
     """Return the photo (H, W, 3) with the shaded model over it, the background left as it is."""
     if not 0 <= opacity <= 1:
         raise BadValue("opacity", opacity, "0 (nothing) to 1 (opaque)")
@@ -107,12 +107,12 @@ def blended(photo: npt.ArrayLike, view: View, *, opacity: float = 0.5) -> Pictur
     return np.asarray(picture * (1 - share) + np.float32(opacity) * model_alone(view), np.float32)
 
 
-def added(photo: npt.ArrayLike, view: View) -> Picture:
+def add_pictures(photo: npt.ArrayLike, view: View) -> Picture:
     """Return photo and shaded model (on black) added and histogram-equalised, (H, W): the thesis' Fig. 3-4."""
     return equalized((to_gray(fitting(photo, view.camera)) + to_gray(model_alone(view))) / 2)
 
 
-def over_edges(
+def overlay_on_edges(
     photo: npt.ArrayLike, wireframe: Wireframe, *, edges: EdgePoints | None = None, style: LineStyle | None = None
 ) -> Picture:
     """Return the photo's Canny edges in white on its dimmed self, the wireframe on top (H, W, 3): Fig. 3-16 and 3-17.

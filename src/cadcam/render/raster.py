@@ -23,7 +23,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
-from cadcam.native.core import LONGEST, Frame, NativeLens, NativeScene, Request, Workers
+from cadcam.native.core import LONGEST, NativeLens, NativeScene, RasterFrame, Request, Workers
 from cadcam.render.lens_tables import TABLE_BYTES, TABLES
 from cadcam.render.memory import Buffers, check_memory
 from cadcam.render.shade import unit
@@ -129,7 +129,7 @@ class RasterRenderer:
         return View(camera, pose, layers)
 
     def _draw(self, request: Request, threads: int) -> None:
-        frame = Frame(self._native, request)
+        frame = RasterFrame(self._native, request)
         self._together(frame.look, threads if self._scene.mesh.n_faces > _MANY else 1)
         self._together(lambda: self._workers.run(frame), threads)
 

@@ -36,7 +36,7 @@ class PointEstimate:
     weight: Array
 
 
-def measure(
+def measure_marks(
     stations: Mapping[str, GantryCalibration] | GantryCalibration,
     sightings: Sequence[Sighting],
     *,

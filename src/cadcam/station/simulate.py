@@ -20,7 +20,7 @@ from cadcam.station.hall import Hall, Visit
 from cadcam.station.hall_picture import write_hall_picture
 from cadcam.station.interpolation import Rule
 from cadcam.station.marks import MarkLook, find_plate
-from cadcam.station.measure import measure, repeatability
+from cadcam.station.measure import measure_marks, repeatability
 from cadcam.station.plane import calibrate_position
 from cadcam.station.plate import place_plate
 from cadcam.station.survey import write_drawing, write_survey
@@ -138,7 +138,7 @@ def distances(
 
     Raises `TooFewPoints` where all are longer.
     """
-    measured = measure(stations, work.sightings, rule=rule)
+    measured = measure_marks(stations, work.sightings, rule=rule)
     rows = []
     for i in range(0, len(work.points) - 1, 2):
         true = float(np.linalg.norm(work.points[i + 1] - work.points[i]))

@@ -15,13 +15,22 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
-from cadcam.verify.bodies.findings import DOUBTFUL, OF_DISPLACED, Case, Look, elsewhere_by, looked, looked_again, sure
+from cadcam.verify.bodies.findings import (
+    DOUBTFUL,
+    OF_DISPLACED,
+    Case,
+    Findings,
+    elsewhere_by,
+    findings_of,
+    findings_redrawn,
+    sure,
+)
 from cadcam.verify.bodies.redrawn import off_px
 from cadcam.verify.deviations.astray import Doubt, broken_edges, chances, side_by_side
 from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear
 from cadcam.verify.deviations.extra import unexplained
 from cadcam.verify.deviations.ground import uneven_edges
-from cadcam.verify.deviations.measured import DISAGREE, Displacement, Measured, told
+from cadcam.verify.deviations.measured import DISAGREE, Displacement, MeasuredEdges, of_known_size
 from cadcam.verify.deviations.unclear import why_doubtful, why_untold
 from cadcam.verify.edges.presence import Presence, in_place_ratio
 from cadcam.verify.edges.shifts import CAPTURE_PX
@@ -82,7 +91,7 @@ class Inspection:
     seen_share: float
     found: bool
     reason: str
-    measured: Measured | None
+    measured: MeasuredEdges | None
     survey: Survey
     passable: float = float("nan")  # log likelihood ratio from which a feature asked for passes as present
 
@@ -119,7 +128,7 @@ def inspect(
         if reason:
             return _not_found(survey, pose, F, reason)
         try:
-            look = looked(case, part, survey)
+            look = findings_of(case, part, survey)
         except DegenerateGeometry as error:
             return _not_found(survey, pose, F, str(error))
         xi = look.measured.adjustment.pose().xi
@@ -129,7 +138,7 @@ def inspect(
         if moved_px > options.reach_px:  # farther than edges were looked for: few of them, which tell too little
             return _not_found(survey, pose, F, _CARRIED.format(moved_px, options.reach_px))
         pose = pose @ Rigid.exp(xi)  # from there other lines are seen, and fewer of the photo's are taken for them
-    return _reported(case, looked_again(case, look), options)
+    return _reported(case, findings_redrawn(case, look), options)
 
 
 def _why_not(survey: Survey) -> str:
@@ -145,7 +154,7 @@ def _why_not(survey: Survey) -> str:
     return ""
 
 
-def _reported(case: Case, look: Look, options: InspectionOptions) -> Inspection:
+def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspection:
     part, photos = look.drawn, case.photos
     survey, presence, measured = look.survey, look.presence, look.measured
     names = survey.names
@@ -177,7 +186,7 @@ def _reported(case: Case, look: Look, options: InspectionOptions) -> Inspection:
     )
 
 
-def _doubted(case: Case, look: Look) -> tuple[Measured, list[Doubt], list[float]]:
+def _doubted(case: Case, look: Findings) -> tuple[MeasuredEdges, list[Doubt], list[float]]:
     """Return what is measured without edges astray of features that are in place, each one's doubt, and its p-value."""
     survey, measured = look.survey, look.measured
     moved = [measured.moved(i) for i in range(len(measured.members))]
@@ -193,7 +202,7 @@ def _doubted(case: Case, look: Look) -> tuple[Measured, list[Doubt], list[float]
     return replace(measured, members=tuple(members), found={}), doubts, p_values
 
 
-def _elsewhere(case: Case, look: Look, number: int, moved: Displacement | None) -> bool:
+def _elsewhere(case: Case, look: Findings, number: int, moved: Displacement | None) -> bool:
     """Return whether a feature was drawn, and then measured, farther off than edges are taken for its own, and surely.
 
     All pixels that it covers there or in its place then say so, as surely as an alarm has to be: not a few edges alone.
@@ -208,7 +217,7 @@ def _elsewhere(case: Case, look: Look, number: int, moved: Displacement | None) 
     return elsewhere_by(case, look, part) >= sure(look.presence, OF_DISPLACED * case.alarms / (1 - OF_DISPLACED))
 
 
-def _placed(survey: Survey, presence: Sequence[Presence], measured: Measured) -> list[Presence]:
+def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdges) -> list[Presence]:
     """Return the evidence that features are there, with that of where those edges lie that are seen."""
     out = []
     larger = np.unique(survey.lines.edge[survey.matched.growth != 0])
@@ -232,7 +241,7 @@ def _placed(survey: Survey, presence: Sequence[Presence], measured: Measured) ->
 def _features(
     survey: Survey,
     presence: Sequence[Presence],
-    measured: Measured,
+    measured: MeasuredEdges,
     doubts: Sequence[Doubt],
     p_values: Sequence[float],
     options: InspectionOptions,
@@ -281,8 +290,8 @@ def _believed(moved: Displacement | None) -> Displacement | None:
 
     It can where feet tell nothing of a body that sinks, and a bend of its one other edge seems to tell how far.
     """
-    if told(moved) is None or moved is None or moved.p_value <= AS_IN_PLACE:
-        return told(moved)
+    if of_known_size(moved) is None or moved is None or moved.p_value <= AS_IN_PLACE:
+        return of_known_size(moved)
     return None if _of_none(moved) < _CONTRADICTS else moved
 
 
@@ -306,7 +315,7 @@ def _feature(
     state: State,
     presence: Presence,
     moved: Displacement | None,
-    measured: Measured,
+    measured: MeasuredEdges,
     survey: Survey,
 ) -> FeatureDeviation:
     rows, every = measured.members[number], survey.rows(number)
@@ -332,7 +341,9 @@ def _feature(
     )
 
 
-def _edges(part: Part, survey: Survey, measured: Measured, options: InspectionOptions) -> tuple[EdgeDeviation, ...]:
+def _edges(
+    part: Part, survey: Survey, measured: MeasuredEdges, options: InspectionOptions
+) -> tuple[EdgeDeviation, ...]:
     out = [_edge(part, survey, measured, int(e)) for e in np.unique(survey.lines.edge[survey.usable])]
     from scipy.special import stdtr
 
@@ -343,7 +354,7 @@ def _edges(part: Part, survey: Survey, measured: Measured, options: InspectionOp
     return tuple(replace(e, off=bool(alarm)) for e, alarm in zip(out, alarms, strict=True))
 
 
-def _edge(part: Part, survey: Survey, measured: Measured, number: int) -> EdgeDeviation:
+def _edge(part: Part, survey: Survey, measured: MeasuredEdges, number: int) -> EdgeDeviation:
     lines = survey.lines
     every = (lines.edge == number) & survey.usable
     rows = measured.lines.edge == number

@@ -45,7 +45,7 @@ class Verification:
     located: Location
 
 
-def verify(
+def verify_part(
     part: Part,
     photos: Sequence[Photo],
     located: Location,

@@ -34,7 +34,7 @@ def read_gltf(path: Path, data: bytes) -> Model:
     light to sRGB; textures are passed over.
     Files that this package wrote with surfaces say so, and give them back.
     """
-    scene = Scene(path, data)
+    scene = GltfDocument(path, data)
     extras = scene.json["asset"].get("extras")  # anything at all
     brep = isinstance(extras, dict) and extras.get(SURFACES) == "primitives"
     return Model(collected(path, list(scene.shapes()), brep=brep), unit="m")
@@ -109,7 +109,7 @@ def _corner_normals(normals: Array, triangles: npt.NDArray[np.int64], turn: Arra
     return np.asarray((turned / np.where(length > 0, length, 1))[triangles])
 
 
-class Scene:
+class GltfDocument:
     """The JSON of a file and the bytes that it describes; every reference is checked before it is followed."""
 
     def __init__(self, path: Path, data: bytes) -> None:

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadcam.cad.formats.gltf import Scene, Shape, collected
+from cadcam.cad.formats.gltf import GltfDocument, Shape, collected
 from cadcam.cad.formats.model import Model
 from cadcam.cad.units import MM
 from cadcam.errors import BadValue, MissingExtra, UnreadableFile
@@ -125,7 +125,7 @@ sys.exit(0 if data else 3)
 
 
 def _model(path: Path, glb: bytes, unit: str) -> Model:
-    shapes, left_out = _without_loose(list(Scene(path, glb).shapes()))
+    shapes, left_out = _without_loose(list(GltfDocument(path, glb).shapes()))
     mesh = collected(path, shapes, brep=True)
     notes = (f"{left_out} loose surfaces beside solids left out",) if left_out else ()
     return Model(replace(mesh, vertices=mesh.vertices * (1e3 / MM[unit])), unit, True, notes)

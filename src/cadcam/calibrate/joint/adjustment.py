@@ -69,13 +69,13 @@ def calibrate_jointly(
     """Return the camera of `size` (width, height) px that saw the points of all views, and where it stood in each.
 
     Minimises the sum of squared pixel residuals (by their stated sigma_px) over shared internals and all poses, without
-    a guess. fixed: values of any of aspect, focal (px), skew (rad), U0, V0 (px); lens and free_lens as in `calibrate`.
-    bend: the field is a flat board in z = const, bowed by bend_x (1 - x'^2) + bend_y (1 - y'^2) mm along z, x' and y'
-    from -1 to 1 over the board; both are estimated. priors: {name: (value, sigma)} of free shared parameters.
-    control_sigma: the points' coordinates are known to this standard deviation only, mm, and are estimated too: one
-    number for all, or by name (others stay fixed); points of equal names are the same. priors and control_sigma need
-    sigma_px. loss: a robust one, its scale in units of sigma_px where that is stated. guess: a camera to start from,
-    which spares the search.
+    a guess. fixed: values of any of aspect, focal (px), skew (rad), U0, V0 (px); lens and free_lens as in
+    `calibrate_camera`. bend: the field is a flat board in z = const, bowed by bend_x (1 - x'^2) + bend_y (1 - y'^2) mm
+    along z, x' and y' from -1 to 1 over the board; both are estimated. priors: {name: (value, sigma)} of free shared
+    parameters. control_sigma: the points' coordinates are known to this standard deviation only, mm, and are estimated
+    too: one number for all, or by name (others stay fixed); points of equal names are the same. priors and
+    control_sigma need sigma_px. loss: a robust one, its scale in units of sigma_px where that is stated. guess: a
+    camera to start from, which spares the search.
 
     Raises `TooFewPoints`, `DegenerateGeometry` naming what the views do not determine together, `MirroredPoints`,
     `NotConverged`, `BadValue` and `UnknownName`.

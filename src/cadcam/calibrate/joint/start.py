@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array, Longs
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of, internals_by_name, internals_of
@@ -163,7 +163,7 @@ def _of_deep(
     failure: CadcamError | None = None
     for view in sorted(views, key=len, reverse=True)[:_DEEP]:
         try:
-            rows.append(internals_of(calibrate(view, size, fixed=fixed, lens=lens).camera.K))
+            rows.append(internals_of(calibrate_camera(view, size, fixed=fixed, lens=lens).camera.K))
         except MirroredPoints:
             raise
         except CadcamError as error:

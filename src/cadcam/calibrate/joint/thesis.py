@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.calibrate.points.camera import calibrate, locate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import ExtendedPinhole
@@ -43,9 +43,9 @@ def thesis_mixtures(
 
     Both positions are calibrated by the thesis' transform (C23 = 1); the first takes over the second's internals and
     gives C1' with externals refitted; C(alpha) = (1 - alpha) C1 + alpha C1' is split, and both positions' externals
-    are refitted to its internals. alpha = 0 is Table 2.21, alpha = 1 Table 2.22. Raises what `calibrate` raises.
+    are refitted to its internals. alpha = 0 is Table 2.21, alpha = 1 Table 2.22. Raises what `calibrate_camera` raises.
     """
-    own, others = (calibrate(v, size, method="dlt-c23") for v in (first, second))
+    own, others = (calibrate_camera(v, size, method="dlt-c23") for v in (first, second))
     C1 = own.extended_pinhole.matrix
     C1_with_others = locate_camera(first, others.camera).extended_pinhole.matrix
     found = []

@@ -1,4 +1,4 @@
-"""Points where the rays of several pixels meet, with first-order propagation: the arithmetic behind `measure`.
+"""Points where the rays of several pixels meet, with first-order propagation: the arithmetic behind `measure_points`.
 
 For one point let r be its pixels minus where its estimate is seen, J the derivative of these pixels by the point, D_s
 that by the numbers of an error source s (a calibration, a motion) with covariance C_s. The pixels then err with
@@ -99,7 +99,7 @@ class SharedView:
         p = nearest_to_all(self.rays)
         return p if self.surface is None else self.surface.plane.foot(p)
 
-    def seen(self, p: Array) -> Linearised:
+    def seen(self, p: Array) -> LinearisedRays:
         """Return what the viewpoints see of points (n, 3) near the measured ones."""
         n, rows, sources = len(p), len(self.noise), self.sources
         r, J = np.zeros((n, rows)), np.zeros((n, rows, 3))
@@ -115,7 +115,7 @@ class SharedView:
             by_source[index_of(sources, self.surface.source)][:, -1] = -1.0
         own = np.broadcast_to(np.diag(np.sqrt(self.noise)), (n, rows, rows))
         roots = [D @ source.root for source, D in zip(sources, by_source, strict=True)]
-        return Linearised(r, J, by_source, np.concatenate([own, *roots], axis=-1))
+        return LinearisedRays(r, J, by_source, np.concatenate([own, *roots], axis=-1))
 
     def residuals(self, p: Array) -> Array:
         """Return the residuals of `seen` (n, m) alone."""
@@ -133,7 +133,7 @@ class SharedView:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Linearised:
+class LinearisedRays:
     """At points (n, 3): residuals r (n, m), J (n, m, 3), by source (n, m, k), root B (n, m, ...) of S = B B^T.
 
     m = 2 V pixel coordinates, and the height (mm) over the plane where that is not exact.
@@ -165,7 +165,7 @@ class MeetingPoints:
     p: Array
     gain: Array
     chi2: Array
-    seen: Linearised
+    seen: LinearisedRays
 
 
 def solve(group: SharedView, *, by_rays: bool, refuse: Refuse) -> MeetingPoints:
@@ -284,7 +284,7 @@ def _basis(group: SharedView) -> Array:
     return np.eye(3) if group.surface is None else group.surface.basis
 
 
-def _gain_of_rays(group: SharedView, seen: Linearised) -> Array:
+def _gain_of_rays(group: SharedView, seen: LinearisedRays) -> Array:
     across = group.across
     each = [across[:, v] @ seen.back(v) for v in range(len(group.viewpoints))]
     return np.asarray(np.linalg.solve(across.sum(axis=1), np.concatenate(each, axis=-1)))

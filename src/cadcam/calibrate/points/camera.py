@@ -32,7 +32,7 @@ _NEARLY_AS_GOOD = 3.0  # and beyond it, where its residual is less than this man
 _SWEEP = Effort(triples=10, keep=3, spread=6, iterations=40)
 
 
-def calibrate(
+def calibrate_camera(
     observations: Observations,
     size: tuple[int, int],
     *,

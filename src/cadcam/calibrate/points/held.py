@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from cadcam.calibrate.points.camera import calibrate
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.errors import CadcamError
@@ -43,7 +43,7 @@ def held_against(estimate: CameraEstimate, names: Sequence[str]) -> Held | None:
     lens = estimate.camera.lens
     terms = [name for name in lens.parameters if name in estimate.free]
     try:
-        free = calibrate(estimate.observations, estimate.camera.size, fixed=still, lens=lens, free_lens=terms)
+        free = calibrate_camera(estimate.observations, estimate.camera.size, fixed=still, lens=lens, free_lens=terms)
     except CadcamError:
         return None
     if free.dof < 1:

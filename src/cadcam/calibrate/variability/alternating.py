@@ -60,9 +60,9 @@ def alternating_externals(
 
     Position and angles are drawn evenly, within +-spread_mm and +-spread_deg of the estimated ones; poses from which a
     point lies behind the camera or outside the picture are drawn again. visible=False keeps them, as the thesis must
-    have: its matrix images points from behind too. Only a linear `method` can use those. All else as in `monte_carlo`.
-    Raises `DegenerateGeometry` for a spread that leaves hardly a visible pose, `BadValue` unless just the eleven
-    parameters are free.
+    have: its matrix images points from behind too. Only a linear `method` can use those. All else as in
+    `monte_carlo_variability`. Raises `DegenerateGeometry` for a spread that leaves hardly a visible pose, `BadValue`
+    unless just the eleven parameters are free.
     """
     _refuse(estimate, method, visible, spread_mm, spread_deg)
     noise = noise_of(estimate, sigma_px)

@@ -1,9 +1,9 @@
 """How stable each parameter of a calibrated camera is: first order, Monte Carlo, Markov chain (thesis, section 2.4).
 
 Three answers to one question, which agree where the noise is small:
-`first_order`    the estimator's derivative, what `CameraEstimate.covariance` says; world points may be noisy too;
-`monte_carlo`    Method A, EQ 2.177-2.179: synthetic observations of the estimated camera, estimated again and again;
-`markov_chain`   Method B, EQ 2.180-2.187: Metropolis over the likelihood of the measured pixels.
+`first_order_variability`   the estimator's derivative: what `CameraEstimate.covariance` says, or points noisy, too;
+`monte_carlo_variability`   Method A, EQ 2.177-2.179: synthetic observations of the camera, estimated time and again;
+`markov_chain_variability`  Method B, EQ 2.180-2.187: Metropolis over the likelihood of the measured pixels.
 """
 
 from __future__ import annotations
@@ -132,7 +132,7 @@ class Variability:
         return np.asarray(np.quantile(self.values, probability, axis=0))
 
 
-def first_order(
+def first_order_variability(
     estimate: CameraEstimate, *, sigma_px: float | None = None, sigma_mm: float = 0.0, method: Method = "reprojection"
 ) -> FirstOrder:
     """Return the covariance of the free parameters for noise in every pixel and every world coordinate.
@@ -149,7 +149,7 @@ def first_order(
     return FirstOrder(estimate.free, exact, noise**2 * G @ G.T + sigma_mm**2 * H @ H.T)
 
 
-def monte_carlo(
+def monte_carlo_variability(
     estimate: CameraEstimate,
     *,
     rng: np.random.Generator,
@@ -183,7 +183,7 @@ def monte_carlo(
     return independent(model.free, exact, np.concatenate(found), draws, noise, sigma_mm)
 
 
-def markov_chain(
+def markov_chain_variability(
     estimate: CameraEstimate,
     *,
     rng: np.random.Generator,

@@ -14,13 +14,13 @@ Said = dict[str, Any]
 
 def bench_table(folder: Path, said: Sequence[Said]) -> Table:
     """Return the bench's camera beside what the dissertation printed."""
-    from cadcam.calibrate.points.camera import calibrate
+    from cadcam.calibrate.points.camera import calibrate_camera
     from cadcam.cli.demo.inputs import PRINTED
     from cadcam.files.points import read_points
     from cadcam.report.camera import compared
 
     estimate = _estimate(folder / "bench_camera.json")
-    linear = calibrate(read_points(folder / "bench_points.csv"), estimate.camera.size, method="dlt-c23")
+    linear = calibrate_camera(read_points(folder / "bench_points.csv"), estimate.camera.size, method="dlt-c23")
     return compared(
         "1. The dissertation's camera, from the sixteen points of its Table 2.3",
         estimate,

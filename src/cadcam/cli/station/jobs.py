@@ -93,7 +93,7 @@ def measure_marks(arguments: argparse.Namespace) -> None:
     from cadcam.report.station.tables import distance_tables, distances_csv, estimates_table, sighting_tables
     from cadcam.station.document import read_stations
     from cadcam.station.log import append_log, log_entries
-    from cadcam.station.measure import estimates, measure
+    from cadcam.station.measure import estimates, measure_marks
 
     if arguments.csv:
         check_target(arguments.csv, (".csv",))
@@ -106,7 +106,7 @@ def measure_marks(arguments: argparse.Namespace) -> None:
     stations = read_stations(arguments.station)
     seen, shots = sightings(arguments, stations)
     _refuse_twice(seen)
-    measured = measure(stations, seen, rule=arguments.rule, extrapolate=arguments.extrapolate)
+    measured = measure_marks(stations, seen, rule=arguments.rule, extrapolate=arguments.extrapolate)
     checks, together = _against_drawing(arguments, measured)
     entries = log_entries(measured, seen, times=[shot.time for shot in shots], block=arguments.block or "")
     if arguments.log:  # kept before anything is printed: whoever reads the tables may go away
@@ -134,7 +134,7 @@ def recalibrate(arguments: argparse.Namespace) -> None:
     from cadcam.report.station.tables import sighting_tables
     from cadcam.station.document import read_station, write_station
     from cadcam.station.interpolation import NEAR_MM
-    from cadcam.station.measure import measure
+    from cadcam.station.measure import measure_marks
 
     if arguments.output:
         check_target(arguments.output, (".json",))
@@ -143,7 +143,7 @@ def recalibrate(arguments: argparse.Namespace) -> None:
     known = numbers("--known", arguments.known, 2, form="X,Y in mm")
     if len(seen) != 1:
         raise BadValue("marks for the re-calibration", len(seen), "one mark of known place")
-    before = measure(station, seen)
+    before = measure_marks(station, seen)
     off = [float(before.points[0, i] - known[i]) for i in (0, 1)]
     if hypot(*off) > NEAR_MM:  # farther than calibrations reach: no camera that was knocked sees that from here
         told = f"{arguments.known!r}, {hypot(*off):.0f} mm from where the mark is measured"

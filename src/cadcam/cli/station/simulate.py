@@ -68,7 +68,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
 
 
 def _hall(arguments: argparse.Namespace, rng: np.random.Generator) -> Hall:
-    from cadcam.files.sensor import sensor_named
+    from cadcam.files.sensor import named_sensor
     from cadcam.station.hall import SENSOR, make_hall
 
     return make_hall(
@@ -77,7 +77,7 @@ def _hall(arguments: argparse.Namespace, rng: np.random.Generator) -> Hall:
         deflection_mm=arguments.deflection,
         survey_mm=arguments.survey_sigma,
         noise_px=arguments.noise,
-        sensor=sensor_named(arguments.sensor) if arguments.sensor else SENSOR,
+        sensor=named_sensor(arguments.sensor) if arguments.sensor else SENSOR,
     )
 
 

@@ -46,14 +46,14 @@ def add_to(verbs: Verbs) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Compare, print, draw."""
-    from cadcam.fit.compare import compare
+    from cadcam.fit.compare import compare_cameras
     from cadcam.report.difference import difference_as_json, difference_table, write_difference
 
     if arguments.output:
         check_target(arguments.output, (".png", ".svg"))
     a = _camera(arguments, arguments.a, arguments.camera_a)
     b = _camera(arguments, arguments.b, arguments.camera_b)
-    difference = compare(a, b, rotate=arguments.rotate)
+    difference = compare_cameras(a, b, rotate=arguments.rotate)
     if arguments.output:
         write_difference(arguments.output, difference, a.size)
     if arguments.json:

@@ -112,8 +112,8 @@ def _write_inputs(folder: Path) -> None:
     """Write points, photos, CAD models, start and tolerances."""
     import numpy as np
 
-    from cadcam.cad.load import load
     from cadcam.cad.parts import ship_block
+    from cadcam.cad.read import read_model
     from cadcam.cad.write import write
     from cadcam.cli.demo import as_built as built
     from cadcam.cli.demo import inputs as made
@@ -127,7 +127,7 @@ def _write_inputs(folder: Path) -> None:
         rng = np.random.default_rng(2026)
         write_points(folder / "bench_points.csv", made.bench_observations())
         write(ship_block(triangles=10_000), folder / "block.glb")
-        block = load(folder / "block.glb")
+        block = read_model(folder / "block.glb")
         seen = visible_wireframe(Scene.of(block), made.TRUE_CAMERA, made.TRUE_POSE)
         write_points(folder / "points.csv", made.picked_points(block, seen, 24, rng))
         write_picture(folder / "photo.png", made.made_photo(block, rng))
@@ -136,7 +136,7 @@ def _write_inputs(folder: Path) -> None:
         write_points(folder / "marks.csv", built.seen_marks(rng))
         write_whole(folder / "rough.txt", built.start_text().encode())
         write_whole(folder / "tolerances.yaml", built.TOLERANCES.encode())
-        write_picture(folder / "as_built.png", built.made_photo(load(folder / "steel.glb"), rng))
+        write_picture(folder / "as_built.png", built.made_photo(read_model(folder / "steel.glb"), rng))
 
 
 def _steps(folder: Path) -> tuple[_Step, ...]:

@@ -144,20 +144,20 @@ def _planned(arguments: argparse.Namespace, seen: CandidateSurvey) -> Layout:
 
 
 def _following(layout: Layout) -> list[tuple[Candidate, Score]]:
-    from cadcam.plan.layout import next_views
+    from cadcam.plan.layout import next_cameras
 
-    return next_views(layout.survey, layout.chosen)
+    return next_cameras(layout.survey, layout.chosen)
 
 
 def _next(arguments: argparse.Namespace, seen: CandidateSurvey, have: tuple[int, ...]) -> None:
     """Rank what comes next beside cameras that are there."""
-    from cadcam.plan.layout import next_views
+    from cadcam.plan.layout import next_cameras
     from cadcam.report.layout.json import next_as_json, score_as_json
     from cadcam.report.layout.words import next_table
 
     ranked = "none: candidates are ranked, no set is chosen and reported"
     refuse(arguments, *_OF_A_SET, why="with --next, beside cameras that are there", expected=ranked)
-    order = next_views(seen, have)
+    order = next_cameras(seen, have)
     if arguments.json:
         names = [seen.candidates[i].name for i in have]
         print_json({"have": names, "now": score_as_json(seen.problem.score(have)), "next": next_as_json(order)})

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from cadcam.arrays import Picture
-    from cadcam.cad.load import LoadReport
+    from cadcam.cad.read import LoadReport
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
 

@@ -110,7 +110,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _check_model(what: str) -> None:
     """Refuse what is neither a picture nor a CAD model: nobody should be asked for a camera first."""
-    from cadcam.cad.load import SUFFIXES
+    from cadcam.cad.read import SUFFIXES
 
     if not what.lower().endswith(SUFFIXES) and not Path(what).is_dir():
         known = f"a picture ({' '.join(READABLE)}) or a CAD model ({' '.join(SUFFIXES)})"
@@ -172,7 +172,7 @@ def _template(arguments: argparse.Namespace) -> Template:
 
 def _run_part(arguments: argparse.Namespace) -> int:
     from cadcam.image.picture import write_picture
-    from cadcam.locate.match.closeness import closeness
+    from cadcam.locate.match.closeness import edge_closeness
     from cadcam.locate.match.templates import TemplateOptions, match_templates
     from cadcam.locate.part import Part
     from cadcam.report.match import closeness_as_json, matches_as_json
@@ -187,7 +187,7 @@ def _run_part(arguments: argparse.Namespace) -> int:
     with working("matching"):
         matches = match_templates(part, [photo], start, options=options)
         pose = matches.pose.world_from_part if matches.found and matches.pose else start
-        close = closeness(photo.gray, part.lines.draw(photo.camera, pose))
+        close = edge_closeness(photo.gray, part.lines.draw(photo.camera, pose))
     if arguments.output:
         write_picture(arguments.output, with_features(photo, part, matches))
     if arguments.json:

@@ -143,23 +143,23 @@ def _write(arguments: argparse.Namespace, photo: Picture, scene: Scene, wirefram
 
 
 def _picture(arguments: argparse.Namespace, photo: Picture, scene: Scene, wireframe: Wireframe) -> Picture:
-    from cadcam.render.overlay import added, over_edges, overlay, side_by_side
+    from cadcam.render.overlay import add_pictures, overlay, overlay_on_edges, side_by_side
 
     if arguments.mode == "sum":
-        return added(photo, _view(arguments, scene, wireframe))
+        return add_pictures(photo, _view(arguments, scene, wireframe))
     if arguments.mode == "canny":
-        return over_edges(photo, wireframe)
+        return overlay_on_edges(photo, wireframe)
     drawn = overlay(_under(arguments, photo, scene, wireframe), wireframe, style=style_of(arguments))
     return side_by_side(photo, drawn) if arguments.mode == "side-by-side" else drawn
 
 
 def _under(arguments: argparse.Namespace, photo: Picture, scene: Scene, wireframe: Wireframe) -> Picture:
     """Return what the lines are drawn on."""
-    from cadcam.render.overlay import blended
+    from cadcam.render.overlay import blend_pictures
 
     if arguments.shaded is None:
         return photo
-    return blended(photo, _view(arguments, scene, wireframe), opacity=arguments.shaded)
+    return blend_pictures(photo, _view(arguments, scene, wireframe), opacity=arguments.shaded)
 
 
 def _view(arguments: argparse.Namespace, scene: Scene, wireframe: Wireframe) -> Any:

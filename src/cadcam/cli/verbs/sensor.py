@@ -50,16 +50,16 @@ def add_to(verbs: Verbs) -> None:
 
 def run_show(arguments: argparse.Namespace) -> None:
     """Print a profile as its file would be, or the presets and all effects with their defaults."""
-    from cadcam.files.sensor import sensor_as_json, sensor_named, write_sensor
+    from cadcam.files.sensor import named_sensor, sensor_as_json, write_sensor
 
     if arguments.output is not None:
         if arguments.profile is None:
             raise BadValue("-o", "given without a profile", "which one: cadcam sensor show ccir-1996 -o FILE")
         check_target(arguments.output, (".json",))
-        write_sensor(arguments.output, sensor_named(arguments.profile))
+        write_sensor(arguments.output, named_sensor(arguments.profile))
         say(f"wrote {arguments.output}")
     elif arguments.profile is not None:
-        print_json(sensor_as_json(sensor_named(arguments.profile)))
+        print_json(sensor_as_json(named_sensor(arguments.profile)))
     else:
         _list()
 
@@ -86,7 +86,7 @@ def _defaults(kind: type) -> dict[str, str]:
 
 def run_apply(arguments: argparse.Namespace) -> None:
     """Read, apply, write."""
-    from cadcam.files.sensor import sensor_named
+    from cadcam.files.sensor import named_sensor
     from cadcam.image.picture import read_picture, write_picture
     from cadcam.image.sensor.video import Gamma
 
@@ -94,7 +94,7 @@ def run_apply(arguments: argparse.Namespace) -> None:
     if Path(arguments.profile).suffix.lower() in READABLE:
         first = f"the profile first, then the picture (now {arguments.image!r})"
         raise BadValue("PROFILE", f"{arguments.profile!r}, a picture", first)
-    sensor = sensor_named(arguments.profile)
+    sensor = named_sensor(arguments.profile)
     picture = read_picture(arguments.image)
     if arguments.linearise is not None:
         picture = Gamma(arguments.linearise).undo(picture)

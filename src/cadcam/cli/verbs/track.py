@@ -74,7 +74,7 @@ def add_to(verbs: Verbs) -> None:
 def run(arguments: argparse.Namespace) -> int:
     """Track, log, print a summary; return the exit code."""
     from cadcam.locate.track.frames import Frames
-    from cadcam.locate.track.log import TrackLog, head_of, track_to
+    from cadcam.locate.track.log import TrackLog, head_of, track_part_to_log
 
     _check_options(arguments)
     viewpoints, said = viewpoints_of(arguments.frames, arguments.camera, arguments.rig)
@@ -94,7 +94,7 @@ def run(arguments: argparse.Namespace) -> int:
         if log.entries and not arguments.json:
             say(f"{len(log.entries)} frames are in {arguments.output}; going on")
         with progress("tracking", frames.count or 0) as step:
-            for frame, entry in track_to(log, part, frames, start, **how):
+            for frame, entry in track_part_to_log(log, part, frames, start, **how):
                 if arguments.overlays:
                     _write_overlay(arguments, part, frame, entry)
                 step()

@@ -154,15 +154,15 @@ def _check(arguments: argparse.Namespace) -> None:
 
 
 def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studies:
-    from cadcam.calibrate.variability.methods import first_order
+    from cadcam.calibrate.variability.methods import first_order_variability
     from cadcam.calibrate.variability.projection_map import projection_map
 
-    first = first_order(estimate, sigma_mm=arguments.sigma_mm, method=arguments.method)
+    first = first_order_variability(estimate, sigma_mm=arguments.sigma_mm, method=arguments.method)
     plane = numbers("--plane", arguments.plane, 4) if arguments.plane else None
     map_ = projection_map(estimate, depth_mm=arguments.depth, plane=plane)
     return _Studies(
         first=first,
-        first_markov=first_order(estimate),
+        first_markov=first_order_variability(estimate),
         map=map_,
         alternating=_alternating(arguments, estimate) if arguments.alternate else None,
         monte_carlo=_monte_carlo(arguments, estimate) if arguments.draws else None,
@@ -171,10 +171,10 @@ def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studie
 
 
 def _monte_carlo(arguments: argparse.Namespace, estimate: CameraEstimate) -> Variability:
-    from cadcam.calibrate.variability.methods import BLOCK, monte_carlo
+    from cadcam.calibrate.variability.methods import BLOCK, monte_carlo_variability
 
     with progress("Method A", -(-arguments.draws // BLOCK)) as step:
-        return monte_carlo(
+        return monte_carlo_variability(
             estimate,
             rng=_rng(arguments, 0),
             draws=arguments.draws,
@@ -194,12 +194,12 @@ def _steps(arguments: argparse.Namespace, estimate: CameraEstimate) -> int:
 
 
 def _markov(arguments: argparse.Namespace, estimate: CameraEstimate, steps: int) -> Variability:
-    from cadcam.calibrate.variability.methods import chains_for, markov_chain, walk_of
+    from cadcam.calibrate.variability.methods import chains_for, markov_chain_variability, walk_of
 
     chains = chains_for(steps)
     walk = walk_of(steps, chains)
     with progress("Method B", walk.steps // walk.thin) as step:
-        return markov_chain(estimate, rng=_rng(arguments, 1), walk=walk, chains=chains, progress=step)
+        return markov_chain_variability(estimate, rng=_rng(arguments, 1), walk=walk, chains=chains, progress=step)
 
 
 def _alternating(arguments: argparse.Namespace, estimate: CameraEstimate) -> Alternating:

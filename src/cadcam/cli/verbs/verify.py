@@ -170,23 +170,23 @@ def _located(arguments: argparse.Namespace, part: Part, shots: Shots, asked: _As
     """Return where the part is, by what was said about it."""
     from cadcam.cli.locating import located
     from cadcam.locate.refine.options import EdgeOptions
-    from cadcam.locate.refine.refinement import refine
+    from cadcam.locate.refine.refinement import refine_pose
 
     if not arguments.pose or asked.start is None:
         return located(part, shots, asked.start, asked.freedom)
     options = EdgeOptions(search_px=_POSED_PX)
     with working("finding the part"):
-        return refine(part, shots.photos, asked.start, freedom=asked.freedom, options=options)
+        return refine_pose(part, shots.photos, asked.start, freedom=asked.freedom, options=options)
 
 
 def _verified(
     arguments: argparse.Namespace, part: Part, shots: Shots, located: Location, tolerances: Tolerances, asked: _Asked
 ) -> int:
-    from cadcam.verify.judge import verify
+    from cadcam.verify.judge import verify_part
     from cadcam.verify.tolerances.verdict import Verdict
 
     with working("comparing edges"):
-        found = verify(part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom)
+        found = verify_part(part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom)
     _report(arguments, shots, found, _origin(arguments, shots))
     if not found.judgements:
         return found.verdict.exit_code if found.verdict is Verdict.NOT_FOUND else 0

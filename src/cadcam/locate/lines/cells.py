@@ -131,7 +131,7 @@ class Cells:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measured:
+class StepOffsets:
     """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, which are usable.
 
     doubt (N,) px: by which all steps of a stretch of line may be off.
@@ -144,9 +144,9 @@ class Measured:
     doubt: Array
 
 
-def measure(
+def measured_steps(
     sight: Sight, at: Projected, cells: Cells, where: Array, *, sums: StepSums | None = None, as_lines: bool = False
-) -> Measured:
+) -> StepOffsets:
     """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals.
 
     sums: of the cells there, if known. as_lines: slopes are held as the mean of each run of cells asks for. Held as
@@ -160,7 +160,7 @@ def measure(
     usable, doubt = np.zeros(n, bool), np.zeros(n)
     which = cells.which
     if not len(which):
-        return Measured(offset, sigma, contrast, usable, doubt)
+        return StepOffsets(offset, sigma, contrast, usable, doubt)
     sums = cells.sums_at(sight, at, where) if sums is None else sums
     found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
     c, sd_c = along_runs(found.contrast, run, _CONTRAST), _sd_contrast(sight, found, run)
@@ -174,7 +174,7 @@ def measure(
         usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
         offset[which] = where[which] + shift
     contrast[which], doubt[which] = c, cells.doubt
-    return Measured(offset, sigma, contrast, usable, doubt)
+    return StepOffsets(offset, sigma, contrast, usable, doubt)
 
 
 def _held_as_lines(sums: StepSums, run: Ids) -> Array:

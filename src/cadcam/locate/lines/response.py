@@ -24,7 +24,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 from cadcam.fit.grouped import GroupedFit
-from cadcam.locate.lines.cells import Measured
+from cadcam.locate.lines.cells import StepOffsets
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import values_at
@@ -101,7 +101,7 @@ def _above(z: float) -> float:
     return 0.5 * math.erfc(-z / math.sqrt(2))
 
 
-def straightened(measured: Sequence[Measured], leans: Sequence[Array], bend: Bend) -> list[Measured]:
+def straightened(measured: Sequence[StepOffsets], leans: Sequence[Array], bend: Bend) -> list[StepOffsets]:
     """Return the steps where a straight response would show them."""
     out = []
     for m, lean in zip(measured, leans, strict=True):

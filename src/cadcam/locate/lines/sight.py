@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import Candidates, blur_matrix, candidates, noise_of
+from cadcam.image.profile import StepCandidates, blur_matrix, noise_of, step_candidates
 from cadcam.locate.lines.edges import EdgeSamples, Projected, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -67,9 +67,9 @@ class Sight:
 
     def candidates(
         self, q: Array, normal: Array, *, half_length: float, reach: int, most: int = 4, clear: float = 4.0
-    ) -> Candidates:
-        """Return where the photo steps along normals (N, 2) at places q (N, 2) px (`image.profile.candidates`)."""
-        return candidates(
+    ) -> StepCandidates:
+        """Return where the photo steps along normals (N, 2) at places q (N, 2) px (`image.profile.step_candidates`)."""
+        return step_candidates(
             self.photo.lines,
             q,
             normal,

@@ -89,7 +89,7 @@ class Closeness:
         return float(np.average(self.excess, weights=self.length)) if len(self) else 0.0
 
 
-def closeness(
+def edge_closeness(
     photo: npt.ArrayLike | EdgePoints, wireframe: Wireframe, *, options: ClosenessOptions = PLAIN_CLOSENESS
 ) -> Closeness:
     """Return how close a photo's edges are to each visible edge of a wireframe; photo: a grey picture, or its edges.

@@ -21,7 +21,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
 from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
-from cadcam.locate.match.closeness import closeness
+from cadcam.locate.match.closeness import edge_closeness
 from cadcam.locate.match.consensus import PlaceCandidates, consensus, pose_of_matches
 from cadcam.locate.match.salient import PLAIN_SALIENT, SalientOptions, Windows, salient_windows
 from cadcam.locate.part import Part
@@ -107,7 +107,7 @@ class TemplateMatches:
     Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: the one that most features
     agree on, None where not even four do; by_chance: how many poses as well supported one may expect if all peaks lay
     at random; close: the share of the visible lines at that pose with an edge of the photo on them, less what is by
-    chance (`closeness`). features: of the last round, with their peak tables.
+    chance (`edge_closeness`). features: of the last round, with their peak tables.
     """
 
     q: Array
@@ -162,7 +162,7 @@ def match_templates(
 
 def _close(part: Part, photos: Sequence[Photo], pose: Rigid) -> float:
     """Return how close the photos' edges are to the part's lines at a pose, all photos' lines together."""
-    each = [closeness(p.gray, part.lines.draw(p.camera, p.viewpoint.camera_from_world @ pose)) for p in photos]
+    each = [edge_closeness(p.gray, part.lines.draw(p.camera, p.viewpoint.camera_from_world @ pose)) for p in photos]
     length = np.array([float(c.length.sum()) for c in each])
     return float(np.dot([c.total for c in each], length) / max(float(length.sum()), 1e-9))
 

@@ -16,7 +16,7 @@ from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.quality.absent import LEAST
-from cadcam.locate.quality.support import ASKED, Lines, with_room
+from cadcam.locate.quality.support import ASKED, ShownLines, with_room
 
 _OWN_PX, _CELL_PX = 4.0, 2.0  # a line farther than this from all others is its own; to one cell of a raster
 _CLEARLY = 0.4  # by how much larger a share of its own lines the right one must show
@@ -52,7 +52,7 @@ class Apart:
 class Reading:
     """The lines of a part at a pose: in each photo the samples that can be judged, and where (n, 2) px all are."""
 
-    lines: Sequence[Lines]
+    lines: Sequence[ShownLines]
     every: Sequence[Array]
 
     @classmethod
@@ -60,7 +60,7 @@ class Reading:
         """Return a reading; near: how near (px) to a line its step must be."""
         most = ASKED // len(sights)
         every = [s.project(pose).q for s in sights]
-        return cls([Lines.of(with_room(s, most), pose, near) for s in sights], every)
+        return cls([ShownLines.of(with_room(s, most), pose, near) for s in sights], every)
 
     def own_lines(self, others: Sequence[Array]) -> tuple[int, float]:
         """Return how many samples lie away from another reading's, at (m, 2) px in each photo, and the share shown."""

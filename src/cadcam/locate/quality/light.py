@@ -26,7 +26,7 @@ _FULL = 20  # pixels (of those looked at) of a surface that counts full
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Light:
+class FittedLight:
     """A fitted light: form (9,) with its covariance, a gain for each colour, and the brightness of what is no surface.
 
     scale: how far surfaces are off, a robust standard deviation; mean, spread: of the brightness of surfaces.
@@ -62,7 +62,7 @@ class Light:
         return np.asarray(value), np.sqrt(np.einsum("ni,ij,nj->n", change, self.covariance, change))
 
 
-def fitted_light(gray: Picture, normal: Array | Picture, color: Ids, *, without: Mask | None = None) -> Light:
+def fitted_light(gray: Picture, normal: Array | Picture, color: Ids, *, without: Mask | None = None) -> FittedLight:
     """Return the light that explains the photo (H, W) with these normals (H, W, 3) and colours (H, W).
 
     Every surface counts once, however large it is: its pixels err together. without (H, W): pixels that do not count.
@@ -76,7 +76,7 @@ def fitted_light(gray: Picture, normal: Array | Picture, color: Ids, *, without:
     return light_of(g, n, c)
 
 
-def light_of(g: Array, n: Array, c: Ids) -> Light:
+def light_of(g: Array, n: Array, c: Ids) -> FittedLight:
     """Return the light that explains brightnesses g (N,) of pixels with these normals n (N, 3) and colours c (N,)."""
     nothing = float(np.median(g[c < 0])) if (c < 0).any() else 0.5
     g, n, c, weight = _by_surface(g[c >= 0], n[c >= 0], c[c >= 0])
@@ -99,7 +99,7 @@ def light_of(g: Array, n: Array, c: Ids) -> Light:
             gain[k] = float((W[of] * seen[of] * g[of]).sum()) / power if power > 0 else 1.0
     mean = float(np.average(g, weights=weight)) if len(g) else 0.5
     spread = float(np.sqrt(np.average((g - mean) ** 2, weights=weight))) if len(g) else 0.3
-    return Light(form, covariance, gain, nothing, scale, mean, max(spread, _LEAST_SPREAD))
+    return FittedLight(form, covariance, gain, nothing, scale, mean, max(spread, _LEAST_SPREAD))
 
 
 def _by_surface(g: Array, n: Array, c: Ids) -> tuple[Array, Array, Ids, Array]:

@@ -63,7 +63,7 @@ _MOST_FITTED, _UNPROVEN = 0.8, 0.45  # share of constraints fitted that leaves e
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class Support:
     """What the photos show of the part's visible edges.
 
     samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
@@ -125,7 +125,7 @@ class Seen:
         return edges + faint + body + color + free + other
 
 
-def judged(
+def judged_support(
     sights: Sequence[Sight],
     world_from_part: Rigid,
     B: Array,
@@ -134,20 +134,20 @@ def judged(
     scatter: float,
     color: float = 0.0,
     bands: bool = False,
-) -> Seen:
-    """Return `seen` for a pose fitted along B (6, k) and, in doubt, whether a model of other proportions fits better.
+) -> Support:
+    """Return the support of a pose fitted along B (6, k); in doubt, a model of other proportions is tried, too.
 
     chosen: how many constraints the start met by being the best of many poses. color: the share of the samples for
     which the colour on both sides speaks (`locate.quality.color`). bands: whether they lie beside the lines; then
     proportions by which lines would only lie on the bands' other sides say nothing.
     """
     constraints = B.shape[1] + chosen
-    first = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+    first = support_at(sights, world_from_part, constraints=constraints, scatter=scatter)
     if first.gone < 0 or not _WITHOUT[0] < first.quality < _WITHOUT[1]:
         first = replace(first, without=0.0)
     else:
         sights = [s.select(s.samples.part != first.gone) for s in sights]
-        left = seen(sights, world_from_part, constraints=constraints, scatter=scatter)
+        left = support_at(sights, world_from_part, constraints=constraints, scatter=scatter)
         first = replace(left, without=first.without)
     first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
     most = _ALWAYS if in_noise(sights) else _IN_DOUBT[1]  # a line or two that is missing hardly shows in noise
@@ -157,7 +157,7 @@ def judged(
     if other.by < _OTHER or (bands and other.moved_px(sights, world_from_part) < FARTHEST_PX):
         return first
     poses = ((sights, world_from_part), (other.sights, other.world_from_part))
-    asked = [seen(_alone(s), pose, constraints=constraints, scatter=scatter) for s, pose in poses]
+    asked = [support_at(_alone(s), pose, constraints=constraints, scatter=scatter) for s, pose in poses]
     alike = [replace(a, free=first.free, scatter=first.scatter, hidden=0.0, color=first.color).net for a in asked]
     gain = alike[1] - alike[0]
     return replace(first, hidden=0.0, gain=gain, proportions=str(other)) if gain > 0 else first
@@ -169,7 +169,7 @@ def _alone(sights: Sequence[Sight]) -> list[Sight]:
     return [s.select(room >= ROOM_PX) for s, room in zip(sights, rooms, strict=True)]
 
 
-def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Seen:
+def support_at(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Support:
     """Return how much of the part's visible edges the photos show at a pose.
 
     constraints: how many of them its fit, and the search before it, could meet anywhere. scatter: sd (px) by which
@@ -181,7 +181,7 @@ def seen(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, s
     n = max(sum(p.samples for p in photos), 1)
     extent = max((p.extent for p in photos), default=0.0)
     gone, of_gone = body_gone([(p.body, p.here) for p in photos])
-    return Seen(
+    return Support(
         samples=sum(p.samples for p in photos),
         shown=sum(p.shown for p in photos) / n,
         by_chance=sum(p.by_chance for p in photos) / n,
@@ -218,7 +218,7 @@ class _InPhoto:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Lines:
+class ShownLines:
     """Samples (n,) of a part's lines in a photo: their numbers, places, normals and runs, and which of them are shown.
 
     share (1 + shifts,): of them that show in place and after each shift (`locate.quality.shown`).
@@ -232,7 +232,7 @@ class Lines:
     share: Array
 
     @classmethod
-    def of(cls, sight: Sight, world_from_part: Rigid, near: float) -> Lines:
+    def of(cls, sight: Sight, world_from_part: Rigid, near: float) -> ShownLines:
         """Return those of a sight at a pose; near: how near (px) to a line its step must be."""
         at, samples = sight.project(world_from_part), sight.samples
         which = np.flatnonzero(np.isfinite(at.q).all(axis=1))
@@ -247,7 +247,7 @@ class Lines:
 
 
 def _in_photo(sight: Sight, world_from_part: Rigid, near: float, constraints: int) -> _InPhoto:
-    there = Lines.of(sight, world_from_part, near)
+    there = ShownLines.of(sight, world_from_part, near)
     n, body, q = len(there.which), sight.samples.part[there.which], there.q
     if not n:
         return _InPhoto(body, there.here)

@@ -12,7 +12,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.refine.solution import Solution
+from cadcam.locate.refine.solution import PoseSolution
 
 SCATTERED_PX = 0.15  # by which edges of a good pose are seldom off as a whole
 _TRIALS = 1000
@@ -24,7 +24,7 @@ BESIDE_BANDS_PX, _BESIDE_BANDS = 0.08, 1.25  # px and times instead: the far sid
 _FLAT = 1e-4  # determinant, of unit columns, of edges that tell no motion
 
 
-def agreed(fitted: Solution) -> list[Rigid]:
+def agreed(fitted: PoseSolution) -> list[Rigid]:
     """Return the poses that most edges of a fit agree on, where these are much more than agree on the fitted one.
 
     The one of all motions, and the one of those that move no edge by much more than edges are off: few edges that are

@@ -23,8 +23,8 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.contrast import showing
-from cadcam.locate.quality.support import Seen, judged
-from cadcam.locate.refine.solution import LOOSE_PX, Solution
+from cadcam.locate.quality.support import Support, judged_support
+from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
 DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second look
@@ -33,7 +33,7 @@ _FREE = 0.4  # share of the lines that any pose could be fitted to, more than of
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
 
 
-def location_of(part: Part, fitted: Solution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
+def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
     """Return the location that a solution stands for. chosen, wider: as for `locate.refine`."""
     sights, pose, fit = fitted.sights, fitted.pose, fitted.fit
     B = freedom.at(pose)
@@ -63,7 +63,7 @@ def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Lo
     )
 
 
-def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) -> tuple[Seen, bool]:
+def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bool) -> tuple[Support, bool]:
     """Return what the photos show of the part where it was fitted along B (6, k), and whether that is doubted.
 
     Of a pose that would just not be found, lines that the light gives no contrast are left out; not where the model
@@ -74,7 +74,7 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     bands = fitted.regression.bands and fitted.tells_lines and fitted.scatter <= LOOSE_PX
     hidden = fitted.hidden_px
     scatter = float(np.hypot(fitted.scatter, np.sqrt(np.mean(hidden**2)))) if hidden.any() else fitted.scatter
-    ask = partial(judged, chosen=chosen, scatter=scatter, color=color, bands=bands)
+    ask = partial(judged_support, chosen=chosen, scatter=scatter, color=color, bands=bands)
     evidence = ask(told, pose, B)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
     hides = in_noise(fitted.sights)  # there missing lines pass for faint ones
@@ -87,7 +87,9 @@ def _evidence(part: Part, fitted: Solution, B: Array, chosen: int, wider: bool) 
     return evidence, doubted
 
 
-def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fitted: Solution, photos: Sequence[Photo]) -> str:
+def _reason(
+    part: Part, estimate: PoseEstimate, evidence: Support, fitted: PoseSolution, photos: Sequence[Photo]
+) -> str:
     if evidence.quality < FOUND:
         return f"not found: {evidence}"
     weakest = weakest_direction(estimate, part.aspects.centre, photos)
@@ -95,7 +97,7 @@ def _reason(part: Part, estimate: PoseEstimate, evidence: Seen, fitted: Solution
     return f"{evidence}; edges are off by {fitted.fit.between:.2f} px as a whole{beside}; {weakest}"
 
 
-def _matches(fitted: Solution) -> EdgeMatches:
+def _matches(fitted: PoseSolution) -> EdgeMatches:
     """Return the samples as the refined pose projects them, offsets and weights as measured for it."""
     weights, offsets, done = [], [], 0
     each = fitted.fit.weight * fitted.fit.of_group[fitted.fit.group]

@@ -25,11 +25,11 @@ from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
-from cadcam.locate.quality.support import seen
+from cadcam.locate.quality.support import support_at
 from cadcam.locate.refine.agreement import SCATTERED_PX, agreed
 from cadcam.locate.refine.answer import DOUBT, location_of, lost
 from cadcam.locate.refine.options import EDGES, EdgeOptions
-from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, Solution, solved
+from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
 
 _PULLED_PX = 0.3  # by which lines are off that were pulled onto steps
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
@@ -45,7 +45,7 @@ _SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that
 _ANY_TURN = np.pi**2 / 3  # rad^2: variance of a turn that may be any
 
 
-def refine(
+def refine_pose(
     part: Part,
     photos: Sequence[Photo],
     start: Rigid,
@@ -94,7 +94,7 @@ class _Answer:
     """A location, the solution it was measured by (None where nothing was), and the lines drawn for it."""
 
     location: Location
-    solution: Solution | None
+    solution: PoseSolution | None
     sights: Sequence[Sight]
 
     @property
@@ -114,7 +114,7 @@ class _Answer:
             return False
         return fitted.regression.bands and fitted.scatter > SCATTERED_PX
 
-    def unlike(self, other: Solution, share: float) -> _Answer:
+    def unlike(self, other: PoseSolution, share: float) -> _Answer:
         """Return the answer with one more error: a share of the way to another solution, as its standard deviation."""
         at = self.location.pose
         away = at.world_from_part.inv @ other.pose
@@ -138,7 +138,7 @@ class _Answer:
         if len(both) == 2 and max(between) > max(SCATTERED_PX, looser * min(between)):
             if bands and self.location.found and other.location.found:
                 return between[0] < between[1]
-            quality = [seen(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
+            quality = [support_at(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
             if bands and abs(quality[0] - quality[1]) < _CLEARLY:
                 return between[0] < between[1]
         return quality[0] > quality[1]
@@ -146,7 +146,7 @@ class _Answer:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refinement:
-    """The arguments of `refine` but for the start, and the steps by which it reaches an answer.
+    """The arguments of `refine_pose` but for the start, and the steps by which it reaches an answer.
 
     least: quality that lines must have as they are pulled onto the photos' steps, which is about that after the fit;
     else nothing is fitted.
@@ -162,7 +162,7 @@ class Refinement:
     least: float = 0.0
 
     def around(self, start: Rigid) -> tuple[Location, Sequence[Sight]]:
-        """Return what `refine` does, and the photos with the part's lines as drawn within a pixel or two of it."""
+        """Return what `refine_pose` does, and the photos with the part's lines as drawn within a pixel or two of it."""
         if not self.photos:
             raise BadValue("photos", "none", "at least one photo")
         spin, told = self.part.spin, self.freedom.without(self.part.spin, start)
@@ -177,7 +177,10 @@ class Refinement:
         """Return what is found around a start."""
         sights, pose = self.attracted(self.sights(start), start, self.options.search_px)
         constraints = self.freedom.at(pose).shape[1] + self.chosen
-        if self.least > 0 and seen(sights, pose, constraints=constraints, scatter=_PULLED_PX).quality < self.least:
+        if (
+            self.least > 0
+            and support_at(sights, pose, constraints=constraints, scatter=_PULLED_PX).quality < self.least
+        ):
             return _Answer(lost(sights, pose, self.freedom, "too few of its lines are near the start"), None, sights)
         return self.settled(sights, pose)
 
@@ -269,7 +272,7 @@ class Refinement:
             return plain
         return self.beside_bands(sights, pose, fitted, plain.location.found)
 
-    def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: Solution, found: bool) -> _Answer:
+    def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: PoseSolution, found: bool) -> _Answer:
         """Return the answer that models the bands, or else the one that does not; found: whether the latter was.
 
         First lines may all be off (`locate.refine.regression`), if there are enough. Where they then fit loosely, that
@@ -296,7 +299,7 @@ class Refinement:
             return _Answer(lost(sights, pose, self.freedom, str(error)), None, sights)
         return plain if unlike is None else plain.unlike(unlike, _EITHER)
 
-    def answered(self, solution: Solution) -> _Answer:
+    def answered(self, solution: PoseSolution) -> _Answer:
         """Return the answer that a solution gives."""
         location = location_of(self.part, solution, self.freedom, chosen=self.chosen, wider=self.wider)
         return _Answer(location, solution, solution.sights)
@@ -318,7 +321,7 @@ def _away(sights: Sequence[Sight], pose: Rigid) -> bool:
     return max(s.moved_px(s.drawn, pose) for s in sights) > _REDRAW_PX
 
 
-def _beside(fitted: Solution) -> list[Rigid]:
+def _beside(fitted: PoseSolution) -> list[Rigid]:
     """Return poses beside that of a loose fit, along those motions of the lines that the photos determine least.
 
     Lines of thin plates seen edge-on may be taken for each other, all in the same sense: that too is a fit, if a loose

@@ -16,7 +16,7 @@ import numpy as np
 from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, Groups, grouped_fit
-from cadcam.locate.lines.cells import Measured
+from cadcam.locate.lines.cells import StepOffsets
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.refine.options import EdgeOptions
@@ -44,7 +44,7 @@ class Regression:
     def step(
         self,
         places: Sequence[Projected],
-        measured: Sequence[Measured],
+        measured: Sequence[StepOffsets],
         evidence: tuple[Array, Array, Array],
         B: Array,
         iterations: int,
@@ -73,7 +73,7 @@ class Regression:
         return _undrawn(fit, bright) if self.bands else fit
 
     def _groups(
-        self, measured: Sequence[Measured], variance: Array, piece: Longs, line: Longs, *, on_lines: bool
+        self, measured: Sequence[StepOffsets], variance: Array, piece: Longs, line: Longs, *, on_lines: bool
     ) -> Groups:
         """Return the groups of offsets, by piece (n,) and, beside bands, line (n,), followed by what is known exactly.
 
@@ -122,7 +122,7 @@ def _relative(variance: Array, group: Longs, on_lines: bool) -> Array:
     return np.asarray(np.mean(told) / told if on_lines and len(told) else np.ones(len(told)))
 
 
-def _expected(sights: Sequence[Sight], measured: Sequence[Measured], group: Longs) -> Array:
+def _expected(sights: Sequence[Sight], measured: Sequence[StepOffsets], group: Longs) -> Array:
     """Return the variance (G,) px^2 by which groups beside bands and on borders of round surfaces tend to be off.
 
     Towards such a border brightness changes with the root of the distance, which no slope of the ground describes.

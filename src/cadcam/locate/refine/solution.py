@@ -17,7 +17,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.lines.bands import banded, share_beside_bands
-from cadcam.locate.lines.cells import Cells, Measured, measure
+from cadcam.locate.lines.cells import Cells, StepOffsets, measured_steps
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.response import bend_of, leanings, straightened
 from cadcam.locate.lines.sight import Sight, nearest_steps
@@ -35,7 +35,7 @@ _EVERY = 4  # of how many samples one tells whether the camera's response is ben
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Solution:
+class PoseSolution:
     """The refined pose with what was measured, in `cells`, for its last step from `before`: x in the basis B there.
 
     evidence: what else is known, as rows there; bent (n,) px: sd of what a bent response does to the usable samples.
@@ -46,7 +46,7 @@ class Solution:
     pose: Rigid
     B: Array
     places: Sequence[Projected]
-    measured: Sequence[Measured]
+    measured: Sequence[StepOffsets]
     fit: GroupedFit
     cells: Sequence[Cells]
     regression: Regression
@@ -101,7 +101,7 @@ class Solution:
         lines = (len(np.unique(s.samples.run[m.usable])) for s, m in zip(self.sights, self.measured, strict=True))
         return int(sum(lines)) > int(self.B.shape[1]) + 1
 
-    def beside_its_bands(self) -> Solution:
+    def beside_its_bands(self) -> PoseSolution:
         """Return the solution with the covariance of lines that bands lie beside (`locate.refine.regression`).
 
         The pose stays: few lines, or such that are off for other reasons, would leave it to fewer where all may be off.
@@ -111,12 +111,12 @@ class Solution:
         away = fit.x - self.fit.x
         return replace(there, fit=replace(self.fit, covariance=fit.covariance + np.outer(away, away)))
 
-    def _fitted(self, iterations: int) -> Solution:
+    def _fitted(self, iterations: int) -> PoseSolution:
         """Return the solution fitted once more to its steps, which lie on their lines."""
         on = self.regression.step(self.places, self.measured, self.evidence, self.B, iterations, on_lines=True)
         return replace(self, pose=self.before @ Rigid.exp(self.B @ on.x), fit=on)._doubting(self.bent)
 
-    def _doubting(self, bent: Array | None) -> Solution:
+    def _doubting(self, bent: Array | None) -> PoseSolution:
         """Return the solution with the uncertainty (n,) px that the camera's response leaves in its covariance."""
         if bent is None:
             return self
@@ -134,7 +134,7 @@ def solved(
     *,
     bands: bool = False,
     lines: bool = False,
-) -> Solution:
+) -> PoseSolution:
     """Return the pose after measuring steps where they are first seen, then on the lines themselves.
 
     bands: whether cells model the bands beside the lines, which the part does not have (`locate.lines.bands`).
@@ -153,14 +153,15 @@ def solved(
             looked = [banded(*one, anew) for one in zip(sights, places, cells, where, strict=True)]
             cells, told = [c for c, _, _ in looked], [(c, sums) for _, c, sums in looked]
         measured = [
-            measure(s, at, c, w, sums=sums) for s, at, (c, sums), w in zip(sights, places, told, where, strict=True)
+            measured_steps(s, at, c, w, sums=sums)
+            for s, at, (c, sums), w in zip(sights, places, told, where, strict=True)
         ]
         B = freedom.at(pose)
         other = rows_of(evidence, [s.photo for s in sights], pose)
         fit = regression.step(places, measured, other, B, iterations, on_lines=on_lines)
         on_lines = fit.between < LOOSE_PX
         moved = pose @ Rigid.exp(B @ fit.x)
-        last = Solution(sights, pose, moved, B, places, measured, fit, cells, regression, other)
+        last = PoseSolution(sights, pose, moved, B, places, measured, fit, cells, regression, other)
         pose = last.pose
         where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
         if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
@@ -169,7 +170,7 @@ def solved(
     return _unbent(last, iterations)
 
 
-def _unbent(last: Solution, iterations: int) -> Solution:
+def _unbent(last: PoseSolution, iterations: int) -> PoseSolution:
     """Return the solution with the effect of a nonlinear camera response on the steps removed, where it shows.
 
     Borders of round surfaces are left out: light shifts them as well, all to the inside.
@@ -194,7 +195,7 @@ def _unbent(last: Solution, iterations: int) -> Solution:
     return replace(last, measured=straightened(measured, leans, bend), bent=bent)._fitted(iterations)
 
 
-def _left(measured: Measured, moved: Array) -> Array:
+def _left(measured: StepOffsets, moved: Array) -> Array:
     """Return where to fit the steps once the lines have moved: on the lines, except edges that stay away from them."""
     left = np.where(measured.usable, measured.offset, 0.0) - moved
     return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable

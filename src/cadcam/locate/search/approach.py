@@ -26,7 +26,7 @@ from cadcam.image.direction_field import direction_fields
 from cadcam.locate.freedom import FREE, Freedom, aligned
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.search.climb import Climb, FieldLevel, climbed, composed, distinct, rigids_of, turned, views_of
+from cadcam.locate.search.climb import Climb, FieldLevel, climbed, composed, distinct, pose_edges, rigids_of, turned
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.views.aspects import Aspects
 
@@ -72,7 +72,7 @@ def approach(
 ) -> list[Hypothesis]:
     """Return poses (world_from_part) within reach of a rough start that the photos may show, best first.
 
-    Good to about a pixel of the photo: for `refine` to take up. Empty where nothing is in reach. Raises
+    Good to about a pixel of the photo: for `refine_pose` to take up. Empty where nothing is in reach. Raises
     `NothingInView` where the start puts the part outside every photo.
     """
     stages = _stages(part, photos, start, reach)
@@ -140,8 +140,8 @@ def _slid(aspects: Aspects, stage: FieldLevel, start: Rigid, reach: Reach) -> Ar
         seen = _grid(aspects, camera_from_world @ start, reach)
         world = composed(camera_from_world.inv, seen)
         shift_px = math.ceil(reach.shift_px / field.reduction) + 1
-        views = views_of(aspects, stage, world, _SLID)
-        shift, score = views.slide(eye, world, centre=(0, 0), reach=(shift_px, shift_px), keep=1, apart=2)
+        edges = pose_edges(aspects, stage, world, _SLID)
+        shift, score = edges.slide(eye, world, centre=(0, 0), reach=(shift_px, shift_px), keep=1, apart=2)
         best = np.argsort(-score[:, 0])[:_TAKEN]
         moved = turned(aspects, field.camera, seen[best], shift[best, 0].astype(float))
         poses.append(composed(camera_from_world.inv, moved))

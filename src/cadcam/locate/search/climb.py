@@ -20,7 +20,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField
 from cadcam.locate.views.aspects import Aspect, Aspects
 from cadcam.locate.views.drawing import PLACES
-from cadcam.native.fields import PLACE, Belief, Eye, Views, firsts
+from cadcam.native.fields import PLACE, Belief, Eye, PoseEdges, firsts
 
 _SAME = 0.02  # of the part's radius: poses whose corners differ by less are one
 _A = TypeVar("_A")
@@ -72,18 +72,18 @@ def composed(a: Rigid, poses: Array) -> Array:
     return np.concatenate([R.reshape(-1, 9), poses[:, 9:] @ a.rotation.T + a.translation], axis=1)
 
 
-def views_of(aspects: Aspects, stage: FieldLevel, poses: Array, samples: int) -> Views:
+def pose_edges(aspects: Aspects, stage: FieldLevel, poses: Array, samples: int) -> PoseEdges:
     """Return what the cameras of a level see of poses (N, 12) world_from_part: the first samples of their aspects."""
-    return _views(stage, *_shown(aspects, stage, poses), samples)
+    return _edges_of(stage, *_shown(aspects, stage, poses), samples)
 
 
-def _views(stage: FieldLevel, shown: Sequence[Aspect], which: Longs, samples: int) -> Views:
-    """Return views of poses that show these of some aspects (N, eyes), each by its first samples."""
+def _edges_of(stage: FieldLevel, shown: Sequence[Aspect], which: Longs, samples: int) -> PoseEdges:
+    """Return the edges of poses that show these of some aspects (N, eyes), each by its first samples."""
     runs = [aspect.places[:samples] for aspect in shown]
     count = np.array([len(run) for run in runs], np.int32)
     first = np.cumsum(count) - count
     places = np.concatenate([np.zeros(0, np.float32), *(run.view(np.float32) for run in runs)]).view(PLACE)
-    return Views(stage.eyes, places, first[which], count[which])
+    return PoseEdges(stage.eyes, places, first[which], count[which])
 
 
 def _shown(aspects: Aspects, stage: FieldLevel, poses: Array) -> tuple[list[Aspect], Longs]:
@@ -101,8 +101,8 @@ def climbed(
     aspects: Aspects, stage: FieldLevel, poses: Array, freedom: Array, climb: Climb
 ) -> tuple[Array, Array, Array]:
     """Return poses (N, 12) after climbing at one level, their scores (N,) and agreements (N,)."""
-    views = views_of(aspects, stage, poses, climb.samples)
-    done = in_threads(lambda s: views.part(s).climb(poses[s], freedom, climb.blur), _slices(len(poses)))
+    edges = pose_edges(aspects, stage, poses, climb.samples)
+    done = in_threads(lambda s: edges.part(s).climb(poses[s], freedom, climb.blur), _slices(len(poses)))
     poses, raw = (np.concatenate([d[k] for d in done]) for k in range(2))
     total = raw.sum(axis=1)
     score = (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
@@ -125,7 +125,7 @@ def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float = 0.
     most of it; what it can say for a pose is bounded, as is what it says against it where nothing is found.
     """
     shown, which = _shown(aspects, stage, poses)
-    views = _views(stage, shown, which, PLACES)
+    edges = _edges_of(stage, shown, which, PLACES)
     line = np.concatenate([np.zeros(0, np.int32), *(aspect.line for aspect in shown)])
     apart = np.array([aspect.length / max(len(aspect.places), 1) for aspect in shown])
     total = np.zeros(len(poses))
@@ -133,15 +133,15 @@ def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float = 0.
         seen = composed(camera_from_world, poses)
         distance = np.linalg.norm(seen[:, :9].reshape(-1, 3, 3) @ aspects.centre + seen[:, 9:], axis=1)
         size = 2 * aspects.radius / distance * field.camera.fx
-        total += _in_eye(views, e, poses, blur, line, np.minimum(apart[which[:, e]] * size / _APART_PX, 1.0))
+        total += _in_eye(edges, e, poses, blur, line, np.minimum(apart[which[:, e]] * size / _APART_PX, 1.0))
     return total
 
 
-def _in_eye(views: Views, eye: int, poses: Array, blur: float, line: Ids, share: Array) -> Array:
+def _in_eye(edges: PoseEdges, eye: int, poses: Array, blur: float, line: Ids, share: Array) -> Array:
     """Return one camera's share in `evidence` (N,), nats; share (N,): how independent the places on its lines are."""
 
     def of(some: slice) -> Array:
-        return views.part(some).evidence(eye, poses[some], blur, line, share[some], _BELIEF)
+        return edges.part(some).evidence(eye, poses[some], blur, line, share[some], _BELIEF)
 
     return np.concatenate(in_threads(of, _slices(len(poses))))
 

@@ -42,7 +42,7 @@ from cadcam.locate.search.climb import (
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
-from cadcam.native.fields import Views
+from cadcam.native.fields import PoseEdges
 
 _SWEPT_PX = 33.0  # the part's size in the field that it is swept over
 # And in that where evidence is judged, and how far off lines may be there, px. Finely noise is averaged, and lines are
@@ -72,10 +72,10 @@ _NARROWEST_PX = 12  # fields are not smaller
 def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
     """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
 
-    Good to about a pixel of the photo: for `refine` to take up. score: how much likelier the photos are with the part
-    there than a little beside, in nats, as judged finely and roughly together. A symmetric part comes back once for
-    each of the poses in which it looks the same, one after the other. The part's aspects are made on first use, which
-    takes some seconds once.
+    Good to about a pixel of the photo: for `refine_pose` to take up. score: how much likelier the photos are with the
+    part there than a little beside, in nats, as judged finely and roughly together. A symmetric part comes back once
+    for each of the poses in which it looks the same, one after the other. The part's aspects are made on first use,
+    which takes some seconds once.
     """
     return [
         replace(h, world_from_part=h.world_from_part @ part_from_part)
@@ -254,7 +254,7 @@ def _swept(aspects: Aspects, stage: FieldLevel, eye: int, distance: float, looks
     return composed(camera_from_world.inv, moved)
 
 
-def _edges(aspects: Aspects, stage: FieldLevel, numbers: Longs, distance: float) -> Views:
+def _edges(aspects: Aspects, stage: FieldLevel, numbers: Longs, distance: float) -> PoseEdges:
     """Return the edges to slide: of the net's directions `numbers` (N,) at a distance."""
     step = int(aspects.step_of(np.array([distance]))[0])
     used, which = np.unique(numbers, return_inverse=True)
@@ -262,7 +262,7 @@ def _edges(aspects: Aspects, stage: FieldLevel, numbers: Longs, distance: float)
     runs = [aspects.aspect(int(k), step).places[:_SWEPT] for k in used]
     count = np.array([len(run) for run in runs], np.int32)
     first = np.cumsum(count) - count
-    return Views(stage.eyes, np.concatenate(runs), first[which.ravel(), None], count[which.ravel(), None])
+    return PoseEdges(stage.eyes, np.concatenate(runs), first[which.ravel(), None], count[which.ravel(), None])
 
 
 def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:

@@ -50,7 +50,7 @@ _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_d
 COLUMNS = ("frame", "files", "found", "quality", "how", *_POSE, *_SIGMAS)
 
 
-def track_to(
+def track_part_to_log(
     log: TrackLog,
     part: Part,
     frames: Frames,
@@ -137,7 +137,7 @@ class TrackLog:
         return entry
 
     def steps(self) -> list[LoggedFrame]:
-        """Return the frames that are there, without their photos, for `track` to continue from."""
+        """Return the frames that are there, without their photos, for `track_part` to continue from."""
         return [
             LoggedFrame(entry["frame"], _pose_of(self.path, entry) if entry["found"] else None, entry["how"])
             for entry in self.entries
@@ -184,7 +184,7 @@ def head_of(
     }
 
 
-def read_track(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
+def read_track_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile` naming the line."""
     lines = read_text(path, max_bytes=_MAX_BYTES).text.splitlines()
     _check_head(path, _object(path, 1, lines[0]))

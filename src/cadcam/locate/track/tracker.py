@@ -17,12 +17,12 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
-from cadcam.locate.in_photos import locate
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.options import EDGES
-from cadcam.locate.refine.refinement import refine
+from cadcam.locate.refine.refinement import refine_pose
 from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
@@ -74,7 +74,7 @@ class LoggedFrame:
     photos: tuple[Photo, ...] = ()
 
 
-def track(
+def track_part(
     part: Part,
     frames: Iterable[Frame],
     start: Rigid | None = None,
@@ -102,7 +102,7 @@ def track(
 
 
 class Tracker:
-    """Follows a part frame by frame, as `track` does with the same arguments."""
+    """Follows a part frame by frame, as `track_part` does with the same arguments."""
 
     def __init__(
         self,
@@ -242,11 +242,11 @@ def _ways(
     if predicted is not None:
         yield "predicted", lambda: _foretold(part, photos, predicted, memory.reach_px(predicted, photos), freedom)
     if last is not None and memory.tracking(index):
-        yield "kept", lambda: refine(part, photos, last, freedom=freedom)
+        yield "kept", lambda: refine_pose(part, photos, last, freedom=freedom)
     if last is not None:
-        yield "recovered", lambda: locate(part, photos, last, freedom=freedom)
+        yield "recovered", lambda: locate_part(part, photos, last, freedom=freedom)
     if freedom is FREE and (last is None or memory.search_is_due()):
-        yield "searched", lambda: locate(part, photos, freedom=freedom)
+        yield "searched", lambda: locate_part(part, photos, freedom=freedom)
 
 
 def _foretold(
@@ -255,7 +255,9 @@ def _foretold(
     """Return what is found close to a predicted pose, and nothing farther away."""
     options = replace(EDGES, search_px=reach_px)
     given = _FORETOLD if reach_px < _MOST_PX else 0
-    return refine(part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False)
+    return refine_pose(
+        part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False
+    )
 
 
 def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom) -> Location:
@@ -265,7 +267,7 @@ def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory:
     """
     there = followed.evidence
     reach_px = memory.reach_px(PoseEstimate(there.world_from_part, there.covariance), photos)
-    location = refine(
+    location = refine_pose(
         part,
         photos,
         there.world_from_part,
@@ -277,7 +279,7 @@ def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory:
     )
     if location.quality < _CLEAR:
         options = replace(EDGES, search_px=reach_px)
-        alone = refine(part, photos, there.world_from_part, freedom=freedom, options=options, wider=False)
+        alone = refine_pose(part, photos, there.world_from_part, freedom=freedom, options=options, wider=False)
         if alone.quality > location.quality + _BETTER:
             return replace(location, quality=0.0, reason="not found: edges are elsewhere than print leads")
     location = replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))

@@ -35,7 +35,7 @@ _GOLDEN = 0.6180339887498949
 _RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * _GOLDEN)[0]))  # any first n of them are spread evenly
 
 
-class Shown(NamedTuple):
+class ShownEdges(NamedTuple):
     """What an eye sees: places, chain and line (N,) as an `Aspect` has them, and the length of all lines in px."""
 
     places: npt.NDArray[np.void]
@@ -58,7 +58,7 @@ class Drawer:
         self._points = np.zeros(len(mesh.vertices), np.int64)
         self._points[mesh.faces.ravel()] = corner_points(mesh).ravel()
 
-    def draw(self, directions: Array, distance: float) -> Iterator[Shown]:
+    def draw(self, directions: Array, distance: float) -> Iterator[ShownEdges]:
         """Yield what eyes see in unit directions (N, 3) from the ball's middle, all at one distance (mm) from it."""
         focal = FILLED * SIZE / 2 * math.sqrt(distance**2 - self._radius**2) / self._radius
         camera = Camera.from_focal((SIZE, SIZE), focal)
@@ -78,7 +78,7 @@ class Drawer:
         up = np.eye(3)[np.argmin(np.abs(towards))]
         return Rigid.look_at(self._centre + distance * towards, self._centre, up=up)
 
-    def _chosen(self, seen: Sequence[SeenLines], depth: Array) -> Iterator[Shown]:
+    def _chosen(self, seen: Sequence[SeenLines], depth: Array) -> Iterator[ShownEdges]:
         """Yield what is shown of the lines of some pictures; depth (pictures, 4): rows that give z of a point."""
         steps = _Steps.of(seen)
         line = self._numbers(steps)
@@ -92,10 +92,10 @@ class Drawer:
             own = slice(first[k], first[k + 1])
             yield self._shown(steps.select(own), line[own], row)
 
-    def _shown(self, steps: _Steps, line: Longs, depth: Array) -> Shown:
+    def _shown(self, steps: _Steps, line: Longs, depth: Array) -> ShownEdges:
         """Return what is shown of the lines of one picture, each line's steps together."""
         if not len(line):
-            return Shown(np.zeros(0, PLACE), np.zeros(0, np.int32), np.zeros(0, np.int32), 0.0)
+            return ShownEdges(np.zeros(0, PLACE), np.zeros(0, np.int32), np.zeros(0, np.int32), 0.0)
         ends = np.concatenate([[0.0], np.cumsum(steps.length)])
         along = (_RANK + 0.5) / PLACES * ends[-1]
         k = np.clip(np.searchsorted(ends, along, side="right") - 1, 0, len(line) - 1)
@@ -108,7 +108,7 @@ class Drawer:
         places["weight"] = 1.0
         chain = np.where(line < self._contours, line, -1)[k].astype(np.int32)
         numbers = np.unique(line[k], return_inverse=True)[1].ravel().astype(np.int32)
-        return Shown(places, chain, numbers, float(ends[-1]))
+        return ShownEdges(places, chain, numbers, float(ends[-1]))
 
     def _numbers(self, steps: _Steps) -> Longs:
         """Return the number (N,) of the line that each step is on: its chain, or beyond those its contour."""

@@ -114,7 +114,7 @@ def read_layout_scene(path: str | os.PathLike[str]) -> LayoutScene:
 
 
 def _model(place: Place, folder: Path, sources: Sources, role: str, *more: str) -> Mesh:
-    from cadcam.cad.load import load_with_report
+    from cadcam.cad.read import read_model_with_report
 
     given = place.value if isinstance(place.value, dict) else {"model": place.value}
     place = Place(place.path, place.keys, given)
@@ -122,7 +122,7 @@ def _model(place: Place, folder: Path, sources: Sources, role: str, *more: str) 
     unit = place.at("unit").text() if "unit" in given else None
     chordal = place.at("tolerance_mm").number() if "tolerance_mm" in given else None
     path = folder / place.at("model").text()
-    mesh, report = load_with_report(path, unit=unit, chordal_tolerance_mm=chordal)
+    mesh, report = read_model_with_report(path, unit=unit, chordal_tolerance_mm=chordal)
     sources.append((role, str(path), report.sha256))
     return mesh
 

@@ -20,7 +20,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import corner_points, is_solid, same_rows
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
-from cadcam.native.seen import ALWAYS, FACING, TURNING, EdgesInSpace, EyePoint, SeenLines, Sight
+from cadcam.native.seen import ALWAYS, FACING, TURNING, DepthView, EdgesInSpace, EyePoint, SeenLines
 from cadcam.render.lines.clip import FlatSegments, ViewVolume
 from cadcam.render.lines.occlusion import solid_parts
 from cadcam.render.lines.segments import FLAT, Segments
@@ -43,7 +43,7 @@ def seen_points(view: View, p: Array, q: Array) -> Mask:
 
     The view holds DEPTH and NORMAL. False outside the picture. Raises `MissingCore` without the compiled core.
     """
-    return _sight(view).points(p, q)
+    return _depth_view(view).points(p, q)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -132,7 +132,7 @@ class SeenEdges:
         """
         eye = EyePoint(view.camera_from_world.matrix[:3], view.camera.K[:2], self._near)
         lengths = {"step": _STEP_PX, "shortest": shortest_px, "bend": bend_px}
-        return self._edges.seen(_sight(view), eye, self._front(view), **lengths)
+        return self._edges.seen(_depth_view(view), eye, self._front(view), **lengths)
 
     def _front(self, view: View) -> Mask:
         """Return which planes the camera is in front of."""
@@ -160,9 +160,9 @@ class SeenEdges:
         return found.select(found.length_px >= _SHORTEST_PX)
 
 
-def _sight(view: View) -> Sight:
+def _depth_view(view: View) -> DepthView:
     pixel = (1 / view.camera.fx, 1 / view.camera.fy)
-    return Sight(view.depth, view.normal, pixel, slack=_SLACK_PX * max(pixel), steepest=_STEEPEST)
+    return DepthView(view.depth, view.normal, pixel, slack=_SLACK_PX * max(pixel), steepest=_STEEPEST)
 
 
 def _shown(view: View, lines: FlatSegments) -> Stretches:

@@ -35,7 +35,7 @@ _SAME = 0.5  # of the size: candidates nearer than that are one
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Candidates:
+class MarkCandidates:
     """Places q (N, 2) px and shapes (N, 2, 2) px by mm."""
 
     q: Array
@@ -44,12 +44,12 @@ class Candidates:
     def __len__(self) -> int:
         return len(self.q)
 
-    def subset(self, which: Index) -> Candidates:
+    def subset(self, which: Index) -> MarkCandidates:
         """Return those that `which` selects, in its order."""
-        return Candidates(self.q[which], self.shapes[which])
+        return MarkCandidates(self.q[which], self.shapes[which])
 
 
-def candidates(gray: Picture, mark: Mark, method: str, radii: tuple[float, float] | None) -> Candidates:
+def mark_candidates(gray: Picture, mark: Mark, method: str, radii: tuple[float, float] | None) -> MarkCandidates:
     """Return where a search sees the mark, likely ones first within a size; radii: least and largest, px."""
     if method == "blobs":
         return _joined(list(_blobs(gray, mark, radii)))
@@ -65,13 +65,13 @@ def candidates(gray: Picture, mark: Mark, method: str, radii: tuple[float, float
     parts = []
     for size in sizes.tolist():
         q = look(gray, mark, size)
-        parts.append(Candidates(q, np.tile(size / mark.radius * np.eye(2), (len(q), 1, 1))))
+        parts.append(MarkCandidates(q, np.tile(size / mark.radius * np.eye(2), (len(q), 1, 1))))
     return _joined(parts)
 
 
 def screened(
-    gray: Picture, mark: Mark, seen: Candidates, *, most: int, margin: float, rough: bool = False
-) -> Candidates:
+    gray: Picture, mark: Mark, seen: MarkCandidates, *, most: int, margin: float, rough: bool = False
+) -> MarkCandidates:
     """Return at most `most` candidates that look like the mark as they are, best first, one at each place.
 
     rough: whether places and shapes are known to a fifth of the size only; likeness is then that of soft pictures.
@@ -85,7 +85,7 @@ def screened(
     return seen.subset(_apart(seen.q, size, order, most))
 
 
-def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float, *, enough: int | None) -> Candidates:
+def approached(gray: Picture, mark: Mark, seen: MarkCandidates, margin: float, *, enough: int | None) -> MarkCandidates:
     """Return those candidates that are marks in a picture reduced until they are small, with places and shapes there.
 
     There a circle at about the right place is near enough to the ellipse of a tilted mark for a fit to settle.
@@ -106,7 +106,7 @@ def approached(gray: Picture, mark: Mark, seen: Candidates, margin: float, *, en
         fit = fit_marks(small, mark, (some.q + 0.5) / factor - 0.5, some.shapes / factor, margin=margin, blur=_BLUR)
         change = np.linalg.det(fit.image_from_mark) / np.linalg.det(some.shapes / factor)
         alike = fit.good & (fit.score > _LEAST_APPROACHED) & (change < _CHANGE) & (change > 1 / _CHANGE)
-        parts.append(Candidates((fit.q + 0.5) * factor - 0.5, fit.image_from_mark * factor).subset(alike))
+        parts.append(MarkCandidates((fit.q + 0.5) * factor - 0.5, fit.image_from_mark * factor).subset(alike))
     return _joined(parts)
 
 
@@ -147,7 +147,7 @@ def _correlation(gray: Picture, mark: Mark, radius: float) -> Array:
     return cross(gray, template(mark, radius), least=_LEAST_CORRELATION)[0]
 
 
-def _blobs(gray: Picture, mark: Mark, radii: tuple[float, float] | None) -> Iterator[Candidates]:
+def _blobs(gray: Picture, mark: Mark, radii: tuple[float, float] | None) -> Iterator[MarkCandidates]:
     """Yield the elliptic blobs that may be the disc in the mark's middle, at several sizes of picture and window."""
     if mark.core is None:
         raise BadValue("method", "blobs", f"another one: {mark} has no disc in its middle")
@@ -164,10 +164,10 @@ def _blobs(gray: Picture, mark: Mark, radii: tuple[float, float] | None) -> Iter
             shapes = 2 / radius / level * (U * np.sqrt(s)[:, None, :]) @ np.swapaxes(U, 1, 2)
             size = mark.radius * np.linalg.svd(shapes, compute_uv=False)[:, 0]
             fits = np.ones(len(size), bool) if radii is None else (size > radii[0] / 1.5) & (size < radii[1] * 1.5)
-            yield Candidates(full(blobs.q[fits]), shapes[fits])
+            yield MarkCandidates(full(blobs.q[fits]), shapes[fits])
 
 
-def _saddles(gray: Picture, mark: Mark, radius: float) -> Candidates:
+def _saddles(gray: Picture, mark: Mark, radius: float) -> MarkCandidates:
     """Return the crossings of two edges, x along the one from which growing angles are dark."""
     corners = corner_candidates(gray, float(np.clip(radius / 6, 1.0, 3.0)))
     first, second = corners.directions.T
@@ -175,10 +175,10 @@ def _saddles(gray: Picture, mark: Mark, radius: float) -> Candidates:
     x, y = np.where(swap, second, first), np.where(swap, first + np.pi, second)
     y = np.where(np.mod(y - x, 2 * np.pi) > np.pi, y + np.pi, y)
     shapes = np.stack([np.cos(x), np.cos(y), np.sin(x), np.sin(y)], axis=-1).reshape(-1, 2, 2)
-    return Candidates(corners.q, shapes * (radius / mark.radius))
+    return MarkCandidates(corners.q, shapes * (radius / mark.radius))
 
 
-def _joined(parts: list[Candidates]) -> Candidates:
+def _joined(parts: list[MarkCandidates]) -> MarkCandidates:
     if not parts:
-        return Candidates(np.zeros((0, 2)), np.zeros((0, 2, 2)))
-    return Candidates(np.concatenate([p.q for p in parts]), np.concatenate([p.shapes for p in parts]))
+        return MarkCandidates(np.zeros((0, 2)), np.zeros((0, 2, 2)))
+    return MarkCandidates(np.concatenate([p.q for p in parts]), np.concatenate([p.shapes for p in parts]))

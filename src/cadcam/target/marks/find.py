@@ -18,7 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
-from cadcam.target.marks.candidates import METHODS, Candidates, approached, candidates, screened
+from cadcam.target.marks.candidates import METHODS, MarkCandidates, approached, mark_candidates, screened
 from cadcam.target.marks.cross import surface, taps, template
 from cadcam.target.marks.fit import MarkFit, fit_marks
 from cadcam.target.marks.mark import Mark, renumbered
@@ -168,10 +168,10 @@ class _Task:
             fit = fit_marks(gray, one, clear.q, clear.shapes, perspective=self.options.perspective, margin=margin)
             yield one, fit.subset(_kept(fit, one, self.radii, self.options.least_score))
 
-    def _near(self, gray: Picture) -> Candidates:
+    def _near(self, gray: Picture) -> MarkCandidates:
         """Return candidates near enough for a fit to settle."""
         most = _MOST if self.count is None else 2 * self.count + _SPARE
-        seen = candidates(gray, self.mark, self.search, self.radii)
+        seen = mark_candidates(gray, self.mark, self.search, self.radii)
         seen = screened(gray, self.mark, seen, most=most, margin=self.options.margin, rough=self._rough)
         return approached(gray, self.mark.rings, seen, self.options.margin, enough=self.count) if self._rough else seen
 
@@ -206,7 +206,7 @@ def _radii(radius_px: float | tuple[float, float] | None, gray: Picture) -> tupl
     return low, high
 
 
-def _kinds(gray: Picture, mark: Mark, seen: Candidates, any_number: bool) -> Iterator[tuple[Mark, Candidates]]:
+def _kinds(gray: Picture, mark: Mark, seen: MarkCandidates, any_number: bool) -> Iterator[tuple[Mark, MarkCandidates]]:
     """Yield the marks that are seen, one kind after the other, turned as their rings say."""
     if mark.concentric or mark.core is None or not len(seen):
         yield mark, seen

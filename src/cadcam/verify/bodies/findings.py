@@ -18,8 +18,8 @@ from cadcam.verify.bodies.likeness import likenesses
 from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
 from cadcam.verify.bodies.tones import Tones
 from cadcam.verify.bodies.uncovered import uncovered_ratio
-from cadcam.verify.deviations.measured import Measured
-from cadcam.verify.edges.presence import Presence, Visibility, log_ratio, visibility
+from cadcam.verify.deviations.measured import MeasuredEdges
+from cadcam.verify.edges.presence import EdgeVisibility, Presence, edge_visibility, log_ratio
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import Tolerances
 
@@ -66,16 +66,16 @@ class Case:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Look:
+class Findings:
     """What is seen with the bodies drawn in some places: is each of them there, what is measured, who disagrees."""
 
     drawn: Part
     survey: Survey
     presence: Sequence[Presence]
-    measured: Measured
+    measured: MeasuredEdges
     left_out: Sequence[int]
 
-    def explained(self, seen: Visibility, clutter: float) -> float:
+    def explained(self, seen: EdgeVisibility, clutter: float) -> float:
         """Return how much more probable the photos' edges are with all bodies there than with none (logarithm).
 
         Looks compare by one measure of how well edges are seen.
@@ -84,23 +84,26 @@ class Look:
         return log_ratio(evidence, np.ones(len(evidence.seen), bool), seen, clutter)
 
 
-def looked(case: Case, drawn: Part, survey: Survey) -> Look:
+def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
     """Return what a survey of the part, drawn in whatever places, shows.
 
     Raises `DegenerateGeometry` where what is seen of the datum does not hold the part.
     """
     presence = _presences(case, drawn, survey)
     measured, left_out = _snooped(survey, _there(presence), case)
-    return Look(drawn, survey, presence, measured, left_out)
+    return Findings(drawn, survey, presence, measured, left_out)
 
 
-def looked_again(case: Case, look: Look) -> Look:
+def findings_redrawn(case: Case, look: Findings) -> Findings:
     """Return the look with displaced bodies drawn where they stand, as far as that explains more of the photos.
 
     One body at a time, the one farthest from where it is drawn first. Where a body stands is measured, or guessed from
     the edges nearby; of these places that one is tried which the photos look most like.
     """
-    seen, clutter = visibility(look.survey.evidence, np.ones(len(look.survey.evidence.seen), bool)), look.survey.clutter
+    seen, clutter = (
+        edge_visibility(look.survey.evidence, np.ones(len(look.survey.evidence.seen), bool)),
+        look.survey.clutter,
+    )
     for _ in range(_ROUNDS):
         before = look.explained(seen, clutter)
         for number in _suspects(case, look):
@@ -115,7 +118,7 @@ def looked_again(case: Case, look: Look) -> Look:
     return look
 
 
-def _suspects(case: Case, look: Look) -> list[int]:
+def _suspects(case: Case, look: Findings) -> list[int]:
     """Return the features, whole parts, that may stand elsewhere: measured beside where they are drawn, or unclear.
 
     The farthest first; last those displaced by less, those of which an edge is not where it should show but beside, and
@@ -137,7 +140,7 @@ def _suspects(case: Case, look: Look) -> list[int]:
     return [i for _, i in sorted(out)[::-1]]
 
 
-def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float]:
+def _likeliest(case: Case, look: Findings, number: int) -> tuple[Array | None, float]:
     """Return which displacement (3,) mm of a body makes the drawn part look most like the photos, and by how much.
 
     That is 0 where it was measured there already; the place is None where that is as drawn, or without the body.
@@ -164,7 +167,7 @@ def _likeliest(case: Case, look: Look, number: int) -> tuple[Array | None, float
     return place, float(likeness[best] - likeness[0])
 
 
-def elsewhere_by(case: Case, look: Look, part: int) -> float:
+def elsewhere_by(case: Case, look: Findings, part: int) -> float:
     """Return how much likelier (log likelihood) a body is where it is drawn than in its place, by all its pixels."""
     there = redrawn(case.part, _with(look.survey.by, part, np.zeros(3)))
     if there is None:
@@ -173,7 +176,7 @@ def elsewhere_by(case: Case, look: Look, part: int) -> float:
     return float(drawn - in_place)
 
 
-def _least_gain(case: Case, look: Look, number: int) -> float:
+def _least_gain(case: Case, look: Findings, number: int) -> float:
     """Return how much more of the photos (log likelihood) a body drawn elsewhere has to explain.
 
     As much as an alarm takes, where its edges, measured from where it is drawn, say that it is in place.
@@ -189,7 +192,7 @@ def _with(by: Array, part: int, to: Array) -> Array:
     return out
 
 
-def _redrawn_look(case: Case, look: Look, number: int, to: Array) -> Look | None:
+def _redrawn_look(case: Case, look: Findings, number: int, to: Array) -> Findings | None:
     """Return the look with a feature's part drawn `to` (3,) mm beside its place; None where nothing is measured."""
     part = look.survey.whole_part(number)
     assert part is not None  # a suspect
@@ -199,7 +202,7 @@ def _redrawn_look(case: Case, look: Look, number: int, to: Array) -> Look | None
         return None
     survey = surveyed(drawn, case.photos, case.world_from_part, case.asked, reach_px=case.reach_px, by=by)
     try:
-        again = looked(case, drawn, survey)
+        again = findings_of(case, drawn, survey)
     except DegenerateGeometry:
         return None
     return again if survey.names == look.survey.names else None
@@ -253,7 +256,7 @@ def _there(presence: Sequence[Presence]) -> Mask:
     return np.array([p.seen > 0 and p.log_ratio > 0 for p in presence], bool)
 
 
-def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[int]]:
+def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, list[int]]:
     """Return what is measured with the pose fitted to the bodies that agree, and those that do not.
 
     Bodies between which the photos hardly decide are left out together: the rest then tells which of them is in place.
@@ -263,7 +266,7 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[in
     while True:
         used = there[survey.body] & ~np.isin(survey.mate, left_out)
         datum = survey.datum & ~np.isin(survey.body, left_out)
-        measured = Measured.of(survey, used, datum, case.eye, case.freedom)
+        measured = MeasuredEdges.of(survey, used, datum, case.eye, case.freedom)
         measured.adjustment.pose()  # an error here says what is free
         if survey.stated:
             return measured, left_out
@@ -280,7 +283,7 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[Measured, list[in
         left_out += worst
 
 
-def _against_others(measured: Measured, body: int) -> tuple[float, float]:
+def _against_others(measured: MeasuredEdges, body: int) -> tuple[float, float]:
     """Return how probable a body's offsets are if it is in place, and how improbable its being off leaves the photos.
 
     In place is where the rest of the datum has it; edges' own errors too are those of the rest. Of several bodies that

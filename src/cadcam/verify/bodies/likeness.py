@@ -20,8 +20,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.light import Light
-from cadcam.verify.edges.shown import Shown, Window
+from cadcam.locate.quality.light import FittedLight
+from cadcam.verify.edges.shown import ShownFaces, Window
 
 _RIM_PX = 4  # around a body's picture that counts too
 _BLUR_PX, _BLURRED_PX = 0.7, 3  # of the photo, about; how far it reaches
@@ -33,7 +33,7 @@ _ROUNDS = 3
 
 
 def likenesses(
-    photos: Sequence[Photo], world_from_part: Rigid, guesses: Sequence[Part], body: int, shown: Sequence[Shown]
+    photos: Sequence[Photo], world_from_part: Rigid, guesses: Sequence[Part], body: int, shown: Sequence[ShownFaces]
 ) -> tuple[Array, float]:
     """Return the log likelihoods (k,) of what the photos show where any of the guesses has a body, and that without it.
 
@@ -65,13 +65,13 @@ def _window(photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body
 
 
 def _in_photo(
-    photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body: int, window: Window, first: Shown
+    photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body: int, window: Window, first: ShownFaces
 ) -> Array:
     from scipy.ndimage import binary_dilation
 
     shown = [replace(first, face=first.face[window])]
-    shown += [Shown.of(part, photo, camera_from_part, window=window) for part in guesses[1:]]
-    shown.append(Shown.of(guesses[0], photo, camera_from_part, without=body, window=window))
+    shown += [ShownFaces.of(part, photo, camera_from_part, window=window) for part in guesses[1:]]
+    shown.append(ShownFaces.of(guesses[0], photo, camera_from_part, without=body, window=window))
     covered = np.any([s.shows(body) for s in shown], axis=0)
     if not covered.any():
         return np.zeros(len(shown))
@@ -113,7 +113,7 @@ class _Pixels:
         return np.asarray(out[tuple(self.at)][self.counts])
 
 
-def _log_likelihood(shown: Shown, pixels: _Pixels, light: Light, noise: float) -> float:
+def _log_likelihood(shown: ShownFaces, pixels: _Pixels, light: FittedLight, noise: float) -> float:
     """Return the log likelihood of the pixels that count, up to a constant, whatever the tones are."""
     face = shown.face[tuple(pixels.at)]
     of = shown.surface * (int(shown.part.max(initial=0)) + 2) + shown.part  # of one surface and part, one number

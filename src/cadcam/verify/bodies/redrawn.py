@@ -13,7 +13,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Mask
 from cadcam.locate.part import Part
-from cadcam.verify.deviations.measured import Displacement, Measured, told
+from cadcam.verify.deviations.measured import Displacement, MeasuredEdges, of_known_size
 from cadcam.verify.edges.survey import Survey
 
 AGREES_PX = 1.0  # up to which a body is drawn where it was found: its edges are then surely told from others
@@ -30,9 +30,9 @@ def redrawn(part: Part, by: Array) -> Part | None:
     return Part(replace(part.scene, mesh=replace(mesh, vertices=vertices)))
 
 
-def displaced(measured: Measured, number: int) -> Displacement | None:
+def displaced(measured: MeasuredEdges, number: int) -> Displacement | None:
     """Return the displacement of a feature, as far as its size was measured."""
-    return told(measured.moved(number)) if measured.members[number].any() else None
+    return of_known_size(measured.moved(number)) if measured.members[number].any() else None
 
 
 def off_px(survey: Survey, rows: Mask, by: Array) -> float:

@@ -19,8 +19,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.light import Light, surfaces
-from cadcam.verify.edges.shown import Shown, Window
+from cadcam.locate.quality.light import FittedLight, surfaces
+from cadcam.verify.edges.shown import ShownFaces, Window
 
 _RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
 _LEAST_PX = 60  # of a piece whose brightness counts: small ones are borders and corners
@@ -43,12 +43,12 @@ class _Pixels:
     surface: Longs
 
     @classmethod
-    def of(cls, shown: Shown, where: Mask) -> _Pixels:
+    def of(cls, shown: ShownFaces, where: Mask) -> _Pixels:
         """Return the pixels `where` (h, w)."""
         face = shown.face[where]
         return cls(shown.normal[face], shown.color[face], shown.surface[face])
 
-    def log_density(self, light: Light, tones: Array, pieces: Sequence[Longs]) -> float:
+    def log_density(self, light: FittedLight, tones: Array, pieces: Sequence[Longs]) -> float:
         """Return the log probability density of tones (r,), each that of a piece: of some of the n pixels."""
         if not len(pieces):
             return 0.0
@@ -64,7 +64,7 @@ class _Pixels:
         mostly = np.argmax(share, axis=1)  # pieces of one surface are off together, as are the strips of a round one
         return _log_normal(tones - mean, V[np.ix_(mostly, mostly)] + np.diag(_UNEVEN**2 + turned))
 
-    def _brightness(self, light: Light, at: Longs) -> tuple[Array, Array]:
+    def _brightness(self, light: FittedLight, at: Longs) -> tuple[Array, Array]:
         """Return the brightness (r,) of what the pixels `at` (r,) show, and its covariance (r, r)."""
         mean, V = light.brightness(self.normal[at], self.color[at])
         nothing = self.color[at] < 0
@@ -80,7 +80,7 @@ class Tones:
     part: Part
     photos: Sequence[Photo]
     world_from_part: Rigid
-    shown: Sequence[Shown]
+    shown: Sequence[ShownFaces]
 
     def log_ratio(self, body: int, *, edges: float = 0.0, any_light: float = 0.0) -> float:
         """Return the logarithm of the likelihood ratio of "there" to "not there" of part number `body`.
@@ -98,7 +98,7 @@ class Tones:
             lapsed = max(edges, any_light) + float(dim)
         return _lapsing(edges + there, lapsed) - _lapsing(not_there, other)
 
-    def _in_photo(self, photo: Photo, whole: Shown, body: int) -> tuple[float, float, float]:
+    def _in_photo(self, photo: Photo, whole: ShownFaces, body: int) -> tuple[float, float, float]:
         """Return the log densities of the tones with the body, without it, and in any other light."""
         from scipy.ndimage import binary_erosion
 
@@ -111,7 +111,7 @@ class Tones:
         if inside.sum() < _LEAST_PX:
             return 0.0, 0.0, 0.0
         camera_from_part = photo.viewpoint.camera_from_world @ self.world_from_part
-        hidden = Shown.of(self.part, photo, camera_from_part, without=body, window=window)
+        hidden = ShownFaces.of(self.part, photo, camera_from_part, without=body, window=window)
         own, behind = _Pixels.of(shown, inside), _Pixels.of(hidden, inside)
         pieces = _pieces(own, behind)
         if not pieces:
@@ -163,7 +163,9 @@ def _where(inside: Mask, piece: Longs) -> Mask:
     return out
 
 
-def _from_beside(gray: Array, noise: float, shown: Shown, hidden: Shown, its: Mask, piece: Mask) -> tuple[float, float]:
+def _from_beside(
+    gray: Array, noise: float, shown: ShownFaces, hidden: ShownFaces, its: Mask, piece: Mask
+) -> tuple[float, float]:
     """Return how much brighter a piece (h, w) is than what it would hide is beside it, and how uneven that is.
 
     nan where too little of that surface is to be seen beside it.

@@ -11,10 +11,10 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.edges.association import SEARCH_ROOM_PX, associated, nearby_edges
-from cadcam.verify.edges.presence import EdgeEvidence, log_ratio, visibility
-from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.presence import EdgeEvidence, edge_visibility, log_ratio
+from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
-from cadcam.verify.edges.surroundings import surroundings
+from cadcam.verify.edges.surroundings import edge_surroundings
 from cadcam.verify.edges.survey import Survey
 
 _INSIDE_PX = 3.0  # across the line, that must lie on the part that hides it
@@ -29,16 +29,16 @@ def uncovered_ratio(without: Part, photos: Sequence[Photo], world_from_part: Rig
     behind = _behind(survey.shown, body, lines) & (lines.room >= SEARCH_ROOM_PX)
     if not behind.any():
         return 0.0
-    shown = [Shown.of(without, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]
-    beside = surroundings(photos, shown, lines)
+    shown = [ShownFaces.of(without, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]
+    beside = edge_surroundings(photos, shown, lines)
     found = nearby_edges(lines, sights, reach_px=2.0, way=beside.way)
     matched = associated(lines, sights, found, np.where(behind, 0, -1), reach_px=1.0)
     own = EdgeEvidence.of(lines, behind, matched, beside)
-    seen = visibility(survey.evidence, np.ones(len(survey.evidence.seen), bool))
+    seen = edge_visibility(survey.evidence, np.ones(len(survey.evidence.seen), bool))
     return -log_ratio(own, np.ones(len(own.seen), bool), seen, survey.clutter)
 
 
-def _behind(shown: Sequence[Shown], body: int, lines: Sightlines) -> Mask:
+def _behind(shown: Sequence[ShownFaces], body: int, lines: Sightlines) -> Mask:
     """Return which places (N,) the part hides, with some room."""
     out = np.zeros(len(lines), bool)
     for i, seen in enumerate(shown):

@@ -28,7 +28,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Mask
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
-from cadcam.verify.deviations.measured import Displacement, Measured
+from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.sightlines import REACH_PX, Sightlines, pieces
 from cadcam.verify.edges.survey import Survey
 
@@ -52,7 +52,7 @@ _HELD_BY = 3  # edges of other bodies that are doubted, as its place hangs on th
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Group:
+class EdgeGroup:
     """Edges of a body that are led astray together: their numbers, and how far off they surely are (px)."""
 
     edges: tuple[int, ...]
@@ -80,26 +80,26 @@ class Doubt:
     places without all that matter; rest: what these say.
     """
 
-    groups: tuple[Group, ...]
+    groups: tuple[EdgeGroup, ...]
     own: int
     tried: tuple[Array, ...] = ()
     kept: Mask = field(default_factory=lambda: np.zeros(0, bool))
     rest: Displacement | None = None
 
     @classmethod
-    def of(cls, measured: Measured, number: int, *, doubted: bool = True) -> Doubt:
+    def of(cls, measured: MeasuredEdges, number: int, *, doubted: bool = True) -> Doubt:
         """Return the doubt about a feature: none where it is not `doubted`, or its edges say that it is in place."""
         moved, rows = measured.moved(number), measured.members[number]
         places = side_by_side(measured, rows)
         own = len(places)
         if not doubted or moved is None or moved.p_value >= _DOUBTED:
-            return cls(tuple(Group(_edges(measured, place)) for place in places), own)
+            return cls(tuple(EdgeGroup(_edges(measured, place)) for place in places), own)
         far, off_px = _off(measured, rows, places)
         left = np.argsort(far)[::-1][:_LOOKED_AT].tolist()
         for place in _holding(measured, rows):  # how far off these are is not known: the pose hangs on them
             left.append(len(places))
             places, off_px = [*places, place], np.append(off_px, 0.0)
-        groups = [Group(_edges(measured, place), float(px)) for place, px in zip(places, off_px, strict=True)]
+        groups = [EdgeGroup(_edges(measured, place), float(px)) for place, px in zip(places, off_px, strict=True)]
         kept, apart, tried = rows, rows, list[Array]()
         rest: Displacement | None = moved
         p = moved.p_value
@@ -158,7 +158,7 @@ def broken_edges(survey: Survey) -> set[int]:
 
 def chances(
     doubts: Sequence[Doubt],
-    measured: Measured,
+    measured: MeasuredEdges,
     uneven: Callable[[], Mapping[int, bool]],
     broken: Collection[int] = (),
 ) -> list[Array]:
@@ -186,7 +186,7 @@ def _possible(uneven: Mapping[int, bool], own: set[int]) -> float:
     return min(1.0, sum(others) / (_UNEVEN * max(len(others), 1)))
 
 
-def side_by_side(measured: Measured, rows: Mask) -> list[Mask]:
+def side_by_side(measured: MeasuredEdges, rows: Mask) -> list[Mask]:
     """Return the places (n,) of each of a feature's edges, parallel edges side by side together, and so its feet.
 
     An edge that is bent counts as several: what lies beside one side of a hole's rim does not move the others with it.
@@ -223,7 +223,7 @@ def _beside(one: Sightlines, other: Sightlines) -> bool:
     return bool(np.mean((apart.min(axis=1) < 2 * REACH_PX) & along) > _MOST_OF_IT)
 
 
-def _off(measured: Measured, rows: Mask, places: Sequence[Mask]) -> tuple[Array, Array]:
+def _off(measured: MeasuredEdges, rows: Mask, places: Sequence[Mask]) -> tuple[Array, Array]:
     """Return how far off groups of edges are against the pose without the feature: in their sigmas, surely in px."""
     pose = measured.pose_without(rows) if len(places) else None
     if pose is None:
@@ -237,11 +237,11 @@ def _off(measured: Measured, rows: Mask, places: Sequence[Mask]) -> tuple[Array,
     return off / sigma, np.maximum(off - _SURELY * sigma, 0.0)
 
 
-def _edges(measured: Measured, rows: Mask) -> tuple[int, ...]:
+def _edges(measured: MeasuredEdges, rows: Mask) -> tuple[int, ...]:
     return tuple(np.unique(measured.lines.edge[rows]).tolist())
 
 
-def _holding(measured: Measured, rows: Mask) -> list[Mask]:
+def _holding(measured: MeasuredEdges, rows: Mask) -> list[Mask]:
     """Return the edges, of other bodies, that a feature's place hangs on most.
 
     Those without which the pose that is fitted to all others moves the feature's lines by most.

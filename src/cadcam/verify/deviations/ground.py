@@ -15,7 +15,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Longs
 from cadcam.image.profile import noise_of
 from cadcam.locate.photo import Photo
-from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.survey import Survey
 
 _ASIDE = np.arange(2.0, 8.5)  # px from the edge at which brightness is looked at: farther than blur reaches
@@ -48,7 +48,9 @@ def uneven_edges(survey: Survey, photos: Sequence[Photo]) -> dict[int, bool]:
     return {e: any(sides) for e, sides in told.items() if any(sides) or len(sides) == _SIDES}
 
 
-def _beside(survey: Survey, photo: Photo, shown: Shown, rows: Longs, offset: Array, side: float) -> tuple[Array, Longs]:
+def _beside(
+    survey: Survey, photo: Photo, shown: ShownFaces, rows: Longs, offset: Array, side: float
+) -> tuple[Array, Longs]:
     """Return the brightness (d, n) at each distance on one side of places, and its surface, -1 where that ends."""
     from scipy.ndimage import map_coordinates
 
@@ -63,7 +65,7 @@ def _beside(survey: Survey, photo: Photo, shown: Shown, rows: Longs, offset: Arr
     return gray.astype(np.float64), np.where(same, surface, -1).astype(np.int64)
 
 
-def _face(shown: Shown, q: Array) -> npt.NDArray[np.int32]:
+def _face(shown: ShownFaces, q: Array) -> npt.NDArray[np.int32]:
     height, width = shown.face.shape
     x, y = (np.clip(np.rint(q[..., i]).astype(np.int64), 0, n - 1) for i, n in ((0, width), (1, height)))
     return np.asarray(shown.face[y, x])

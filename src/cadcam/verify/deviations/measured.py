@@ -8,8 +8,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry
-from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.adjustment.alarms import either, tail_probability
+from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.adjustment.following import following
 from cadcam.verify.adjustment.scatter import EdgeNoise, common_error, improbability, white_scale
 from cadcam.verify.edges.sightlines import Sightlines
@@ -38,7 +38,7 @@ class Displacement:
 
 
 @dataclass(frozen=True)
-class Measured:
+class MeasuredEdges:
     """The places where the photos show the part's edges, their errors, and the pose fitted to the datum among them.
 
     body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame
@@ -60,7 +60,7 @@ class Measured:
     found: dict[int, Displacement | None] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, survey: Survey, used: Mask, datum: Mask, eye: Array | None, freedom: Array) -> Measured:
+    def of(cls, survey: Survey, used: Mask, datum: Mask, eye: Array | None, freedom: Array) -> MeasuredEdges:
         """Return what is measured from the places `used` (N,), the pose fitted to those also in `datum` (N,)."""
         rows = used & survey.matched.measured & survey.usable
         lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
@@ -73,7 +73,7 @@ class Measured:
         out = cls(lines, survey.body[rows], members, adjustment, lever, mate, ground, eye, scale, 0.0, noise)
         return out.fitted_to(datum[rows])
 
-    def fitted_to(self, datum: Mask) -> Measured:
+    def fitted_to(self, datum: Mask) -> MeasuredEdges:
         """Return the same with the pose, and the common error of edges, fitted to these places (n,)."""
         whole = self.adjustment
         noise, tau = self.own_noise, 0.0
@@ -267,7 +267,7 @@ class Measured:
         return np.array(out).reshape(-1, 3)
 
 
-def told(moved: Displacement | None) -> Displacement | None:
+def of_known_size(moved: Displacement | None) -> Displacement | None:
     """Return a displacement if its size is known."""
     return moved if moved is not None and moved.known else None
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from cadcam.verify.adjustment.datum_fit import CAUSES
 from cadcam.verify.deviations.deviation import Unclear
-from cadcam.verify.deviations.measured import Displacement, Measured
+from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.presence import Presence
 from cadcam.verify.edges.survey import Survey
 
@@ -21,7 +21,7 @@ def why_doubtful(presence: Presence) -> Unclear:
     return Unclear.UNSEEN if presence.seen == 0 else Unclear.DOUBTFUL
 
 
-def why_untold(survey: Survey, measured: Measured, number: int, moved: Displacement | None) -> Unclear:
+def why_untold(survey: Survey, measured: MeasuredEdges, number: int, moved: Displacement | None) -> Unclear:
     """Return why a feature that is there has no place that could be told, or none that can be believed."""
     rows = measured.members[number]
     if not rows.any():

@@ -14,8 +14,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask, quantile
 from cadcam.cad.edges import EdgeKind
-from cadcam.image.profile import candidates
-from cadcam.locate.lines.cells import Cells, measure
+from cadcam.image.profile import step_candidates
+from cadcam.locate.lines.cells import Cells, measured_steps
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.verify.edges.shifts import CAPTURE_PX, NEAR_PX, all_round, best_shift, grown, supported
@@ -81,7 +81,7 @@ def nearby_edges(lines: Sightlines, sights: Sequence[Sight], *, reach_px: float,
     out = []
     for i, sight in enumerate(sights):
         rows = lines.photo == i
-        found = candidates(
+        found = step_candidates(
             sight.photo.gray,
             lines.q[rows],
             lines.normal[rows],
@@ -201,7 +201,7 @@ def _measured(
         rows = lines.photo == i
         at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
         cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
-        found = measure(sight, at, cells, expected[rows], as_lines=True)
+        found = measured_steps(sight, at, cells, expected[rows], as_lines=True)
         clear = (lines.room[rows] >= ROOM_PX + _APART * cells.blur) | free[rows]
         usable = found.usable & clear
         offset[rows] = np.where(usable, found.offset, np.nan)

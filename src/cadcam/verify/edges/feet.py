@@ -15,7 +15,7 @@ import numpy as np
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.verify.edges.sightlines import Sightlines
-from cadcam.verify.edges.surroundings import Surroundings
+from cadcam.verify.edges.surroundings import EdgeSurroundings
 
 _FLAT = 0.95  # cosine between side and ground from which they count as one surface
 
@@ -34,7 +34,7 @@ class Feet:
     ground: Array
 
     @classmethod
-    def of(cls, lines: Sightlines, beside: Surroundings) -> Feet:
+    def of(cls, lines: Sightlines, beside: EdgeSurroundings) -> Feet:
         """Return the feet among places, by what lies to both sides of them."""
         own = beside.part == lines.part[:, None]
         ground = (beside.part >= 0) & ~own

@@ -12,12 +12,12 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.cad.edges import EdgeKind
 from cadcam.verify.edges.sightlines import Sightlines
-from cadcam.verify.edges.surroundings import Surroundings
+from cadcam.verify.edges.surroundings import EdgeSurroundings
 
 _LEAST_PX = 0.5  # by which limbs may be off, wherever they are seen
 
 
-def limb_errors(lines: Sightlines, beside: Surroundings, offset: Array) -> Array:
+def limb_errors(lines: Sightlines, beside: EdgeSurroundings, offset: Array) -> Array:
     """Return the error (N,) px by shade that a whole edge has, 0 for what is no limb; offset (N,) px: where it is seen.
 
     At least as large as the edge is seen inside of its place, in the middle.
@@ -31,7 +31,7 @@ def limb_errors(lines: Sightlines, beside: Surroundings, offset: Array) -> Array
     return out
 
 
-def _outwards(lines: Sightlines, beside: Surroundings) -> Array:
+def _outwards(lines: Sightlines, beside: EdgeSurroundings) -> Array:
     """Return 1 where the normal of a limb points away from its surface, -1 where it points to it, 0 where neither is.
 
     The surface lies on that side from which it bends away towards the other.

@@ -19,7 +19,7 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.verify.edges.association import Association
 from cadcam.verify.edges.shifts import CAPTURE_PX, best_shift, supported
 from cadcam.verify.edges.sightlines import Sightlines, pieces
-from cadcam.verify.edges.surroundings import Surroundings, alike
+from cadcam.verify.edges.surroundings import EdgeSurroundings, alike
 
 LEAST_PLACES = 4  # of an edge that can say anything
 _DECOY_SHARE = 0.65  # of the reach at which decoys stand
@@ -62,7 +62,7 @@ class EdgeEvidence:
     faint: Mask
 
     @classmethod
-    def of(cls, lines: Sightlines, rows: Mask, matched: Association, beside: Surroundings) -> EdgeEvidence:
+    def of(cls, lines: Sightlines, rows: Mask, matched: Association, beside: EdgeSurroundings) -> EdgeEvidence:
         """Return the evidence of places `rows` (N,): edges seen at half of their places, or faintly along all of it."""
         support = matched.support
         at = pieces(lines.edge[rows], lines.normal[rows])
@@ -96,7 +96,7 @@ def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: float, elsewhere: f
 
     elsewhere: logarithm of the number of places where it was looked for, if it was found at another than its own.
     """
-    others = visibility(evidence, ~mine)
+    others = edge_visibility(evidence, ~mine)
     total = log_ratio(evidence, mine, others, clutter)
     any_light = log_ratio(evidence, mine & ~evidence.faint, others, clutter, contrast=0.5)
     seen = int(evidence.seen[mine].sum())
@@ -105,7 +105,7 @@ def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: float, elsewhere: f
 
 
 def log_ratio(
-    evidence: EdgeEvidence, mine: Mask, seen: Visibility, clutter: float, *, contrast: float | None = None
+    evidence: EdgeEvidence, mine: Mask, seen: EdgeVisibility, clutter: float, *, contrast: float | None = None
 ) -> float:
     """Return L of the edges `mine` (E,), group by group; contrast: probability that it has it, default by the light."""
     total = 0.0
@@ -121,7 +121,7 @@ def log_ratio(
 
 
 @dataclass(frozen=True, slots=True)
-class Visibility:
+class EdgeVisibility:
     """Whether edges are seen, by their contrast: half of those of contrast `middle`, and all but a `lapse` of ample."""
 
     middle: float
@@ -132,7 +132,7 @@ class Visibility:
         return float(1.0 / (1.0 + (self.middle / max(contrast, 1e-4)) ** _STEEP))
 
 
-def visibility(evidence: EdgeEvidence, others: Mask) -> Visibility:
+def edge_visibility(evidence: EdgeEvidence, others: Mask) -> EdgeVisibility:
     """Return how well edges are seen, as the others (E,) are.
 
     A logistic curve in the logarithm of the contrast, with a lapse: even ample contrast is now and then not seen, for
@@ -146,7 +146,7 @@ def visibility(evidence: EdgeEvidence, others: Mask) -> Visibility:
     fits = [np.log(np.where(seen, curve(c, m), 1 - curve(c, m)) * (1 - _LAPSE) + _LAPSE / 2).sum() for m in _MIDDLES]
     middle = float(_MIDDLES[int(np.argmax(fits - 0.5 * (np.log(_MIDDLES / _USUAL_MIDDLE)) ** 2))])
     ample = c > 2 * middle
-    return Visibility(middle, (float((ample & ~seen).sum()) + 0.5) / (float(ample.sum()) + 0.5 / _LAPSE))
+    return EdgeVisibility(middle, (float((ample & ~seen).sum()) + 0.5) / (float(ample.sum()) + 0.5 / _LAPSE))
 
 
 def in_place_ratio(offset: Array, sigma: Array, clutter: float, *, rim: Mask | None = None) -> float:

@@ -12,7 +12,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.light import EVERY, Light, light_of, paints_of, surfaces
+from cadcam.locate.quality.light import EVERY, FittedLight, light_of, paints_of, surfaces
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 
@@ -22,7 +22,7 @@ _NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Shown:
+class ShownFaces:
     """What a part shows in the pixels of a photo, or of a window of it.
 
     face (h, w): number of the face among the n that are seen, 0 for nothing of the part. Of these: normal (n, 3) in the
@@ -45,7 +45,7 @@ class Shown:
         *,
         without: int = -1,
         window: Window | None = None,
-    ) -> Shown:
+    ) -> ShownFaces:
         """Return what a part shows in a photo, or in a window of it, the body `without` left out."""
         mesh, camera = part.scene.mesh, photo.camera
         kept = mesh.part != without
@@ -60,7 +60,7 @@ class Shown:
         return cls._of_faces(part, np.flatnonzero(kept), seen, camera_from_part.inv.translation)
 
     @classmethod
-    def _of_faces(cls, part: Part, kept: Longs, seen: Ids, eye: Array) -> Shown:
+    def _of_faces(cls, part: Part, kept: Longs, seen: Ids, eye: Array) -> ShownFaces:
         """Return what is seen where the faces `seen` (h, w), of those `kept` of the part, meet the pixels."""
         among = np.zeros(len(kept) + 1, bool)
         among[seen] = True  # -1, nothing, is the last
@@ -77,7 +77,7 @@ class Shown:
         """Return which pixels (h, w) show part number `body`."""
         return np.asarray((self.part == body)[self.face])
 
-    def light(self, photo: Photo, *, without: Mask | None = None) -> Light:
+    def light(self, photo: Photo, *, without: Mask | None = None) -> FittedLight:
         """Return the light that explains a whole photo; without (H, W): pixels that do not count."""
         few = slice(None, None, EVERY)
         gray, face = photo.gray[few, few].ravel(), self.face[few, few].ravel()

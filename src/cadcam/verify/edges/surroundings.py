@@ -12,7 +12,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs
 from cadcam.locate.photo import Photo
-from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines
 
 FAINT = 0.02  # contrast below which an edge may well not show
@@ -22,7 +22,7 @@ _ALIKE = 0.3  # distance of normals (about rad) up to which surfaces are taken t
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surroundings:
+class EdgeSurroundings:
     """What lies beside N places.
 
     normal (N, 2, 3): of the surfaces before and after the place along its normal, in the part frame, zero where there
@@ -38,7 +38,7 @@ class Surroundings:
     way: Array
 
 
-def surroundings(photos: Sequence[Photo], shown: Sequence[Shown], lines: Sightlines) -> Surroundings:
+def edge_surroundings(photos: Sequence[Photo], shown: Sequence[ShownFaces], lines: Sightlines) -> EdgeSurroundings:
     """Return what lies beside each place, in the light that the photos show; shown: what the part shows in each."""
     n = len(lines)
     normals = np.zeros((n, 2, 3))
@@ -57,7 +57,7 @@ def surroundings(photos: Sequence[Photo], shown: Sequence[Shown], lines: Sightli
         contrast[rows] = np.maximum(np.abs(change) - sigma, 0.0)
         known = (np.abs(change) > _SURE_WAY * np.hypot(sigma, light.scale)) & (colors[rows] >= 0).all(axis=1)
         way[rows] = np.where(known, np.sign(change), 0.0)
-    return Surroundings(normals, parts, colors, contrast, way)
+    return EdgeSurroundings(normals, parts, colors, contrast, way)
 
 
 def alike(normal: Array, color: Ids) -> Longs:

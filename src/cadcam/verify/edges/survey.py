@@ -17,9 +17,9 @@ from cadcam.verify.edges.feet import Feet
 from cadcam.verify.edges.limbs import limb_errors
 from cadcam.verify.edges.presence import LEAST_PLACES, EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.edges.shifts import guessed_shifts
-from cadcam.verify.edges.shown import Shown
+from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
-from cadcam.verify.edges.surroundings import FAINT, surroundings
+from cadcam.verify.edges.surroundings import FAINT, edge_surroundings
 from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
 _LEAST_GUESSED = 12  # places from which a feature's own place is guessed
@@ -55,7 +55,7 @@ class Survey:
     evidence: EdgeEvidence
     clutter: float
     by: Array
-    shown: tuple[Shown, ...]
+    shown: tuple[ShownFaces, ...]
 
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
@@ -133,8 +133,8 @@ def surveyed(
     body = _bodies(members)
     usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
-    shown = [Shown.of(part, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]
-    beside = surroundings(photos, shown, lines)
+    shown = [ShownFaces.of(part, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]
+    beside = edge_surroundings(photos, shown, lines)
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     ought = usable & (beside.contrast > FAINT)
     matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)

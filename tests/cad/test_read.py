@@ -12,8 +12,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.load import describe, load, load_with_report
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.read import describe, read_model, read_model_with_report
 from cadcam.cad.write import write
 from cadcam.errors import BadValue, UnknownName, UnwritableFile
 
@@ -32,7 +32,7 @@ def pair() -> Mesh:
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb"])
 def test_what_is_written_is_read_back(pair: Mesh, tmp_path: Path, suffix: str) -> None:
     write(pair, tmp_path / f"pair{suffix}")
-    mesh, report = load_with_report(tmp_path / f"pair{suffix}")
+    mesh, report = read_model_with_report(tmp_path / f"pair{suffix}")
     assert np.allclose(mesh.size_mm, SIZE, rtol=1e-7, atol=0)  # float32 coordinates
     assert mesh.n_faces == (24 if suffix in (".obj", ".glb") else 20)  # one part: the wall between the two goes
     assert outward(mesh) == pytest.approx(6000, rel=1e-6)
@@ -50,7 +50,7 @@ def test_a_glb_keeps_surfaces_and_normals(tmp_path: Path) -> None:
     normals = np.repeat(solid.face_normals[:, None], 3, axis=1)
     solid = Mesh(solid.vertices, solid.faces, solid.part, solid.surface, ("a",), solid.part_colors, normals)
     write(solid, tmp_path / "prism.glb")
-    back = load(tmp_path / "prism.glb")
+    back = read_model(tmp_path / "prism.glb")
     assert np.bincount(back.surface).tolist() == [32, 14, 14]
     assert back.corner_normals is not None
     assert np.allclose(back.corner_normals[:, 0], back.face_normals, atol=1e-6)
@@ -62,26 +62,26 @@ def test_a_glb_keeps_surfaces_and_normals(tmp_path: Path) -> None:
 )
 def test_the_unit_of_a_file_without_one_is_the_callers(tmp_path: Path, unit: str | None, mm: float) -> None:
     write(box((0, 0, 0), SIZE), tmp_path / "box.ply")
-    mesh = load(tmp_path / "box.ply", unit=unit)
+    mesh = read_model(tmp_path / "box.ply", unit=unit)
     assert np.allclose(mesh.size_mm, np.array(SIZE) * mm, rtol=1e-12)
 
 
 def test_an_unknown_unit_is_answered_with_the_known_ones(tmp_path: Path) -> None:
     write(box((0, 0, 0), SIZE), tmp_path / "box.ply")
     with pytest.raises(UnknownName, match=r"'milimetre'; did you mean 'millimetre'"):
-        load(tmp_path / "box.ply", unit="milimetre")
+        read_model(tmp_path / "box.ply", unit="milimetre")
 
 
 def test_an_implausible_size_is_doubted_aloud(tmp_path: Path) -> None:
     write(box((0, 0, 0), (0.084, 0.084, 0.084)), tmp_path / "cube.obj")
-    _, report = load_with_report(tmp_path / "cube.obj")
+    _, report = read_model_with_report(tmp_path / "cube.obj")
     assert "--unit m" in report.warnings[0]
-    assert load_with_report(tmp_path / "cube.obj", unit="m")[1].warnings == ()
+    assert read_model_with_report(tmp_path / "cube.obj", unit="m")[1].warnings == ()
 
 
 def test_the_report_says_the_size_first(tmp_path: Path) -> None:
     write(box((0, 0, 0), (800, 450, 120)), tmp_path / "plate.stl")
-    mesh, report = load_with_report(tmp_path / "plate.stl")
+    mesh, report = read_model_with_report(tmp_path / "plate.stl")
     assert report.lines()[0] == "plate.stl: size 800.0 x 450.0 x 120.0 mm (unit mm: assumed, the format has none)"
     assert describe(mesh) == "size 800.0 x 450.0 x 120.0 mm, 1 part, 12 triangles"
 
@@ -96,7 +96,7 @@ def test_an_ascii_stl_keeps_its_solids(tmp_path: Path) -> None:
             lines += ["endloop", "endfacet"]
         lines.append(f"endsolid {name}")
     (tmp_path / "two.stl").write_text("\r\n".join(lines).upper().replace("LEFT PLATE", "Left Plate"))
-    mesh = load(tmp_path / "two.stl")
+    mesh = read_model(tmp_path / "two.stl")
     assert mesh.part_names == ("Left Plate", "RIGHT")
     assert mesh.n_faces == 24
 
@@ -106,7 +106,7 @@ def test_a_binary_stl_that_begins_with_solid_is_binary(tmp_path: Path) -> None:
     data = bytearray((tmp_path / "box.stl").read_bytes())
     data[:12] = b"solid facet "
     (tmp_path / "box.stl").write_bytes(data)
-    assert load(tmp_path / "box.stl").n_faces == 12
+    assert read_model(tmp_path / "box.stl").n_faces == 12
 
 
 OBJ = """\
@@ -135,7 +135,7 @@ l 1 2
 def test_an_obj_of_polygons_groups_and_relative_numbers_is_understood(tmp_path: Path) -> None:
     (tmp_path / "colours.mtl").write_text("newmtl red\nKd 0.8 0.1 0.2\n")
     (tmp_path / "m.obj").write_text(OBJ)
-    mesh = load(tmp_path / "m.obj")
+    mesh = read_model(tmp_path / "m.obj")
     assert mesh.part_names == ("frame", "arrow")
     assert np.allclose(mesh.part_colors[0], (0.8, 0.1, 0.2))
     areas = [float(mesh.subset([name]).face_areas.sum()) for name in mesh.part_names]
@@ -146,20 +146,20 @@ def test_an_obj_of_polygons_groups_and_relative_numbers_is_understood(tmp_path: 
 def test_a_name_of_two_lines_stays_one_line_of_an_obj(tmp_path: Path) -> None:
     mesh = replace(box((0, 0, 0), (1, 2, 3)), part_names=("one\nf 1 2 99",))
     write(mesh, tmp_path / "a.obj")
-    assert load(tmp_path / "a.obj").part_names == ("one f 1 2 99",)
+    assert read_model(tmp_path / "a.obj").part_names == ("one f 1 2 99",)
 
 
 def test_materials_name_the_parts_of_an_obj_without_groups(tmp_path: Path) -> None:
     text = "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nusemtl steel\nf 1 3 2\nusemtl brass\nf 1 2 4\nusemtl steel\nf 1 4 3\n"
     (tmp_path / "m.obj").write_text(text)
-    mesh = load(tmp_path / "m.obj")
+    mesh = read_model(tmp_path / "m.obj")
     assert mesh.part_names == ("steel", "brass")
     assert np.bincount(mesh.part).tolist() == [2, 1]
 
 
 def test_an_off_file_with_comments_is_read(tmp_path: Path) -> None:
     (tmp_path / "m.off").write_text("OFF # header\n4 2 0\n\n0 0 0\n1 0 0\n1 1 0\n0 1 0\n3 0 1 2 255 0 0\n3 0 2 3\n")
-    assert load(tmp_path / "m.off").face_areas.sum() == pytest.approx(1)
+    assert read_model(tmp_path / "m.off").face_areas.sum() == pytest.approx(1)
 
 
 PLY_HEAD = (
@@ -181,13 +181,13 @@ def test_a_binary_ply_of_either_order_and_of_mixed_polygons_is_read(
     for polygon in polygons:
         data += struct.pack(f"{order}BB{len(polygon)}i", 1, len(polygon), *polygon)
     (tmp_path / "m.ply").write_bytes(data)
-    assert load(tmp_path / "m.ply").size_mm.tolist() == [1, 1, 0]
+    assert read_model(tmp_path / "m.ply").size_mm.tolist() == [1, 1, 0]
 
 
 def test_an_ascii_ply_is_read(tmp_path: Path) -> None:
     body = "0 0 0 1\n1 0 0 1\n1 1 0 1\n0 1 0 1\n5 4 0 1 2 3\n"
     (tmp_path / "m.ply").write_text(PLY_HEAD.format("ascii", 1) + body)
-    assert load(tmp_path / "m.ply").face_areas.sum() == pytest.approx(1)
+    assert read_model(tmp_path / "m.ply").face_areas.sum() == pytest.approx(1)
 
 
 def gltf(nodes: list[dict[str, object]]) -> dict[str, object]:
@@ -220,7 +220,7 @@ def test_gltf_nodes_place_and_name_their_meshes_and_mirrors_keep_them_outward(tm
         {"name": "mirrored", "mesh": 0, "matrix": [-1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1]},
     ]
     (tmp_path / "m.gltf").write_text(json.dumps(gltf(nodes)))
-    mesh = load(tmp_path / "m.gltf")
+    mesh = read_model(tmp_path / "m.gltf")
     assert mesh.part_names == ("upright", "mirrored")
     upright, mirrored = mesh.subset([0]), mesh.subset([1])
     assert np.allclose(upright.bounds, [(0, 0, 2000), (1000, 0, 3000)], atol=1e-3)
@@ -231,7 +231,7 @@ def test_gltf_nodes_place_and_name_their_meshes_and_mirrors_keep_them_outward(tm
 
 def test_a_unit_given_for_a_glb_overrides_its_rule_and_is_said(tmp_path: Path) -> None:
     write(box((0, 0, 0), SIZE), tmp_path / "box.glb")
-    mesh, report = load_with_report(tmp_path / "box.glb", unit="mm")
+    mesh, report = read_model_with_report(tmp_path / "box.glb", unit="mm")
     assert np.allclose(mesh.size_mm, np.array(SIZE) / 1000)
     assert any("by its rule" in warning for warning in report.warnings)
 
@@ -255,7 +255,7 @@ def write_3mf(path: Path, unit: str, model: str | None = None) -> None:
 
 def test_a_3mf_is_read_in_its_own_unit_with_components_in_place(tmp_path: Path) -> None:
     write_3mf(tmp_path / "m.3mf", "inch")
-    mesh, report = load_with_report(tmp_path / "m.3mf")
+    mesh, report = read_model_with_report(tmp_path / "m.3mf")
     assert (report.unit, report.unit_source) == ("in", "file")
     assert mesh.part_names == ("cube", "cube #2")
     assert mesh.part_colors[0].tolist() == [1, 0, 0]
@@ -266,9 +266,9 @@ def test_a_3mf_is_read_in_its_own_unit_with_components_in_place(tmp_path: Path) 
 
 def test_a_unit_against_the_files_own_is_refused(tmp_path: Path) -> None:
     write_3mf(tmp_path / "m.3mf", "inch")
-    assert load(tmp_path / "m.3mf", unit="in").n_faces == 24
+    assert read_model(tmp_path / "m.3mf", unit="in").n_faces == 24
     with pytest.raises(BadValue, match=r"m\.3mf is mm; expected in, which the file names itself"):
-        load(tmp_path / "m.3mf", unit="mm")
+        read_model(tmp_path / "m.3mf", unit="mm")
 
 
 def test_writing_leaves_the_old_file_until_the_new_one_is_whole(tmp_path: Path, monkeypatch) -> None:
@@ -304,7 +304,7 @@ def test_a_format_that_is_not_written_is_named(tmp_path: Path) -> None:
 def test_real_models_in_metres_have_their_true_size(
     shared: Callable[[str], Path], name: str, size: tuple[float, ...], faces: int
 ) -> None:
-    mesh, report = load_with_report(shared(f"data/{name}"), unit="m")
+    mesh, report = read_model_with_report(shared(f"data/{name}"), unit="m")
     assert np.allclose(mesh.size_mm, size, atol=5e-3)
     assert mesh.n_faces == faces
     assert report.repairs.open_edges == 0

@@ -79,7 +79,9 @@ _SOURCE = {
 }
 
 
-def load(path: str | PathLike[str], *, unit: str | None = None, chordal_tolerance_mm: float | None = None) -> Mesh:
+def read_model(
+    path: str | PathLike[str], *, unit: str | None = None, chordal_tolerance_mm: float | None = None
+) -> Mesh:
     """Return the mesh of a CAD file in mm: welded, without empty or repeated faces, wound outwards, parts named.
 
     Formats by suffix: STL, OBJ, PLY, OFF (no unit: `unit` decides, mm if not given), GLB/glTF (metres by the
@@ -89,13 +91,13 @@ def load(path: str | PathLike[str], *, unit: str | None = None, chordal_toleranc
     area, `UnknownName` for a unit, `BadValue` for a unit against the file's own or a tolerance of given triangles,
     `MissingExtra`.
     """
-    return load_with_report(path, unit=unit, chordal_tolerance_mm=chordal_tolerance_mm)[0]
+    return read_model_with_report(path, unit=unit, chordal_tolerance_mm=chordal_tolerance_mm)[0]
 
 
-def load_with_report(
+def read_model_with_report(
     path: str | PathLike[str], *, unit: str | None = None, chordal_tolerance_mm: float | None = None
 ) -> tuple[Mesh, LoadReport]:
-    """Return what `load` returns, and the report of it."""
+    """Return what `read_model` returns, and the report of it."""
     wanted = None if unit is None else unit_name(unit)
     path = Path(path)
     data = _bytes(path)
