@@ -273,8 +273,8 @@ def test_a_step_file_that_cannot_be_converted_gives_one_error_and_no_chatter(tmp
     path = tmp_path / "empty.step"
     path.write_text("ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n#1=NONSENSE(\nENDSEC;\nEND-ISO-10303-21;\n")
     code = (
-        "from cadcam.cad.read import load; from cadcam.errors import UnreadableFile\n"
-        f"try: load({str(path)!r})\nexcept UnreadableFile as error: print(error)"
+        "from cadcam.cad.read import read_model; from cadcam.errors import UnreadableFile\n"
+        f"try: read_model({str(path)!r})\nexcept UnreadableFile as error: print(error)"
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stderr == ""
