@@ -74,8 +74,8 @@ static void add_to_family(const cc_grouped *d, const sums *g, int64_t of, double
     family->total[d->family[of]] += share * g->total[of];
 }
 
-/* What is left of the sums where groups have offsets, also of those of families, unless that is null; returns the log of
- * the determinant that these add. */
+/* What is left of the sums where groups have offsets, also of those of families, unless that is null; returns the log
+ * of the determinant that these add. */
 static double without_groups(const cc_grouped *d, const sums *g, int32_t t, const double *all, double *left,
                              const sums *family) {
     const int32_t wide = d->k + 1, packed = wide * (wide + 1) / 2;

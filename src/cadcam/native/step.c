@@ -152,8 +152,8 @@ static void add_row(equations *e, pixels *some, const float *row, const float *e
     }
 }
 
-/* Two opposite sides of a cell: what a row dy below the sample has between them, from lo + lean dy to hi + lean dy right
- * of it; or, if they are level, all of it where lean dy is from lo to hi. */
+/* Two opposite sides of a cell: what a row dy below the sample has between them, from lo + lean dy to hi + lean dy to
+ * its right; or, if they are level, all of it where lean dy is from lo to hi. */
 typedef struct {
     double lo, hi, lean;
     int level;
