@@ -60,8 +60,8 @@ class UnknownName(CadcamError):
         name = name if len(name) <= 80 else f"{name[:77]}..."
         near = get_close_matches(name, names, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        told = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
-        super().__init__(f"unknown {kind} {name!r}{hint} (known: {told or 'none'})")
+        listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
+        super().__init__(f"unknown {kind} {name!r}{hint} (known: {listed or 'none'})")
         self.kind, self.name, self.known = kind, name, tuple(names)
 
 
@@ -69,8 +69,8 @@ class TooFewPoints(CadcamError):
     """Fewer observations than unknowns; of: what is too few, where it is not points; why: where the others went."""
 
     def __init__(self, task: str, have: int, need: int, *, of: str = "points", why: str = "") -> None:
-        told = f"{task} needs at least {need} {of if need > 1 else of.removesuffix('s')}; {have} given"
-        super().__init__(told + (f": {why}" if why else ""))
+        message = f"{task} needs at least {need} {of if need > 1 else of.removesuffix('s')}; {have} given"
+        super().__init__(message + (f": {why}" if why else ""))
         self.task, self.have, self.need, self.of, self.why = task, have, need, of, why
 
 

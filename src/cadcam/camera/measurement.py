@@ -165,12 +165,12 @@ class Measurement:
         """Return Student's factor for gradient . point, of each point in `index`, or of their sum if together."""
         from scipy.special import stdtrit
 
-        rows, told = list(index), dict[int, tuple[float, Array]]()
+        rows, by_owner = list(index), dict[int, tuple[float, Array]]()
         g = np.broadcast_to(gradient, (len(rows), 3))
 
         def add(owner: object, dof: float, variance: Array) -> None:
-            _, before = told.get(id(owner), (dof, np.zeros(1)))
-            told[id(owner)] = dof, before + variance
+            _, before = by_owner.get(id(owner), (dof, np.zeros(1)))
+            by_owner[id(owner)] = dof, before + variance
 
         for part in self.noise:
             each = np.einsum("ni,nij,nj->n", g, part.covariance[rows], g)
@@ -179,8 +179,8 @@ class Measurement:
             along = np.einsum("ni,nik->nk", g, E[rows])
             along = along.sum(axis=0, keepdims=True) if together else along
             add(source.owner, source.dof, np.einsum("nk,kl,nl->n", along, source.covariance, along))
-        total = np.sum([variance for _, variance in told.values()], axis=0)
-        doubt = np.sum([variance**2 / dof for dof, variance in told.values()], axis=0)
+        total = np.sum([variance for _, variance in by_owner.values()], axis=0)
+        doubt = np.sum([variance**2 / dof for dof, variance in by_owner.values()], axis=0)
         with np.errstate(divide="ignore", invalid="ignore"):
             effective = np.where(doubt > 0, total**2 / doubt, np.inf)
         return np.asarray(stdtrit(np.minimum(effective, _NORMAL), 0.5 + 0.5 * coverage))

@@ -58,8 +58,8 @@ def run_boards(arguments: argparse.Namespace) -> None:
         seen, views = coverage(calibration), next_views(calibration)
         nested = None if arguments.no_advice else nested_advice(calibration.fit)
     if arguments.json:
-        told = {} if nested is None else {"advice": [q.verdict for q in nested.questions]}
-        print_json(boards_as_json(calibration, seen, views) | told)
+        advice = {} if nested is None else {"advice": [q.verdict for q in nested.questions]}
+        print_json(boards_as_json(calibration, seen, views) | advice)
     else:
         print_tables(board_tables(calibration, seen, views, nested))
     _write(arguments, calibration)

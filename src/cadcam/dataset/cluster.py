@@ -47,8 +47,8 @@ def on_cluster(job: Job, tasks: Iterable[Task], address: str) -> Iterator[Files]
         threads = sum(client.nthreads().values())
         if not threads:
             raise UnreachableCluster(address, "it has no workers")
-        told = client.scatter(job, broadcast=True, hash=False)
-        work = (client.submit(_answer, told, task, pure=False) for task in tasks)
+        shared_job = client.scatter(job, broadcast=True, hash=False)
+        work = (client.submit(_answer, shared_job, task, pure=False) for task in tasks)
         running = as_completed(islice(work, _AHEAD * threads))
         for future in running:
             try:

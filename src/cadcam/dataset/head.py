@@ -59,9 +59,11 @@ def begin(folder: Path, head: dict[str, Any]) -> None:
         was = _flat(old)
         for key, value in _flat(head).items():
             if key != "views" and was.get(key) != value:
-                told = f"begun with another {_WORDS.get(key, key.removeprefix('plan.'))} ({_brief(was, key)}, now "
-                told += f"{_brief(_flat(head), key)})"
-                raise BadValue(f"the data set in {folder}", told, "the same as at first, or another folder")
+                difference = (
+                    f"begun with another {_WORDS.get(key, key.removeprefix('plan.'))} ({_brief(was, key)}, now "
+                )
+                difference += f"{_brief(_flat(head), key)})"
+                raise BadValue(f"the data set in {folder}", difference, "the same as at first, or another folder")
     elif folder.is_dir() and any(folder.iterdir()):
         raise BadValue(f"folder {folder}", "not empty, and no data set", "an empty folder, or one that is not there")
     write_whole(path, as_json(head))

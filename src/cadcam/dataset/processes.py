@@ -55,9 +55,9 @@ def on_processes(job: Callable[[], Job], tasks: Iterable[Task], workers: int) ->
             worker.end()
 
 
-def _made(crew: list[_Worker], answers: _Answers, told: bytes, tasks: Iterator[Task]) -> Iterator[Files]:
+def _made(crew: list[_Worker], answers: _Answers, job: bytes, tasks: Iterator[Task]) -> Iterator[Files]:
     for worker in crew:
-        worker.tell(told)
+        worker.tell(job)
     for _ in range(_AHEAD):
         for worker in crew:
             worker.take(tasks)
@@ -76,16 +76,16 @@ class _Worker:
 
     def __init__(self, answers: _Answers) -> None:
         self.under_way: deque[Task] = deque()
-        self._answers, self._told, self._died = answers, b"", 0
+        self._answers, self._job, self._died = answers, b"", 0
         self._process = self._started()
 
     def _started(self) -> _Process:
         return _Process(lambda answer: self._answers.put((self, answer)))
 
-    def tell(self, told: bytes) -> None:
+    def tell(self, job: bytes) -> None:
         """Tell the process the job that its tasks are of."""
-        self._told = told
-        self._process.send(told)
+        self._job = job
+        self._process.send(job)
 
     def take(self, tasks: Iterator[Task]) -> None:
         """Take on the next of the tasks, if there is one."""
@@ -110,7 +110,7 @@ class _Worker:
                 f"with {code}); if memory was short, try fewer --workers; what is done is kept"
             )
         self._process = self._started()
-        for message in (self._told, *map(_pickled, self.under_way)):
+        for message in (self._job, *map(_pickled, self.under_way)):
             self._process.send(message)
 
     def end(self) -> None:

@@ -148,8 +148,8 @@ def _one_unit(file: TextFile, named: set[str], given: str | None) -> str:
     in_file = next(iter(named), None)
     asked = in_file or "mm" if given is None else unit_name(given)
     if in_file not in (None, asked):
-        told = f"names the world point's columns in {in_file}"
-        raise UnreadableFile(file.path, told, f"ask for no other unit, not for {asked}")
+        problem = f"names the world point's columns in {in_file}"
+        raise UnreadableFile(file.path, problem, f"ask for no other unit, not for {asked}")
     return asked
 
 

@@ -77,19 +77,19 @@ def read_shot(
     speaks of the picture, or two of them disagree.
     """
     path = Path(picture)
-    told: list[tuple[str, ShotPosition]] = []
+    stated: list[tuple[str, ShotPosition]] = []
     if (header := header_shot(path)) is not None:
-        told.append((f"the header of {path}", header))
+        stated.append((f"the header of {path}", header))
     sidecar = path.with_name(path.name + ".json")
     if sidecar.is_file():
-        told.append((str(sidecar), read_sidecar(sidecar)))
+        stated.append((str(sidecar), read_sidecar(sidecar)))
     if positions is not None and (listed := positions.get(path.name)) is not None:
-        told.append((positions_from, listed))
-    if not told:
+        stated.append((positions_from, listed))
+    if not stated:
         raise UnreadableFile(
             path, "has no camera position", f"write it into {sidecar.name}, a list of positions, or a PGM's header"
         )
-    (first, shot), *others = told
+    (first, shot), *others = stated
     for where, other in others:
         _refuse_other(path, (first, shot), (where, other))
         shot = ShotPosition(shot.x, shot.y, shot.camera or other.camera, shot.time or other.time)

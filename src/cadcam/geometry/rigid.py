@@ -28,8 +28,8 @@ class Rigid:
         t = frozen(self.translation, "translation", (3,), batched=True)
         defect = float(np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(initial=0.0))
         if defect > so3.EXACT or not np.all(np.linalg.det(R) > 0):
-            told = so3.misfit(defect, exact=so3.EXACT)
-            raise BadValue("rotation", told, "an orthonormal, right-handed 3x3 matrix")
+            misfit = so3.misfit(defect, exact=so3.EXACT)
+            raise BadValue("rotation", misfit, "an orthonormal, right-handed 3x3 matrix")
         object.__setattr__(self, "rotation", R)
         object.__setattr__(self, "translation", t)
 

@@ -198,8 +198,8 @@ def _beside_rivals(part: Part, ranked: Sequence[tuple[float, Location]], alike: 
     rivals = _distinct(part, best, [*alike, *(o for _, o in as_good)])
     if places:
         return _uncertain(best, f"{len(places)} other places in the photos look as much like the part", rivals)
-    told = f"; {len(rivals)} other poses look as good" if rivals else ""
-    return replace(best, reason=best.reason + told, alternatives=tuple(rivals))
+    others_note = f"; {len(rivals)} other poses look as good" if rivals else ""
+    return replace(best, reason=best.reason + others_note, alternatives=tuple(rivals))
 
 
 def _uncertain(best: Location, why: str, rivals: Sequence[Location]) -> Location:

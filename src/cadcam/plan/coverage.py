@@ -117,12 +117,12 @@ def coverage(layout: Layout, pieces: Mesh | None = None, *, step: Step = nothing
     middle, normal = mesh.vertices[mesh.faces].mean(axis=1), mesh.face_normals
     size = _PIECE * float(np.linalg.norm(mesh.size_mm))
     where = np.column_stack([np.floor(middle / size), np.rint(2 * normal)]).astype(np.int64)
-    told = layout.survey.scene.finder.sigma_px is not None
-    cameras, sigma = np.full(len(middle), len(layout.cameras)), np.full(len(middle), 0.0 if told else np.nan)
+    judged = layout.survey.scene.finder.sigma_px is not None
+    cameras, sigma = np.full(len(middle), len(layout.cameras)), np.full(len(middle), 0.0 if judged else np.nan)
     for pose in layout.survey.poses:
         seen = _seen(layout, pose, middle, normal, step)
         cameras = np.minimum(cameras, seen.sum(axis=0))
-        if told:
+        if judged:
             sigma = np.maximum(sigma, _sigma(layout, pose, middle, normal, seen, where))  # NaN stays
     k = mode(limit.k for limit in layout.survey.asked.limits)
     return SurfaceCoverage(mesh, cameras, k * sigma, k)

@@ -95,10 +95,10 @@ def _place_and_turn(pose: RelativePose) -> tuple[Array, Array, Array]:
 
 
 def _cells(value: float, sigma: float, by_frame: float) -> tuple[str, str, str]:
-    shown, told = with_sigma(float(value), float(sigma))
+    shown, sigma_text = with_sigma(float(value), float(sigma))
     return (
         shown,
-        f"+- {told}" if told else "exact",
+        f"+- {sigma_text}" if sigma_text else "exact",
         with_sigma(float(value), float(by_frame))[1] if np.isfinite(by_frame) else "",
     )
 

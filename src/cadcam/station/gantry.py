@@ -106,8 +106,8 @@ class GantryCalibration:
     @property
     def sigma_px(self) -> float:
         """Return the noise of one pixel coordinate by all calibrations together, inf where none determines it."""
-        told = [one.estimate for one in self.positions if np.isfinite(one.estimate.noise_px)]
-        return float(np.sqrt(np.mean([e.noise_px**2 for e in told]))) if told else np.inf
+        with_noise = [one.estimate for one in self.positions if np.isfinite(one.estimate.noise_px)]
+        return float(np.sqrt(np.mean([e.noise_px**2 for e in with_noise]))) if with_noise else np.inf
 
     def radius_px(self, radius_mm: float) -> float:
         """Return the radius in px that a circle of the floor has in a picture, the mean of both axes."""

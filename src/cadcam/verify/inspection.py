@@ -229,8 +229,8 @@ def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdge
         worst, rim = [], []
         for group in side_by_side(measured, rows):
             its = [group & (measured.lines.edge == e) for e in np.unique(measured.lines.edge[group])]
-            told = [measured.across_px(edge, pose) for edge in its]
-            worst.append(max(told, key=lambda t: abs(t[0]) / t[1]))
+            offsets = [measured.across_px(edge, pose) for edge in its]
+            worst.append(max(offsets, key=lambda t: abs(t[0]) / t[1]))
             rim.append(bool(np.isin(measured.lines.edge[group], larger).all()))
         offset, sigma = np.array(worst).T
         more = in_place_ratio(offset, sigma, survey.clutter, rim=np.array(rim))

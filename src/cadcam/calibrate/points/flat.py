@@ -89,13 +89,13 @@ def measure_on_plane(
         raise DegenerateGeometry(f"none of {len(p)} pixels shows the plane: they lie beyond its vanishing line")
     _, by_point, by_entry = estimate.camera.project_with_jacobians(p[kept])
     lift, dof = np.eye(3)[:, :2], float(estimate.dof) if estimate.stated_px is None else np.inf
-    told = (None, np.inf) if sigma_px is not None else (estimate, dof)
+    owner_and_dof = (None, np.inf) if sigma_px is not None else (estimate, dof)
     back = lift @ np.linalg.inv(by_point)
     nothing = np.full(int(kept.sum()), np.nan)
     return Measurement(
         names=tuple(n for n, k in zip(names, kept, strict=True) if k),
         points=np.column_stack([p[kept], np.full(len(nothing), estimate.height)]),
-        noise=(PixelNoise(noise**2 * back @ np.swapaxes(back, -1, -2), *told),),
+        noise=(PixelNoise(noise**2 * back @ np.swapaxes(back, -1, -2), *owner_and_dof),),
         effects=((ErrorSource("calibration", estimate.covariance, estimate, dof), -back @ by_entry),),
         seen_by=(("plane",),) * len(nothing),
         chi2=np.zeros(len(nothing)),

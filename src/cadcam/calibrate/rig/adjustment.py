@@ -194,16 +194,22 @@ def _stated(views: Iterable[Iterable[Observations | None]]) -> bool:
     return all(v.sigma_px is not None for row in views for v in row if v is not None)
 
 
+def by_camera(counts: Mapping[str, int]) -> str:
+    """Return how many there are of each camera, in words, for messages."""
+    return ", ".join(f"{n} of camera {name!r}" for name, n in counts.items())
+
+
 def _labels(cameras: Mapping[str, RigCamera], frames: Sequence[str]) -> list[str]:
     """Return what messages call each frame: its name, and what each camera saw there."""
     counts = {name: len(camera.views) for name, camera in cameras.items()}
     if len(cameras) < 2:
         raise BadValue("the number of cameras on the rig", len(cameras), "2 or more")
     if len(set(counts.values())) > 1 or (frames and len(frames) != next(iter(counts.values()))):
-        told = ", ".join(f"{n} of camera {name!r}" for name, n in counts.items())
         named = f", {len(frames)} names" if frames else ""
         raise BadValue(
-            "the number of frames", told + named, "one number for all: put None where a camera saw nothing in a frame"
+            "the number of frames",
+            by_camera(counts) + named,
+            "one number for all: put None where a camera saw nothing in a frame",
         )
     for name, camera in cameras.items():
         if not any(v is not None for v in camera.views):

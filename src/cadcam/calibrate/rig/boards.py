@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 from cadcam.calibrate.boards.pictures import BoardCalibration, BoardPicture, calibrate_boards
-from cadcam.calibrate.rig.adjustment import RigCamera, calibrate_rig
+from cadcam.calibrate.rig.adjustment import RigCamera, by_camera, calibrate_rig
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_by_name
 from cadcam.camera.lens import Lens
@@ -41,8 +41,9 @@ def calibrate_rig_boards(
     """
     counts = {name: len(taken) for name, taken in pictures.items()}
     if len(set(counts.values())) > 1:
-        told = ", ".join(f"{n} of camera {name!r}" for name, n in counts.items())
-        raise BadValue("the number of pictures", told, "one number for all: the n-th of each were taken together")
+        raise BadValue(
+            "the number of pictures", by_camera(counts), "one number for all: the n-th of each were taken together"
+        )
     known, free_lens = known or {}, None if free_lens is None else tuple(free_lens)
     alone, cameras = {}, {}
     for name, row in pictures.items():

@@ -188,12 +188,14 @@ def _refuse_some(pair: _Pair, base: Rigid, S_base: Array, deviation: Array, gros
     off = relative @ base.inv
     turn = np.degrees(np.linalg.norm(off.log()[:, 3:], axis=1))
     places = np.linalg.norm(relative.inv.translation - base.inv.translation, axis=1)
-    told = [f"{labels[pair.frames[i]]}: {turn[i]:.3g} deg, {places[i]:.3g} mm, {deviation[i]:.3g} sigmas" for i in bad]
+    listed = _listed(
+        [f"{labels[pair.frames[i]]}: {turn[i]:.3g} deg, {places[i]:.3g} mm, {deviation[i]:.3g} sigmas" for i in bad]
+    )
     a, b = pair.a.name, pair.b.name
     hint = _explained(pair, base, S_base, deviation, bad, labels)
     raise InconsistentViews(
         f"in {len(bad)} of {len(gross)} frames camera {b!r} stands to camera {a!r} otherwise than in the rest, off by "
-        f"({_listed(told)}){hint or '; were these pictures taken at the same moment, and did nothing slip?'}; put them "
+        f"({listed}){hint or '; were these pictures taken at the same moment, and did nothing slip?'}; put them "
         "right, or leave these frames out"
     )
 

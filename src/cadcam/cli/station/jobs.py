@@ -146,8 +146,8 @@ def recalibrate(arguments: argparse.Namespace) -> None:
     before = measure_marks(station, seen)
     off = [float(before.points[0, i] - known[i]) for i in (0, 1)]
     if hypot(*off) > NEAR_MM:  # farther than calibrations reach: no camera that was knocked sees that from here
-        told = f"{arguments.known!r}, {hypot(*off):.0f} mm from where the mark is measured"
-        raise BadValue("--known", told, "X,Y of this mark, in mm and in the axes of the survey")
+        stated = f"{arguments.known!r}, {hypot(*off):.0f} mm from where the mark is measured"
+        raise BadValue("--known", stated, "X,Y of this mark, in mm and in the axes of the survey")
     after = station.recalibrated(seen[0], known, sigma_mm=arguments.known_sigma)
     if arguments.json:
         print_json(

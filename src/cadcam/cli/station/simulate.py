@@ -109,9 +109,9 @@ def _map_table(found: dict[str, Calibrated]) -> Table:
     rows = []
     for name, one in found.items():
         seen = one.station.map()
-        off, told = np.sqrt(np.mean(one.map_error**2)), np.sqrt(np.mean(seen.sigma**2))
+        off, predicted = np.sqrt(np.mean(one.map_error**2)), np.sqrt(np.mean(seen.sigma**2))
         vision, expected = (", ".join(f"{v:.3f}" for v in values) for values in (seen.vision, seen.predicted))
-        rows.append((name, f"{seen.split.worst:.2f}", f"{off:.3f}", f"{told:.3f}", vision, expected))
+        rows.append((name, f"{seen.split.worst:.2f}", f"{off:.3f}", f"{predicted:.3f}", vision, expected))
     columns = (
         "camera",
         "mechanics, worst mm",

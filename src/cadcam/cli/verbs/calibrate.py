@@ -137,8 +137,8 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
     estimate = estimate_of(fit)
     written = _written(arguments, estimate)
     if arguments.json:
-        told = {} if advice is None else {"advice": [q.verdict for q in advice.questions]}
-        print_json(joint_as_json(estimate) | told)
+        advice_part = {} if advice is None else {"advice": [q.verdict for q in advice.questions]}
+        print_json(joint_as_json(estimate) | advice_part)
     else:
         print_tables(joint_tables(estimate, advice))
     for line in written:

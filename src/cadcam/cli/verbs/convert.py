@@ -114,8 +114,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
 def _refuse_unit(arguments: argparse.Namespace, formats: Sequence[Format]) -> None:
     """Refuse --unit where every format that is met has a unit of its own."""
     if all(form.unit is not None for form in formats):
-        told = " and ".join(dict.fromkeys(f"{form.title} is in {form.unit}" for form in formats))
-        refuse(arguments, "--unit", why="where nothing is left to it", expected=f"none: {told} by its rules")
+        units = " and ".join(dict.fromkeys(f"{form.title} is in {form.unit}" for form in formats))
+        refuse(arguments, "--unit", why="where nothing is left to it", expected=f"none: {units} by its rules")
 
 
 def _unit_of_input(arguments: argparse.Namespace) -> str | None:

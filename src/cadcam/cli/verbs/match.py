@@ -122,8 +122,8 @@ def _check_size(arguments: argparse.Namespace, photo: Picture, template: Picture
     least = min(arguments.scales)
     if least * min(template.shape) > max(photo.shape):
         (height, width), (h, w) = template.shape, photo.shape
-        told = f"{width} x {height} px, larger than the photo {arguments.photo}, {w} x {h} px"
-        raise BadValue(f"template {arguments.what}", told, "the photo first, then what is looked for in it")
+        sizes = f"{width} x {height} px, larger than the photo {arguments.photo}, {w} x {h} px"
+        raise BadValue(f"template {arguments.what}", sizes, "the photo first, then what is looked for in it")
 
 
 def _run_template(arguments: argparse.Namespace) -> int:

@@ -214,10 +214,11 @@ def _frames(files: Mapping[str, Sequence[str]]) -> tuple[list[str], dict[str, li
         return every, {name: [row.get(stem) for stem in every] for name, row in stems.items()}
     counts = {name: len(row) for name, row in files.items()}
     if len(set(counts.values())) > 1:
-        told = ", ".join(f"{n} of camera {name!r}" for name, n in counts.items())
+        from cadcam.calibrate.rig.adjustment import by_camera
+
         raise BadValue(
             "the number of files",
-            told,
+            by_camera(counts),
             "one number for all, as their names differ from camera to camera; or the same name for the same moment",
         )
     rows: dict[str, list[str | None]] = {name: list(row) for name, row in files.items()}

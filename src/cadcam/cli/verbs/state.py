@@ -189,8 +189,8 @@ def run_show(arguments: argparse.Namespace) -> None:
     with _there(arguments) as store:
         found = store.query(id_begins=arguments.id)
     if len(found) != 1:
-        told = f"the beginning of {len(found) or 'no'} ids in {store.name}"
-        raise BadValue("id", f"{arguments.id!r}, {told}", "that of one record, as `cadcam state list` prints it")
+        how_many = f"the beginning of {len(found) or 'no'} ids in {store.name}"
+        raise BadValue("id", f"{arguments.id!r}, {how_many}", "that of one record, as `cadcam state list` prints it")
     if arguments.json:
         print_json(_as_json(found[0]))
     else:

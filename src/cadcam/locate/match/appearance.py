@@ -57,8 +57,10 @@ def counted(view: View, drawing: Picture, kind: Appearance) -> Mask:
 
     if kind == "gray":
         return np.asarray(binary_erosion(view.coverage >= 1, iterations=1))
-    told: Mask = binary_dilation(view.coverage > 0, iterations=_BEYOND)
-    return np.asarray(told & binary_dilation(drawing > _DRAWN, iterations=_NEAR) if kind == "lines" else told)
+    determined: Mask = binary_dilation(view.coverage > 0, iterations=_BEYOND)
+    return np.asarray(
+        determined & binary_dilation(drawing > _DRAWN, iterations=_NEAR) if kind == "lines" else determined
+    )
 
 
 def _gradient(gray: Picture) -> Picture:

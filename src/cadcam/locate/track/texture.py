@@ -42,12 +42,13 @@ _NEVER_FREE = 1e-9  # share of the largest variance below which a direction is n
 class Followed:
     """Where a keyframe's patches are in a frame, as evidence of the pose, and how many of them were found again.
 
-    number: of the keyframe. told (6, 6): covariance of its pose by one frame's edges; alone (6, 6): of the alignment.
+    number: of the keyframe. by_one_frame (6, 6): covariance of its pose by the edges of one; alone (6, 6): of the
+    alignment.
     """
 
     evidence: PoseEvidence
     number: int
-    told: Array
+    by_one_frame: Array
     alone: Array
     found: int
 
@@ -58,7 +59,9 @@ class Followed:
         (I - K) of it from the keyframe and K from the frame's own edges, whose share K is.
         """
         scale = np.repeat([1.0, self.evidence.radius], 3)
-        C, R, S, P = (scale[:, None] * A * scale for A in (fitted, self.told, self.alone, self.evidence.covariance))
+        C, R, S, P = (
+            scale[:, None] * A * scale for A in (fitted, self.by_one_frame, self.alone, self.evidence.covariance)
+        )
         by_edges = _root(_inverse(C) - _inverse(P))
         left = np.eye(6) - C @ by_edges @ by_edges
         E = left @ _root(R) + C @ by_edges
@@ -69,19 +72,20 @@ class Followed:
 class _Keyframe:
     """Patches of each photo, what the photos were seen from, and where: camera_from_part.
 
-    off: by which later frames mended the pose; told (6, 6): its covariance by one frame's edges; frames: it counts as.
+    off: by which later frames mended the pose; by_one_frame (6, 6): its covariance by one frame's edges; frames: how
+    many of them the pose counts as.
     """
 
     patches: tuple[Patches, ...]
     views: tuple[Rigid, ...]
     off: Rigid
-    told: Array
+    by_one_frame: Array
     frames: float
 
     @property
     def covariance(self) -> Array:
         """Return the covariance (6, 6) that it is weighed by."""
-        return self.told / self.frames
+        return self.by_one_frame / self.frames
 
 
 class Texture:
@@ -113,7 +117,7 @@ class Texture:
             return None
         pose, covariance = found.world_from_part @ keyframe.off, keyframe.covariance + found.covariance
         evidence = PoseEvidence(pose, covariance, self._radius)
-        return Followed(evidence, number, keyframe.told, found.covariance, found.found)
+        return Followed(evidence, number, keyframe.by_one_frame, found.covariance, found.found)
 
     def keep(self, photos: Sequence[Photo], pose: PoseEstimate, followed: Followed | None) -> None:
         """Take up where a frame showed the part, and by which keyframe that was followed, if by any."""
@@ -148,8 +152,8 @@ class Texture:
         moved = (followed.evidence.world_from_part.inv @ pose.world_from_part).log()
         off = keyframe.off @ Rigid.exp(own @ _inverse(whole) @ (scale * moved) / scale)
         frames = min(keyframe.frames + 1, _FRAMES)
-        told = keyframe.told + (pose.from_noise - keyframe.told) / frames
-        return replace(keyframe, off=off, told=told, frames=frames)
+        by_one_frame = keyframe.by_one_frame + (pose.from_noise - keyframe.by_one_frame) / frames
+        return replace(keyframe, off=off, by_one_frame=by_one_frame, frames=frames)
 
     def _learn(self, photos: Sequence[Photo], pose: PoseEstimate, frames: float) -> None:
         views = _views(photos, pose.world_from_part)

@@ -118,10 +118,10 @@ def _shown(viewpoints: Sequence[Viewpoint], q: Array, seen: Mask | None) -> Mask
     """Return which viewpoint sees which point (V, N), imaged at q (V, N, 2): as stated, or wherever it can."""
     if seen is None:
         return np.stack([view.camera.sees(at) for view, at in zip(viewpoints, q, strict=True)])
-    told = np.asarray(seen, bool)
-    if told.shape != q.shape[:2]:
-        raise BadValue("seen", f"of shape {told.shape}", f"({q.shape[0]} viewpoints, {q.shape[1]} points)")
-    return np.asarray(told & np.isfinite(q).all(axis=-1))
+    visible = np.asarray(seen, bool)
+    if visible.shape != q.shape[:2]:
+        raise BadValue("seen", f"of shape {visible.shape}", f"({q.shape[0]} viewpoints, {q.shape[1]} points)")
+    return np.asarray(visible & np.isfinite(q).all(axis=-1))
 
 
 def _noise(viewpoints: Sequence[Viewpoint], noise: Floats | None, n: int) -> Array:

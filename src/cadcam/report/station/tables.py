@@ -73,12 +73,12 @@ def map_tables(names: Sequence[str], deviations: DeviationMap) -> list[Table]:
 def split_table(deviations: DeviationMap) -> Table:
     """Return what of the cross-predictions is mechanics and what is vision (Table 6.10)."""
     split = deviations.split
-    m, seen, told = split.mechanics, deviations.vision, deviations.predicted
+    m, seen, predicted = split.mechanics, deviations.vision, deviations.predicted
     rows = (
         ("mechanics, standard deviation over the positions, mm", f"{m[:, 0].std():.2f}", f"{m[:, 1].std():.2f}"),
         ("mechanics, largest difference in the axis, mm", f"{np.ptp(m[:, 0]):.2f}", f"{np.ptp(m[:, 1]):.2f}"),
         ("vision, rms error of a single mark, mm", f"{seen[0]:.3f}", f"{seen[1]:.3f}"),
-        ("   foretold by pixels, survey and plate, mm", f"{told[0]:.3f}", f"{told[1]:.3f}"),
+        ("   foretold by pixels, survey and plate, mm", f"{predicted[0]:.3f}", f"{predicted[1]:.3f}"),
         ("vision, by d_ij + d_ji of the plate's mean, mm", f"{split.vision[0]:.3f}", f"{split.vision[1]:.3f}"),
         ("left over by m_i - m_j, rms, mm", f"{split.closure[0]:.3f}", f"{split.closure[1]:.3f}"),
     )

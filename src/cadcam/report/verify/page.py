@@ -154,8 +154,8 @@ def _features(found: Verification, seen: Inspection) -> str:
 
 def _kept(found: Verification, f: FeatureDeviation) -> bool:
     """Return whether a position limit of a feature is not exceeded: its displacement is then nothing to mend."""
-    told = [j for j in found.judgements if j.feature == f.name and j.limit.quantity is Quantity.POSITION]
-    return bool(told) and all(j.verdict is not Verdict.FAIL for j in told)
+    of_position = [j for j in found.judgements if j.feature == f.name and j.limit.quantity is Quantity.POSITION]
+    return bool(of_position) and all(j.verdict is not Verdict.FAIL for j in of_position)
 
 
 def _feature_cells(f: FeatureDeviation, kept: bool) -> list[str]:

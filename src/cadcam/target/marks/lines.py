@@ -33,8 +33,8 @@ def shared_by_lines(model: Model, fit: Fit, window: Window, weight: Array) -> Ar
     together, alone = _summed(z, line), _summed(z * z, line)
     variance, apart = (together**2).sum(axis=1), alone.sum(axis=1)
     beyond = variance > apart + _SIGMAS * np.sqrt(2 * (alone**2).sum(axis=1))
-    told = np.maximum(fit.covariance[:, 0, 0], 1e-300)
-    return np.asarray(np.where(beyond, np.maximum(variance / told, 1.0), 1.0), np.float64)
+    predicted = np.maximum(fit.covariance[:, 0, 0], 1e-300)
+    return np.asarray(np.where(beyond, np.maximum(variance / predicted, 1.0), 1.0), np.float64)
 
 
 def _summed(values: Array, line: Ids) -> Array:

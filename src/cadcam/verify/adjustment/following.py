@@ -44,9 +44,9 @@ def following(
     for sunk in _sides(normals, basis):
         behind = np.where(sunk[number] & (lever != 0), lever, 0.0) if len(normals) else np.zeros(len(lever))
         design = (by_point - behind[:, None] * ground) @ basis
-        told = adjustment.estimate(rows, design, pose, prior=prior_mm, enlarged=True)
-        found.append(told)
-        on_side = _log_probability(told, normals @ basis, sunk)
+        estimate = adjustment.estimate(rows, design, pose, prior=prior_mm, enlarged=True)
+        found.append(estimate)
+        on_side = _log_probability(estimate, normals @ basis, sunk)
         log_weight.append(on_side - 0.5 * adjustment.unlikeliness(rows, design, pose, prior=prior_mm))
     return _mixed(found, np.array(log_weight))
 
@@ -70,12 +70,12 @@ def _sides(normals: Array, basis: Array) -> list[Mask]:
     return list(np.unique(way @ (normals @ basis).T < 0, axis=0))
 
 
-def _log_probability(told: Estimate, normals: Array, sunk: Mask) -> float:
+def _log_probability(estimate: Estimate, normals: Array, sunk: Mask) -> float:
     """Return the logarithm of how probable it is that what is told lies on that side of the grounds (g, m)."""
     from scipy.special import log_ndtr
 
-    up = normals @ told.value
-    sigma = np.sqrt(np.einsum("gi,ij,gj->g", normals, told.covariance, normals))
+    up = normals @ estimate.value
+    sigma = np.sqrt(np.einsum("gi,ij,gj->g", normals, estimate.covariance, normals))
     return float(log_ndtr(np.where(sunk, -up, up) / np.maximum(sigma, 1e-12)).sum())
 
 

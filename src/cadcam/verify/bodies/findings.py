@@ -153,13 +153,13 @@ def _likeliest(case: Case, look: Findings, number: int) -> tuple[Array | None, f
     places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
     places = [p for p in places if np.linalg.norm(p) <= case.reach_px * survey.mm_per_px(number)]
     guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
-    told = [(p, guess) for p, guess in guesses if guess is not None]
-    drawn = [look.drawn, *(guess for _, guess in told)]
+    drawable = [(p, guess) for p, guess in guesses if guess is not None]
+    drawn = [look.drawn, *(guess for _, guess in drawable)]
     likeness, without = likenesses(case.photos, case.world_from_part, drawn, part, survey.shown)
     best = int(np.argmax(likeness))
     if best == 0 or likeness[best] <= without:
         return None, 0.0
-    place = told[best - 1][0]
+    place = drawable[best - 1][0]
     if moved is not None:
         apart = place - moved.basis @ moved.estimate.value
         if off_px(survey, survey.rows(number), apart) <= AGREES_PX:
@@ -228,10 +228,10 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
         body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
         if body is None:
             continue
-        told = tones.log_ratio(body, edges=found.log_ratio, any_light=found.in_any_light)
-        if min(found.log_ratio, told) < _RATHER_NOT and told < DOUBTFUL:
-            told += _uncovered(case, survey, body)
-        out[i] = replace(found, log_ratio=told)
+        by_tones = tones.log_ratio(body, edges=found.log_ratio, any_light=found.in_any_light)
+        if min(found.log_ratio, by_tones) < _RATHER_NOT and by_tones < DOUBTFUL:
+            by_tones += _uncovered(case, survey, body)
+        out[i] = replace(found, log_ratio=by_tones)
     return out
 
 
@@ -272,8 +272,8 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, li
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
         tests = [(i, *_against_others(measured, i)) for i in bodies]
-        told = [(i, p, loss) for i, p, loss in tests if np.isfinite(p)]
-        suspect = [(loss, i) for i, p, loss in told if p <= OF_DISPLACED * case.alarms / len(told)]
+        tested = [(i, p, loss) for i, p, loss in tests if np.isfinite(p)]
+        suspect = [(loss, i) for i, p, loss in tested if p <= OF_DISPLACED * case.alarms / len(tested)]
         if not suspect:
             return measured, left_out
         least = min(suspect)[0]

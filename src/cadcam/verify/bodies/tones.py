@@ -88,9 +88,9 @@ class Tones:
         edges: what its edges say, which goes by the same light where they are not seen; any_light: what they say where
         nothing is known of the light: if that is for it, it may look as what it hides in spite of the fitted light.
         """
-        told = [self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self.shown, strict=True)]
-        there, not_there, other = np.sum(told, axis=0)
-        if not np.any(told):
+        densities = [self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self.shown, strict=True)]
+        there, not_there, other = np.sum(densities, axis=0)
+        if not np.any(densities):
             return edges
         lapsed = max(edges, 0.0) + other
         if any_light > 0:

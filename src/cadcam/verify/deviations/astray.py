@@ -152,8 +152,8 @@ def broken_edges(survey: Survey) -> set[int]:
     A shadow's border that leads an edge astray hardly follows all of it.
     """
     edge, usable = survey.lines.edge, survey.usable
-    told = np.bincount(edge, survey.matched.measured & usable)
-    return set(np.flatnonzero((told > 0) & (told < _WHOLLY * np.bincount(edge, usable))).tolist())
+    measured = np.bincount(edge, survey.matched.measured & usable)
+    return set(np.flatnonzero((measured > 0) & (measured < _WHOLLY * np.bincount(edge, usable))).tolist())
 
 
 def chances(
@@ -182,7 +182,7 @@ def _possible(uneven: Mapping[int, bool], own: set[int]) -> float:
     """Return in how far edges can be astray: not where all ground is even, the own edges' and that of the others."""
     if any(uneven[e] for e in own if e in uneven):
         return 1.0
-    others = [told for e, told in uneven.items() if e not in own]
+    others = [theirs for e, theirs in uneven.items() if e not in own]
     return min(1.0, sum(others) / (_UNEVEN * max(len(others), 1)))
 
 
@@ -231,8 +231,8 @@ def _off(measured: MeasuredEdges, rows: Mask, places: Sequence[Mask]) -> tuple[A
     worst = []
     for place in places:
         its = [place & (measured.lines.edge == e) for e in np.unique(measured.lines.edge[place])]
-        told = [np.abs(measured.across_px(edge, pose)) for edge in its]
-        worst.append(max(told, key=lambda t: t[0] / t[1]))
+        offsets = [np.abs(measured.across_px(edge, pose)) for edge in its]
+        worst.append(max(offsets, key=lambda t: t[0] / t[1]))
     off, sigma = np.array(worst).T
     return off / sigma, np.maximum(off - _SURELY * sigma, 0.0)
 
@@ -248,12 +248,12 @@ def _holding(measured: MeasuredEdges, rows: Mask) -> list[Mask]:
     """
     whole, lines = measured.pose_without(rows), measured.lines
     edges = np.unique(lines.edge[measured.adjustment.datum & ~np.isin(lines.edge, lines.edge[rows])])
-    told: list[tuple[float, Mask]] = []
+    leverages: list[tuple[float, Mask]] = []
     for e in edges:
         its = lines.edge == e
         without = measured.pose_without(rows | its)
         if whole is None or without is None:
-            told.append((np.inf, its))
+            leverages.append((np.inf, its))
             continue
-        told.append((float(np.abs(lines.by_pose[rows] @ (without.xi - whole.xi)).max(initial=0.0)), its))
-    return [its for _, its in sorted(told, key=lambda t: -t[0])[:_HELD_BY]]
+        leverages.append((float(np.abs(lines.by_pose[rows] @ (without.xi - whole.xi)).max(initial=0.0)), its))
+    return [its for _, its in sorted(leverages, key=lambda t: -t[0])[:_HELD_BY]]

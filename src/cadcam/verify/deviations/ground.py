@@ -32,7 +32,7 @@ def uneven_edges(survey: Survey, photos: Sequence[Photo]) -> dict[int, bool]:
 
     On one side uneven ground is enough; that it is even has to be seen on both.
     """
-    told: dict[int, list[bool]] = {}
+    uneven_sides: dict[int, list[bool]] = {}
     offset = survey.matched.offset - np.einsum("ni,ni->n", survey.lines.by_point, survey.by[survey.lines.part])
     for i, photo in enumerate(photos):
         rows = np.flatnonzero((survey.lines.photo == i) & survey.matched.measured)
@@ -44,8 +44,8 @@ def uneven_edges(survey: Survey, photos: Sequence[Photo]) -> dict[int, bool]:
             for e in np.unique(edge):
                 uneven = _uneven(gray[:, edge == e], surface[:, edge == e], noise)
                 if uneven is not None:
-                    told.setdefault(int(e), []).append(uneven)
-    return {e: any(sides) for e, sides in told.items() if any(sides) or len(sides) == _SIDES}
+                    uneven_sides.setdefault(int(e), []).append(uneven)
+    return {e: any(sides) for e, sides in uneven_sides.items() if any(sides) or len(sides) == _SIDES}
 
 
 def _beside(

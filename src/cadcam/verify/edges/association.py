@@ -249,15 +249,15 @@ def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, ex
     out = np.zeros(len(lines), bool)
     for i, sight in enumerate(sights):
         rows = np.flatnonzero(lines.photo == i)
-        told = np.ones((len(rows), 2), bool)
+        certain = np.ones((len(rows), 2), bool)
         for side in range(2):
             away = sight.samples.twins[:, side, 0]
             twin = np.flatnonzero(np.isfinite(away))
             mine, its = rows[twin], _places_at(lines, rows, rows[twin], away[twin])
             found = np.einsum("ni,ni->n", there[its] - there[mine], lines.normal[mine])
-            told[twin, side] = (its >= 0) & (body[mine] == body[its]) & (found / away[twin] > _TWIN_SHARE)
+            certain[twin, side] = (its >= 0) & (body[mine] == body[its]) & (found / away[twin] > _TWIN_SHARE)
         twins = np.isfinite(sight.samples.twins[:, :, 0])
-        out[rows] = twins.any(axis=1) & told.all(axis=1)
+        out[rows] = twins.any(axis=1) & certain.all(axis=1)
     return out
 
 
