@@ -170,29 +170,32 @@ def _closed(half: HalfEdges, component: Longs) -> Mask:
 def _inverted(vertices: Array, corners: Longs, component: Longs, closed: Mask, part: Ids) -> Mask:
     """Return which closed components (C,) are inside out; those within another body follow that body."""
     n = len(closed)
+    low, high, volume = _boxes_and_volumes(vertices, corners, component, n)
+    solid = closed & ~(np.abs(volume) <= 1e-9 * np.linalg.norm(high - low, axis=1) ** 3)
+    inverted: Mask = solid & (volume < 0)
+    if not inverted.any():
+        return inverted
+    a_vertex, its_part = np.zeros(n, np.int64), np.zeros(n, np.int64)
+    a_vertex[component], its_part[component] = corners[:, 0], part
+    largest_first = np.argsort(-np.prod(high - low, axis=1), kind="stable")
+    largest_first = largest_first[solid[largest_first]]
+    result = inverted.copy()
+    for inner in largest_first:
+        boxed = (its_part == its_part[inner]) & (low < low[inner]).all(axis=1) & (high > high[inner]).all(axis=1)
+        for outer in largest_first[boxed[largest_first]]:
+            if abs(winding_number(vertices[corners[component == outer]], vertices[a_vertex[inner]])) > 0.5:
+                result[inner] = result[outer]
+                break
+    return result
+
+
+def _boxes_and_volumes(vertices: Array, corners: Longs, component: Longs, n: int) -> tuple[Array, Array, Array]:
+    """Return the lowest and highest corner (n, 3) of each component's box, and its signed volume (n,)."""
     low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
     for k in range(3):
         np.minimum.at(low, component, vertices[corners[:, k]])
         np.maximum.at(high, component, vertices[corners[:, k]])
-    centre = ((low + high) / 2)[component]
+    centre = ((low + high) / 2)[component]  # volumes about it lose no digits where a model lies far from its origin
     a, b, c = (vertices[corners[:, k]] - centre for k in range(3))
     volume = np.bincount(component, np.einsum("ij,ij->i", a, np.cross(b, c)), minlength=n) / 6
-    flat = np.abs(volume) <= 1e-9 * np.linalg.norm(high - low, axis=1) ** 3
-    inverted: Mask = closed & (volume < 0) & ~flat
-    if not inverted.any():
-        return inverted
-    sample = np.zeros(n, np.int64)
-    sample[component] = corners[:, 0]
-    home = np.zeros(n, np.int64)
-    home[component] = part
-    order = np.argsort(-np.prod(high - low, axis=1), kind="stable")
-    result = inverted.copy()
-    for inner in order[closed[order] & ~flat[order]]:
-        around = (
-            closed & ~flat & (home == home[inner]) & (low < low[inner]).all(axis=1) & (high > high[inner]).all(axis=1)
-        )
-        for outer in order[around[order]]:
-            if abs(winding_number(vertices[corners[component == outer]], vertices[sample[inner]])) > 0.5:
-                result[inner] = result[outer]
-                break
-    return result
+    return low, high, volume

@@ -188,27 +188,35 @@ def merge(meshes: Sequence[Mesh]) -> Mesh:
     """Return one mesh holding the parts of all, in order; repeated part names get a number, surfaces stay distinct."""
     if not meshes:
         raise BadValue("number of meshes", 0, "at least one")
-    at_vertex = np.cumsum([0] + [len(m.vertices) for m in meshes])
-    at_part = np.cumsum([0] + [len(m.part_names) for m in meshes])
-    spans = [int(m.surface.max(initial=-1)) + 1 for m in meshes]
-    at_surface = np.cumsum([0, *spans])
-    normals: npt.NDArray[Any] | None = None
-    if all(m.corner_normals is not None for m in meshes):
-        normals = np.concatenate([m.corner_normals for m in meshes if m.corner_normals is not None])
-    paint: npt.NDArray[Any] | None = None
-    if any(m.face_colors is not None for m in meshes):
-        none = np.full((1, 3), np.nan, np.float32)
-        paint = np.concatenate([none.repeat(m.n_faces, 0) if m.face_colors is None else m.face_colors for m in meshes])
+    first_vertex = np.cumsum([0] + [len(m.vertices) for m in meshes])
+    first_part = np.cumsum([0] + [len(m.part_names) for m in meshes])
+    first_surface = np.cumsum([0] + [int(m.surface.max(initial=-1)) + 1 for m in meshes])
     return Mesh(
         vertices=np.concatenate([m.vertices for m in meshes]),
-        faces=np.concatenate([m.faces + np.int64(at_vertex[i]) for i, m in enumerate(meshes)]),
-        part=np.concatenate([m.part + at_part[i] for i, m in enumerate(meshes)]),
-        surface=np.concatenate([np.where(m.surface < 0, -1, m.surface + at_surface[i]) for i, m in enumerate(meshes)]),
+        faces=np.concatenate([m.faces + np.int64(v) for m, v in zip(meshes, first_vertex[:-1], strict=True)]),
+        part=np.concatenate([m.part + p for m, p in zip(meshes, first_part[:-1], strict=True)]),
+        surface=np.concatenate(
+            [np.where(m.surface < 0, -1, m.surface + s) for m, s in zip(meshes, first_surface[:-1], strict=True)]
+        ),
         part_names=unique_names([name for m in meshes for name in m.part_names]),
         part_colors=np.concatenate([m.part_colors for m in meshes]),
-        corner_normals=normals,
-        face_colors=paint,
+        corner_normals=_merged_normals(meshes),
+        face_colors=_merged_face_colors(meshes),
     )
+
+
+def _merged_normals(meshes: Sequence[Mesh]) -> npt.NDArray[Any] | None:
+    """Return the normals at the corners of all meshes; None unless each of them has some."""
+    normals = [m.corner_normals for m in meshes if m.corner_normals is not None]
+    return np.concatenate(normals) if len(normals) == len(meshes) else None
+
+
+def _merged_face_colors(meshes: Sequence[Mesh]) -> npt.NDArray[Any] | None:
+    """Return the colours of all faces, NaN for those of meshes without any; None if no mesh has some."""
+    if all(m.face_colors is None for m in meshes):
+        return None
+    unpainted = np.full((1, 3), np.nan, np.float32)
+    return np.concatenate([unpainted.repeat(m.n_faces, 0) if m.face_colors is None else m.face_colors for m in meshes])
 
 
 def unique_names(names: Sequence[str]) -> tuple[str, ...]:

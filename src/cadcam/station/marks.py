@@ -64,21 +64,36 @@ def find_plate(gray: Picture, plate: Plate, look: MarkLook, *, lens: Camera | No
     Raises `TooFewMarks` below four, `NoOrder` where what is found is not this plate, `DegenerateGeometry` for two
     plates in view or an order that cannot be told, `BadValue` for marks that are burnt out.
     """
-    from cadcam.target.order.ordering import order_marks
-
     found = _found(gray, look, lens)
     if len(found) < _FEWEST:
         raise TooFewMarks(str(look.mark), len(found), len(plate.marks))
     _refuse_saturated(found)
     q = np.stack([one.pixel for one in found])
-    straight = q if lens is None else lens.undistorted(q)
+    mark_of = _only_order(plate, q if lens is None else lens.undistorted(q))
+    ordered = np.flatnonzero(mark_of >= 0)
+    pixels, covariance = np.full((len(plate.marks), 2), np.nan), np.full((len(plate.marks), 2, 2), np.nan)
+    for i in ordered:
+        pixels[mark_of[i]], covariance[mark_of[i]] = q[i], found[i].covariance
+    area = [abs(float(np.linalg.det(found[i].image_from_mark))) for i in ordered]
+    size = look.mark.radius * float(np.sqrt(np.median(area)))
+    return PlatePicture(pixels, covariance, size, len(found) - len(ordered))
+
+
+def _only_order(plate: Plate, straight: Array) -> Ids:
+    """Return which of the plate's marks each found one (N, 2) px, freed from distortion, is; -1 for none of them.
+
+    Raises `DegenerateGeometry` where so many are left over that there are two plates, and unless just one order is left
+    of those that fit with the camera looking straight at the plate.
+    """
+    from cadcam.target.order.ordering import order_marks
+
     order = order_marks(straight, plate.marks, side="mirrored", sigma_px=_ORDER_PX)
     orders = [one for one in (order.plan_index, *order.alternatives) if _long_by_wide(plate, straight, one) < _LONGEST]
-    index = orders[0] if orders else order.plan_index
-    left = index < 0
-    if left.sum() >= max(_FEWEST, _TWO_PLATES * len(plate.marks)):
+    mark_of = orders[0] if orders else order.plan_index
+    over = int((mark_of < 0).sum())
+    if over >= max(_FEWEST, _TWO_PLATES * len(plate.marks)):
         raise DegenerateGeometry(
-            f"two plates in view, it seems: {len(found)} marks are found, {int(left.sum())} more than belong to one "
+            f"two plates in view, it seems: {len(straight)} marks are found, {over} more than belong to one "
             f"plate of {len(plate.marks)}; cover one of them"
         )
     if len(orders) != 1:
@@ -86,12 +101,7 @@ def find_plate(gray: Picture, plate: Plate, look: MarkLook, *, lens: Camera | No
             f"which mark is which cannot be told from the {len(order)} found of {len(plate.marks)}: "
             + ("another order fits as well" if orders else "seen straight on, no order fits")
         )
-    pixels, covariance = np.full((len(plate.marks), 2), np.nan), np.full((len(plate.marks), 2, 2), np.nan)
-    for i in np.flatnonzero(~left):
-        pixels[index[i]], covariance[index[i]] = q[i], found[i].covariance
-    area = [abs(float(np.linalg.det(found[i].image_from_mark))) for i in np.flatnonzero(~left)]
-    size = look.mark.radius * float(np.sqrt(np.median(area)))
-    return PlatePicture(pixels, covariance, size, int(left.sum()))
+    return mark_of
 
 
 def _long_by_wide(plate: Plate, q: Array, index: Ids) -> float:

@@ -76,27 +76,24 @@ def measure_on_plane(
     """
     pixels = frozen(q, "pixels", (None, 2))
     names = tuple(names) or tuple(str(i + 1) for i in range(len(pixels)))
-    noise = estimate.noise_px if sigma_px is None else sigma_px
     if len(names) != len(pixels):
         raise BadValue("number of names", len(names), f"one for each of {len(pixels)} pixels")
-    if not np.isfinite(estimate.noise_px):
-        raise BadValue("pixel noise of the calibration", "unknown", "five points or more, or sigma_px stated with them")
-    if not (np.isfinite(noise) and noise > 0):
-        raise BadValue("sigma_px", noise, "a positive number of px")
+    noise_px = _pixel_noise(estimate, sigma_px)
     p = estimate.camera.unproject(pixels)
     kept = np.asarray(np.isfinite(p).all(axis=1))
     if not kept.any():
         raise DegenerateGeometry(f"none of {len(p)} pixels shows the plane: they lie beyond its vanishing line")
-    _, by_point, by_entry = estimate.camera.project_with_jacobians(p[kept])
-    lift, dof = np.eye(3)[:, :2], float(estimate.dof) if estimate.stated_px is None else np.inf
-    owner_and_dof = (None, np.inf) if sigma_px is not None else (estimate, dof)
-    back = lift @ np.linalg.inv(by_point)
+    _, px_by_point, px_by_entry = estimate.camera.project_with_jacobians(p[kept])
+    point_by_px = np.eye(3)[:, :2] @ np.linalg.inv(px_by_point)  # in space: no height over the plane
+    covariance = noise_px**2 * point_by_px @ np.swapaxes(point_by_px, -1, -2)
+    dof = float(estimate.dof) if estimate.stated_px is None else np.inf
+    noise = PixelNoise(covariance, estimate, dof) if sigma_px is None else PixelNoise(covariance, None, np.inf)
     nothing = np.full(int(kept.sum()), np.nan)
     return Measurement(
         names=tuple(n for n, k in zip(names, kept, strict=True) if k),
         points=np.column_stack([p[kept], np.full(len(nothing), estimate.height)]),
-        noise=(PixelNoise(noise**2 * back @ np.swapaxes(back, -1, -2), *owner_and_dof),),
-        effects=((ErrorSource("calibration", estimate.covariance, estimate, dof), -back @ by_entry),),
+        noise=(noise,),
+        effects=((ErrorSource("calibration", estimate.covariance, estimate, dof), -point_by_px @ px_by_entry),),
         seen_by=(("plane",),) * len(nothing),
         chi2=np.zeros(len(nothing)),
         dof=np.zeros(len(nothing), dtype=np.int32),
@@ -106,6 +103,16 @@ def measure_on_plane(
         refused={n: "beyond the plane's vanishing line" for n, k in zip(names, kept, strict=True) if not k},
         method="the plane's 3x3 matrix",
     )
+
+
+def _pixel_noise(estimate: PlaneEstimate, sigma_px: float | None) -> float:
+    """Return the standard deviation (px) of a pixel coordinate: as stated, or that of the calibration."""
+    noise_px = estimate.noise_px if sigma_px is None else sigma_px
+    if not np.isfinite(estimate.noise_px):
+        raise BadValue("pixel noise of the calibration", "unknown", "five points or more, or sigma_px stated with them")
+    if not (np.isfinite(noise_px) and noise_px > 0):
+        raise BadValue("sigma_px", noise_px, "a positive number of px")
+    return noise_px
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,6 +15,8 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
 
+_FOUND = list(range(6))  # local coordinates that a calibration of place alone finds: position and angles
+_FOUND_WITH_INTERNALS = [*range(6), 7, 9, 10]  # and focal length, principal point
 _ALONG = 1e-6  # sine of the angle to "up" from which a view is taken for vertical
 
 
@@ -131,20 +133,30 @@ def calibrated(scene: LayoutScene, assumed: CalibratedFrom, camera: Camera, pose
     near, far = max(float(depth.min()), 0.05 * float(depth.max())), float(depth.max())
     if not far > 0:
         near, far = 1000.0, 2000.0  # it looks away from the part: nothing will be asked of it
-    i = np.arange(assumed.points) + 0.5  # evenly in three dimensions (Roberts' sequence, the plastic number's powers)
-    u = (i[:, None] * np.array([0.8191725134, 0.6710436067, 0.5497004779])) % 1
-    rays = camera.unproject(u[:, :2] * np.array(camera.size) - 0.5)
-    z = near + u[:, 2] * (far - near)
-    points = rays / rays[:, 2:] * z[:, None]
-    _, J = project_with_sensitivity(camera, pose, pose.inv @ points[np.isfinite(points).all(axis=1)])
+    points = _spread_in_view(camera, assumed.points, near, far)
+    _, J = project_with_sensitivity(camera, pose, pose.inv @ points)
     sigma = np.hypot(assumed.sigma_px, assumed.points_mm * np.linalg.norm(J[..., :3], axis=(1, 2)) / np.sqrt(2))
-    free = [*range(6), 7, 9, 10] if internals else list(range(6))
-    A = (J[..., free] / sigma[:, None, None]).reshape(-1, len(free))
-    scale = np.linalg.norm(A, axis=0)
-    out = np.zeros((11, 11))
-    inverse = np.linalg.pinv(A / scale)
-    out[np.ix_(free, free)] = inverse @ inverse.T / np.outer(scale, scale)
-    return out
+    free = _FOUND_WITH_INTERNALS if internals else _FOUND
+    whitened = (J[..., free] / sigma[:, None, None]).reshape(-1, len(free))
+    scale = np.linalg.norm(whitened, axis=0)  # of millimetres, radians and pixels
+    inverse = np.linalg.pinv(whitened / scale)
+    covariance = np.zeros((11, 11))
+    covariance[np.ix_(free, free)] = inverse @ inverse.T / np.outer(scale, scale)
+    return covariance
+
+
+def _spread_in_view(camera: Camera, n: int, near: float, far: float) -> Array:
+    """Return at most n points (m, 3), camera frame, spread evenly over the picture and between two depths (mm).
+
+    Roberts' sequence in three dimensions: multiples of the powers of 1/g, g the root of g^4 = g + 1. Pixels without a
+    ray are left out.
+    """
+    steps = np.arange(n)[:, None] + 0.5
+    share = (steps * np.array([0.8191725134, 0.6710436067, 0.5497004779])) % 1
+    rays = camera.unproject(share[:, :2] * np.array(camera.size) - 0.5)
+    z = near + share[:, 2] * (far - near)
+    points = rays / rays[:, 2:] * z[:, None]
+    return np.asarray(points[np.isfinite(points).all(axis=1)])
 
 
 def _moved(

@@ -46,43 +46,48 @@ class Places:
         n = len(p)
         every, never = np.ones(n, bool), np.zeros(n, bool)
         zero, unknown = np.zeros(n), np.full(n, np.nan)
-        axes = np.stack(axes_across(normal), axis=2)
         return cls(
-            p, np.arange(n), every, every, np.full((n, 3), np.nan), zero, zero, p, normal, axes, unknown,
-            np.stack([p, p], axis=1), never, never, never,
-        )  # fmt: skip
+            p=p,
+            feature=np.arange(n),
+            sighted=every,
+            measured=every,
+            tangent=np.full((n, 3), np.nan),
+            length=zero,
+            from_middle=zero,
+            centre=p,
+            normal=normal,
+            axes=np.stack(axes_across(normal), axis=2),
+            diameter=unknown,
+            ends=np.stack([p, p], axis=1),
+            is_straight=never,
+            is_edge=never,
+            is_circle=never,
+        )
 
     @classmethod
     def of(cls, features: Sequence[LayoutFeature]) -> Places:
         """Return those of some features."""
-        each = [_places(f) for f in features]
-        counts = [len(e.p) for e in each]
-        tangent = [
-            np.full((n, 3), np.nan) if e.tangent is None else e.tangent for e, n in zip(each, counts, strict=True)
-        ]
-        length = [np.zeros(n) if e.length is None else e.length for e, n in zip(each, counts, strict=True)]
-        p = np.concatenate([e.p for e in each])
-        owner = np.repeat(np.arange(len(features)), counts)
+        of_each = [_places(f) for f in features]
+        owner = np.repeat(np.arange(len(features)), [len(places.p) for places in of_each])
+        p = np.concatenate([places.p for places in of_each])
+        tangent = np.concatenate([places.tangents for places in of_each])
         centre = np.array([f.p for f in features])
-        along = np.nan_to_num(np.concatenate(tangent))
-        none = np.zeros((3, 2))
-        axes = [none if f.normal is None else np.stack(axes_across(f.normal), axis=1) for f in features]
         return cls(
-            p,
-            owner,
-            np.concatenate([e.sighted for e in each]),
-            np.concatenate([e.measured for e in each]),
-            np.concatenate(tangent),
-            np.concatenate(length),
-            np.einsum("ij,ij->i", p - centre[owner], along),
-            centre,
-            np.array([np.full(3, np.nan) if f.normal is None else f.normal for f in features]),
-            np.array(axes),
-            np.array([np.nan if f.diameter_mm is None else f.diameter_mm for f in features]),
-            np.array([f.ends for f in features]),
-            np.array([f.straight for f in features]),
-            np.array([f.kind is Kind.EDGE for f in features]),
-            np.array([f.kind is Kind.CIRCLE for f in features]),
+            p=p,
+            feature=owner,
+            sighted=np.concatenate([places.sighted for places in of_each]),
+            measured=np.concatenate([places.measured for places in of_each]),
+            tangent=tangent,
+            length=np.concatenate([places.lengths for places in of_each]),
+            from_middle=np.einsum("ij,ij->i", p - centre[owner], np.nan_to_num(tangent)),
+            centre=centre,
+            normal=np.array([np.full(3, np.nan) if f.normal is None else f.normal for f in features]),
+            axes=np.array([_axes(f) for f in features]),
+            diameter=np.array([np.nan if f.diameter_mm is None else f.diameter_mm for f in features]),
+            ends=np.array([f.ends for f in features]),
+            is_straight=np.array([f.straight for f in features]),
+            is_edge=np.array([f.kind is Kind.EDGE for f in features]),
+            is_circle=np.array([f.kind is Kind.CIRCLE for f in features]),
         )
 
 
@@ -95,6 +100,21 @@ class _FeaturePlaces:
     measured: Mask
     tangent: Array | None = None
     length: Array | None = None
+
+    @property
+    def tangents(self) -> Array:
+        """Return the unit tangents (n, 3); NaN where there are none."""
+        return np.full((len(self.p), 3), np.nan) if self.tangent is None else self.tangent
+
+    @property
+    def lengths(self) -> Array:
+        """Return the lengths (n,) mm; 0 where there are none."""
+        return np.zeros(len(self.p)) if self.length is None else self.length
+
+
+def _axes(feature: LayoutFeature) -> Array:
+    """Return two axes (3, 2) across a feature's normal; zero where it has none."""
+    return np.zeros((3, 2)) if feature.normal is None else np.stack(axes_across(feature.normal), axis=1)
 
 
 def _places(feature: LayoutFeature) -> _FeaturePlaces:

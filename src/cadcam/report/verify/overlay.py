@@ -114,25 +114,14 @@ def _dots(q: Array, color: str, title: str) -> str:
 
 
 def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: Sequence[Judgement]) -> list[str]:
-    """Return arrows of displaced features and labels of missing ones."""
-    camera_from_part = photo.viewpoint.camera_from_world @ seen.pose.world_from_part
-    shown = [f for f in seen.features if f.state in (State.DISPLACED, State.MISSING) and np.isfinite(f.p).all()]
-    moves = []
-    for f in shown:
-        ends = np.stack([f.p, f.p + (f.vector if f.state is State.DISPLACED else 0.0)])
-        q = photo.camera.project(camera_from_part @ ends)
-        if np.isfinite(q).all() and photo.camera.sees(q[0]):
-            moves.append((f, q[0], q[1] - q[0]))
+    """Return arrows of displaced features, all drawn longer by one factor, and labels of these and of missing ones."""
+    moves = _moves(photo, seen)
     longest = max((float(np.hypot(*d)) for _, _, d in moves), default=0.0)
     times = min(max(_ARROW_SHARE * width / longest, 1.0), _MOST_TIMES) if longest > 0 else 1.0
-    arrows = [(q, times * d) for f, q, d in moves if np.hypot(*d) * times > width / _LEAST_ARROW]
+    arrows = [(q, times * d) for _, q, d in moves if np.hypot(*d) * times > width / _LEAST_ARROW]
     out = [_arrow(q, d, width) for q, d in arrows]
-    labels, placed = [], list[Array]()
-    for f, q, d in moves:
-        q = q.copy()
-        while any(np.abs(q - other).max() < width / 26 for other in placed):
-            q[1] += width / 26
-        placed.append(q)
+    labels = []
+    for (f, _, d), q in zip(moves, _spaced([q for _, q, _ in moves], width / 26), strict=True):
         text = _label_text(f, judgements)
         labels.append(_label(q, text, width, leftwards=_leftwards(q, d, text, width)))
     if arrows:
@@ -143,6 +132,31 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: 
         style = 'font-family="sans-serif" fill="#ffffff" stroke="#000000" paint-order="stroke"'
         out.append(f'<g class="labels" font-size="{size:.0f}" {style}>{"".join(labels)}</g>')
     return out
+
+
+def _moves(photo: Photo, seen: Inspection) -> list[tuple[FeatureDeviation, Array, Array]]:
+    """Return the displaced and missing features in the picture, each with its pixel (2,) and its displacement, px."""
+    camera_from_part = photo.viewpoint.camera_from_world @ seen.pose.world_from_part
+    moves = []
+    for f in seen.features:
+        if f.state not in (State.DISPLACED, State.MISSING) or not np.isfinite(f.p).all():
+            continue
+        ends = np.stack([f.p, f.p + (f.vector if f.state is State.DISPLACED else 0.0)])
+        q = photo.camera.project(camera_from_part @ ends)
+        if np.isfinite(q).all() and photo.camera.sees(q[0]):
+            moves.append((f, q[0], q[1] - q[0]))
+    return moves
+
+
+def _spaced(places: Sequence[Array], least: float) -> list[Array]:
+    """Return the places of labels (2,) px, each moved down until it is `least` px away from those before it."""
+    placed = list[Array]()
+    for place in places:
+        q = place.copy()
+        while any(np.abs(q - other).max() < least for other in placed):
+            q[1] += least
+        placed.append(q)
+    return placed
 
 
 def _label_text(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:

@@ -8,8 +8,9 @@ from html import escape
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.report.verify.words import CAUSE_WORDS
-from cadcam.verify.deviations.deviation import FeatureDeviation
+from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
@@ -109,26 +110,36 @@ def stations_plot(seen: Inspection, name: str) -> str:
     low = min(float((every[:, 1] - 2 * every[:, 2]).min()), 0.0)
     high = max(float((every[:, 1] + 2 * every[:, 2]).max()), 0.0)
     frame = _Frame(190.0, round_ticks(low, high))
-    y, body = frame.y, frame.level_lines("mm")
-    step, at = (frame.right - frame.left) / (len(every) + len(edges)), frame.left
+    body = frame.level_lines("mm")
+    step, start = (frame.right - frame.left) / (len(every) + len(edges)), frame.left
     for k, e in enumerate(edges):
-        xs = at + step * (np.arange(len(e.station)) + 0.5)
-        upper = [(x, y(v + 2 * s)) for x, (_, v, s) in zip(xs, e.station, strict=True)]
-        lower = [(x, y(v - 2 * s)) for x, (_, v, s) in zip(xs, e.station, strict=True)]
-        outline = " ".join(f"{px:.1f},{py:.1f}" for px, py in upper + lower[::-1])
-        line = " ".join(f"{x:.1f},{y(v):.1f}" for x, (_, v, _s) in zip(xs, e.station, strict=True))
-        color = "#0072b2" if k % 2 else "#00785a"
-        title = f"<title>{escape(f'{e.kind} {e.chain}')}</title>"
-        body.append(
-            f'<g><polygon points="{outline}" fill="{color}" fill-opacity="0.18"/><polyline points="{line}" fill="none" '
-            f'stroke="{color}" stroke-width="2"/>'
-        )
-        points = list(zip(xs, e.station[:, 1], strict=True))
-        dots = "".join(f'<circle cx="{x:.1f}" cy="{y(v):.1f}" r="2.2" fill="{color}"/>' for x, v in points)
-        body.append(f"{dots}{title}</g>")
-        at += step * (len(e.station) + 1)
+        x = start + step * (np.arange(len(e.station)) + 0.5)
+        body.append(_edge_curve(frame, np.asarray(x), e, "#0072b2" if k % 2 else "#00785a"))
+        start += step * (len(e.station) + 1)
     body.append(frame.caption(f"{len(edges)} edges, {len(every)} pieces; band: U (k 2)"))
     return _svg(frame.height, body, f"deviations along the edges of {name}")
+
+
+def _edge_curve(frame: _Frame, x: Array, edge: EdgeDeviation, color: str) -> str:
+    """Return an edge's deviations as dots at x (s,) joined by a line, in a band of U (k 2); its name as a tool tip."""
+    _, deviation, sigma = edge.station.T
+    curve = _points(x, [frame.y(v) for v in deviation])
+    upper, lower = ([frame.y(v) for v in deviation + sign * 2 * sigma] for sign in (1, -1))
+    band = f"{_points(x, upper)} {_points(x[::-1], lower[::-1])}"
+    dots = "".join(
+        f'<circle cx="{px:.1f}" cy="{frame.y(v):.1f}" r="2.2" fill="{color}"/>'
+        for px, v in zip(x, deviation, strict=True)
+    )
+    return (
+        f'<g><polygon points="{band}" fill="{color}" fill-opacity="0.18"/>'
+        f'<polyline points="{curve}" fill="none" stroke="{color}" stroke-width="2"/>'
+        f"{dots}<title>{escape(f'{edge.kind} {edge.chain}')}</title></g>"
+    )
+
+
+def _points(x: Array, y: Sequence[float]) -> str:
+    """Return points as the attribute of an SVG line."""
+    return " ".join(f"{px:.1f},{py:.1f}" for px, py in zip(x, y, strict=True))
 
 
 def shares_plot(features: Sequence[FeatureDeviation]) -> str:
