@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter
 
-from cadcam.cad.parts.bracket import machined_bracket
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE
 from cadcam.locate.lines.sight import Sight
@@ -16,19 +15,9 @@ from cadcam.locate.refine import answer
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.solution import PoseSolution, solved
 
-from .photos import CAMERA, noisy, shot, view
+from .photos import CAMERA, noisy, shot
 
 DRAWN = 4000
-
-
-@pytest.fixture(scope="module")
-def part() -> Part:
-    return Part.of(machined_bracket())
-
-
-@pytest.fixture(scope="module")
-def pose(part: Part) -> Rigid:
-    return view(part, (0.7, -0.9, 0.8))
 
 
 def solution(part: Part, pose: Rigid, blur: float, rng: np.random.Generator) -> PoseSolution:

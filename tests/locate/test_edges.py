@@ -5,7 +5,6 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.cad.parts.bracket import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Ideal, Lens
 from cadcam.geometry.rigid import Rigid
@@ -15,11 +14,6 @@ from cadcam.native.profiles import clearance
 
 CAMERA = Camera.from_focal((640, 480), 900.0, fy=880.0, skew=2.0, lens=BrownConrady(k1=-0.15, k2=0.05, p1=1e-3))
 POSE = Rigid.look_at((260.0, -330.0, 300.0), (0.0, 0.0, 20.0))
-
-
-@pytest.fixture(scope="module")
-def part() -> Part:
-    return Part.of(machined_bracket())
 
 
 def test_samples_lie_on_the_drawn_lines_a_step_apart(part: Part) -> None:

@@ -9,7 +9,6 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from cadcam.cad.mesh import merge
-from cadcam.cad.parts.bracket import machined_bracket
 from cadcam.cad.parts.shape import box, circle, prism
 from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
@@ -32,16 +31,6 @@ from ..cad.solids import prism as turned_prism
 from .photos import CAMERA, noisy, photo, shot, view
 
 OFF = Rigid.exp([1.2, -0.9, 1.5, 0.01, -0.008, 0.012])  # some 6 px at these distances
-
-
-@pytest.fixture(scope="module")
-def part() -> Part:
-    return Part.of(machined_bracket())
-
-
-@pytest.fixture(scope="module")
-def pose(part: Part) -> Rigid:
-    return view(part, (0.7, -0.9, 0.8))
 
 
 @pytest.fixture(scope="module")

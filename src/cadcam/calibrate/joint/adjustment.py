@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypedDict, Unpack
 
 import numpy as np
 
@@ -53,47 +54,40 @@ class JointFit:
         return 1.0 if _stated(self.views) else self.solution.variance
 
 
+class JointOptions(TypedDict, total=False):
+    """What is given to a joint calibration beside the views; all of it may be left out.
+
+    fixed: values of any of aspect, focal (px), skew (rad), U0, V0 (px). lens, free_lens: as in `calibrate_camera`.
+    bend: the field is a flat board in z = const, bowed by bend_x (1 - x'^2) + bend_y (1 - y'^2) mm along z, x' and y'
+    from -1 to 1 over the board; both are estimated. priors: {name: (value, sigma)} of free shared parameters.
+    control_sigma: the points' coordinates are known to this standard deviation only, mm, and are estimated too: one
+    number for all, or by name (others stay fixed); points of equal names are the same. priors and control_sigma need
+    sigma_px. guess: a camera to start from, which spares the search. loss: a robust one, its scale in units of sigma_px
+    where that is stated.
+    """
+
+    fixed: Mapping[str, float] | None
+    lens: Lens | None
+    free_lens: Iterable[str]
+    bend: bool
+    priors: Mapping[str, tuple[float, float]] | None
+    control_sigma: float | Mapping[str, float] | None
+    guess: Camera | None
+    loss: Loss | None
+
+
 def calibrate_jointly(
-    views: Sequence[Observations],
-    size: tuple[int, int],
-    *,
-    fixed: Mapping[str, float] | None = None,
-    lens: Lens | None = None,
-    free_lens: Iterable[str] = (),
-    bend: bool = False,
-    priors: Mapping[str, tuple[float, float]] | None = None,
-    control_sigma: float | Mapping[str, float] | None = None,
-    guess: Camera | None = None,
-    loss: Loss | None = None,
+    views: Sequence[Observations], size: tuple[int, int], **options: Unpack[JointOptions]
 ) -> JointEstimate:
     """Return the camera of `size` (width, height) px that saw the points of all views, and where it stood in each.
 
     Minimises the sum of squared pixel residuals (by their stated sigma_px) over shared internals and all poses, without
-    a guess. fixed: values of any of aspect, focal (px), skew (rad), U0, V0 (px); lens and free_lens as in
-    `calibrate_camera`. bend: the field is a flat board in z = const, bowed by bend_x (1 - x'^2) + bend_y (1 - y'^2) mm
-    along z, x' and y' from -1 to 1 over the board; both are estimated. priors: {name: (value, sigma)} of free shared
-    parameters. control_sigma: the points' coordinates are known to this standard deviation only, mm, and are estimated
-    too: one number for all, or by name (others stay fixed); points of equal names are the same. priors and
-    control_sigma need sigma_px. loss: a robust one, its scale in units of sigma_px where that is stated. guess: a
-    camera to start from, which spares the search.
+    a guess. options: fixed, lens, free_lens, bend, priors, control_sigma, guess, loss; see `JointOptions`.
 
     Raises `TooFewPoints`, `DegenerateGeometry` naming what the views do not determine together, `MirroredPoints`,
     `NotConverged`, `BadValue` and `UnknownName`.
     """
-    return estimate_of(
-        fit_jointly(
-            views,
-            size,
-            fixed=fixed,
-            lens=lens,
-            free_lens=free_lens,
-            bend=bend,
-            priors=priors,
-            control_sigma=control_sigma,
-            guess=guess,
-            loss=loss,
-        )
-    )
+    return estimate_of(fit_jointly(views, size, **options))
 
 
 def fit_jointly(
