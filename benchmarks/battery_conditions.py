@@ -27,7 +27,7 @@ from battery_wrong import (
 from cadcam.arrays import Picture
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.read import read_model
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye
 from cadcam.geometry.rigid import Rigid
@@ -77,7 +77,7 @@ def _written(unit: str, suffix: str) -> Callable[[Mesh, Path], Mesh]:
 
     def round_trip(mesh: Mesh, folder: Path) -> Mesh:
         path = folder / f"model_{unit}{suffix}"
-        write(mesh.scaled(1 / mm), path)
+        write_model(path, mesh.scaled(1 / mm))
         return read_model(path, unit=unit)
 
     return round_trip
@@ -86,7 +86,7 @@ def _written(unit: str, suffix: str) -> Callable[[Mesh, Path], Mesh]:
 def _doubled(mesh: Mesh, folder: Path) -> Mesh:
     """Return the model as a file holds it that has the part twice in one place, as careless exports do."""
     path = folder / "model_doubled.obj"
-    write(merge([mesh, mesh]), path)
+    write_model(path, merge([mesh, mesh]))
     return read_model(path, unit="mm")
 
 

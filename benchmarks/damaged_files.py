@@ -21,7 +21,7 @@ import numpy as np
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import machined_bracket
 from cadcam.cad.read import read_model
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.errors import CadcamError
 
 Damage = Callable[[bytes], bytes | None]
@@ -32,7 +32,7 @@ def whole_files(mesh: Mesh, folder: Path) -> dict[str, bytes]:
     """Return the model in six formats, ASCII and binary."""
     files = {}
     for suffix in (".stl", ".obj", ".ply", ".glb"):
-        write(mesh, folder / f"model{suffix}")
+        write_model(folder / f"model{suffix}", mesh)
         files[suffix] = (folder / f"model{suffix}").read_bytes()
     rows = [" ".join(f"{x:.6f}" for x in v) for v in mesh.vertices]
     faces = [f"3 {a} {b} {c}" for a, b, c in mesh.faces]

@@ -23,7 +23,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import machined_bracket, ship_block
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.files.camera import write_camera
@@ -166,7 +166,7 @@ def generate(out: Path, part: str, *, views_n: int, starts_n: int, rounds: int, 
     model, traced = setting.model(), setting.traced()
     poses = views(setting, model, views_n, rng)
     out.mkdir(parents=True, exist_ok=True)
-    write(replace(model, vertices=model.vertices / 1000), out / "model.obj")
+    write_model(out / "model.obj", replace(model, vertices=model.vertices / 1000))
     write_camera(out / "camera.json", setting.camera)
     np.savetxt(out / "K.txt", setting.camera.K)
     head = "frame," + ",".join(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)) + ",tx,ty,tz"

@@ -15,22 +15,20 @@ from PIL import Image
 
 import cadcam
 from cadcam.cad.parts import machined_bracket
-from cadcam.dataset.make import make_dataset
-from cadcam.dataset.plan import NOISE, PLAIN, DatasetPlan, Occluders
-from cadcam.locate.views.view_range import ViewRange
+from cadcam.dataset.plan import NOISE, PLAIN, Occluders
 
 
 def main(folder: Path) -> None:
     """Make eight views, from above and partly hidden, before plain and noisy backgrounds; check them."""
-    plan = DatasetPlan(
+    plan = cadcam.DatasetPlan(
         views=8,
         camera=cadcam.Camera.from_focal((320, 240), 330.0),
         seed=1,
-        around=ViewRange.above(within_deg=70),
+        around=cadcam.ViewRange.above(within_deg=70),
         backgrounds=(PLAIN, NOISE),
         occluders=Occluders(count=(0, 2)),
     )
-    made = make_dataset(folder, cadcam.Scene.of(machined_bracket()), plan, name="bracket")
+    made = cadcam.make_dataset(folder, cadcam.Scene.of(machined_bracket()), plan, name="bracket")
     print(f"{made.new} views made; look at {made.contact}")
     check(folder)
 

@@ -8,9 +8,9 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import cadcam
 from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
 from cadcam.cad.read import describe
-from cadcam.cad.write import write
 
 
 def main(folder: Path) -> None:
@@ -22,7 +22,7 @@ def main(folder: Path) -> None:
         "shipblock_10k.obj": ship_block(triangles=10_000),
     }
     for name, mesh in models.items():
-        write(mesh, folder / name)
+        cadcam.write_model(folder / name, mesh)
         print(f"{name}: {describe(mesh)}")
 
 

@@ -16,19 +16,14 @@ import numpy as np
 
 import cadcam
 from cadcam.cad.parts import ship_block
-from cadcam.image.picture import to_gray
-from cadcam.render.light import Lamp, Light
 from cadcam.report.table import show
-from cadcam.report.verify.json import Origin
 from cadcam.report.verify.overlay import write_overlay_svg
-from cadcam.report.verify.page import write_verification_page
 from cadcam.report.verify.words import verification_tables
 
 CAMERA = cadcam.Camera.from_focal((1200, 900), 1500.0)
 VIEW = cadcam.Rigid.look_at((200.0, -1900.0, 2300.0), (1900.0, 1000.0, 900.0))
-LIGHT = Light(
-    (Lamp((0.35, -0.55, 1.0), 0.7, 12.0),), flash=1.0, ambient=0.35
-)  # a lamp under the roof, one at the camera
+# A lamp under the roof, and one at the camera
+LIGHT = cadcam.Light((cadcam.Lamp((0.35, -0.55, 1.0), 0.7, 12.0),), flash=1.0, ambient=0.35)
 DISPLACED, FORGOTTEN = "bracket 2.1 port", "longitudinal 2 port"
 TOLERANCES = f"""features:
   bracket aft: {{part: {DISPLACED}, position_mm: 3, presence: required}}
@@ -51,7 +46,8 @@ def main(folder: Path, samples: int) -> None:
     found = cadcam.verify_part(part, [photo], located, cadcam.read_tolerances(folder / "tolerances.yaml"))
 
     show(verification_tables(found), sys.stdout)
-    write_verification_page(folder / "report.html", found, [photo], Origin("ship block", serial="example"))
+    origin = cadcam.VerificationOrigin("ship block", serial="example")
+    cadcam.write_verification_page(folder / "report.html", found, [photo], origin)
     if found.inspection is not None:
         write_overlay_svg(folder / "verify.svg", photo, 0, found.inspection, quality=75)
 
@@ -68,7 +64,7 @@ def photograph(mesh: cadcam.Mesh, path: Path, samples: int) -> cadcam.Photo:
     photographer = cadcam.Photographer(cadcam.Scene.of(mesh))
     light = photographer.radiance(CAMERA, VIEW, light=LIGHT, blur_px=0.5, samples=samples).over((0.3, 0.3, 0.3))
     sensor = cadcam.named_sensor("global-shutter")
-    cadcam.write_picture(path, sensor.apply(to_gray(light), rng=np.random.default_rng(1997)))
+    cadcam.write_picture(path, sensor.apply(cadcam.to_gray(light), rng=np.random.default_rng(1997)))
     return cadcam.Photo.of(cadcam.read_picture(path), CAMERA, VIEW)
 
 

@@ -14,6 +14,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.mesh import Mesh as Mesh
     from cadcam.cad.read import read_model as read_model
     from cadcam.cad.read import read_model_with_report as read_model_with_report
+    from cadcam.cad.write import write_model as write_model
     from cadcam.calibrate.boards.pictures import calibrate_boards as calibrate_boards
     from cadcam.calibrate.boards.pictures import find_board as find_board
     from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye as calibrate_hand_eye
@@ -64,6 +65,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.camera.sensor_format import sensor_format as sensor_format
     from cadcam.camera.viewpoint import KnownMotion as KnownMotion
     from cadcam.camera.viewpoint import Viewpoint as Viewpoint
+    from cadcam.dataset.make import make_dataset as make_dataset
+    from cadcam.dataset.plan import DatasetPlan as DatasetPlan
     from cadcam.errors import CadcamError as CadcamError
     from cadcam.files.camera import CameraFile as CameraFile
     from cadcam.files.camera import read_camera as read_camera
@@ -99,6 +102,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.image.correlate import correlate as correlate
     from cadcam.image.exr import write_exr as write_exr
     from cadcam.image.picture import read_picture as read_picture
+    from cadcam.image.picture import to_gray as to_gray
     from cadcam.image.picture import write_picture as write_picture
     from cadcam.image.sensor.sensor import Sensor as Sensor
     from cadcam.image.template import Template as Template
@@ -161,6 +165,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.view import Channel as Channel
     from cadcam.render.view import Look as Look
     from cadcam.render.view import Scene as Scene
+    from cadcam.report.verify.json import VerificationOrigin as VerificationOrigin
+    from cadcam.report.verify.page import write_verification_page as write_verification_page
     from cadcam.station.document import read_plate as read_plate
     from cadcam.station.document import read_station as read_station
     from cadcam.station.document import read_stations as read_stations
@@ -202,6 +208,7 @@ _HOME = {
     "ClosenessOptions": "cadcam.locate.match.closeness",
     "CorrelateOptions": "cadcam.image.correlate",
     "Cutout": "cadcam.render.cutout",
+    "DatasetPlan": "cadcam.dataset.plan",
     "Deviation": "cadcam.record.record",
     "Division": "cadcam.camera.lens",
     "DoubleSphere": "cadcam.camera.lens",
@@ -269,6 +276,7 @@ _HOME = {
     "Tolerances": "cadcam.verify.tolerances.tolerance",
     "TrackLog": "cadcam.locate.track.log",
     "Verification": "cadcam.verify.judge",
+    "VerificationOrigin": "cadcam.report.verify.json",
     "ViewRange": "cadcam.locate.views.view_range",
     "Viewpoint": "cadcam.camera.viewpoint",
     "Wireframe": "cadcam.render.lines.wireframe",
@@ -297,6 +305,7 @@ _HOME = {
     "fit_jointly": "cadcam.calibrate.joint.adjustment",
     "locate_camera": "cadcam.calibrate.points.camera",
     "locate_part": "cadcam.locate.in_photos",
+    "make_dataset": "cadcam.dataset.make",
     "markov_chain_variability": "cadcam.calibrate.variability.methods",
     "match_templates": "cadcam.locate.match.templates",
     "measure_marks": "cadcam.station.measure",
@@ -346,6 +355,7 @@ _HOME = {
     "side_by_side": "cadcam.render.overlay",
     "solve_optics": "cadcam.camera.optics",
     "standard_view": "cadcam.render.standard_view",
+    "to_gray": "cadcam.image.picture",
     "track_part": "cadcam.locate.track.tracker",
     "track_part_to_log": "cadcam.locate.track.log",
     "trend": "cadcam.record.trend",
@@ -359,6 +369,7 @@ _HOME = {
     "write_cameras": "cadcam.files.foreign.registry",
     "write_exr": "cadcam.image.exr",
     "write_measurement": "cadcam.files.pixels",
+    "write_model": "cadcam.cad.write",
     "write_overlay_svg": "cadcam.render.overlay",
     "write_part_pose": "cadcam.files.pose_estimate",
     "write_picture": "cadcam.image.picture",
@@ -369,6 +380,7 @@ _HOME = {
     "write_rig": "cadcam.files.rig",
     "write_sensor": "cadcam.files.sensor",
     "write_station": "cadcam.station.document",
+    "write_verification_page": "cadcam.report.verify.page",
 }
 __all__ = ["__version__", *_HOME]
 

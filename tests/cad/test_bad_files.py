@@ -16,7 +16,7 @@ import pytest
 
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.read import read_model
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.errors import CadcamError, DegenerateGeometry, UnreadableFile
 
 from .solids import box
@@ -37,7 +37,7 @@ VERTICES = "<vertex x='0' y='0' z='0'/><vertex x='1' y='0' z='0'/><vertex x='0' 
 
 
 def whole(suffix: str, tmp_path: Path) -> bytes:
-    write(box((0, 0, 0), (1, 2, 3)), tmp_path / f"whole{suffix}")
+    write_model(tmp_path / f"whole{suffix}", box((0, 0, 0), (1, 2, 3)))
     return (tmp_path / f"whole{suffix}").read_bytes()
 
 
@@ -204,7 +204,7 @@ def test_a_glb_may_hold_what_nobody_asked_for(tmp_path: Path, change: dict[str, 
 def test_a_node_scaled_to_nothing_hides_only_itself(tmp_path: Path) -> None:
     """Animations hide a node so; its normals have no inverse to be turned by."""
     normals = np.tile(np.float32([0, 0, 1]), (12, 3, 1))
-    write(replace(box((0, 0, 0), (1, 2, 3)), corner_normals=normals), tmp_path / "whole.glb")
+    write_model(tmp_path / "whole.glb", replace(box((0, 0, 0), (1, 2, 3)), corner_normals=normals))
     data = (tmp_path / "whole.glb").read_bytes()
     nodes = {"nodes": [{"mesh": 0}, {"mesh": 0, "scale": [0, 0, 0]}], "scenes": [{"nodes": [0, 1]}]}
     (tmp_path / "a.glb").write_bytes(changed(data, nodes))
@@ -248,7 +248,7 @@ def test_a_3mf_cut_short_is_refused(tmp_path: Path) -> None:
 
 
 def test_a_folder_a_missing_file_and_an_unknown_suffix_are_told_apart(tmp_path: Path) -> None:
-    write(box((0, 0, 0), (1, 1, 1)), tmp_path / "plate.stl")
+    write_model(tmp_path / "plate.stl", box((0, 0, 0), (1, 1, 1)))
     (tmp_path / "plate.stlx").write_bytes(b"x")
     (tmp_path / "plate").write_bytes(b"x")
     for name, words in (
@@ -263,7 +263,7 @@ def test_a_folder_a_missing_file_and_an_unknown_suffix_are_told_apart(tmp_path: 
 
 def test_faces_without_area_are_refused_with_the_file(tmp_path: Path) -> None:
     flat = Mesh.single([(0, 0, 0), (1, 1, 1), (2, 2, 2), (3, 3, 3)], [(0, 1, 2), (1, 2, 3)])
-    write(flat, tmp_path / "flat.ply")
+    write_model(tmp_path / "flat.ply", flat)
     with pytest.raises(DegenerateGeometry, match=r"flat\.ply: every face has zero area"):
         read_model(tmp_path / "flat.ply")
 

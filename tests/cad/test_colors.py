@@ -12,7 +12,7 @@ import pytest
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.needles import without_needles
 from cadcam.cad.read import read_model
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.errors import BadValue
 
 from .solids import prism
@@ -86,7 +86,7 @@ def test_a_glb_gives_the_colours_of_faces_back(tmp_path: Path, surfaces: bool) -
     mesh = replace(mesh, face_colors=paint, part_colors=np.tile(np.float32(BLUE), (len(mesh.part_names), 1)))
     if not surfaces:
         mesh = replace(mesh, surface=np.full(mesh.n_faces, -1), corner_normals=None)
-    write(mesh, tmp_path / "m.glb")
+    write_model(tmp_path / "m.glb", mesh)
     back = read_model(tmp_path / "m.glb")
     red = (back.colors_of_faces == RED).all(axis=1)
     blue = (back.colors_of_faces == BLUE).all(axis=1)

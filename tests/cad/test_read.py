@@ -14,7 +14,7 @@ import pytest
 
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.read import describe, read_model, read_model_with_report
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.errors import BadValue, UnknownName, UnwritableFile
 
 from .solids import both, box, outward, prism
@@ -31,7 +31,7 @@ def pair() -> Mesh:
 
 @pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".glb"])
 def test_what_is_written_is_read_back(pair: Mesh, tmp_path: Path, suffix: str) -> None:
-    write(pair, tmp_path / f"pair{suffix}")
+    write_model(tmp_path / f"pair{suffix}", pair)
     mesh, report = read_model_with_report(tmp_path / f"pair{suffix}")
     assert np.allclose(mesh.size_mm, SIZE, rtol=1e-7, atol=0)  # float32 coordinates
     assert mesh.n_faces == (24 if suffix in (".obj", ".glb") else 20)  # one part: the wall between the two goes
@@ -49,7 +49,7 @@ def test_a_glb_keeps_surfaces_and_normals(tmp_path: Path) -> None:
     solid = prism(16, surfaces=True)
     normals = np.repeat(solid.face_normals[:, None], 3, axis=1)
     solid = Mesh(solid.vertices, solid.faces, solid.part, solid.surface, ("a",), solid.part_colors, normals)
-    write(solid, tmp_path / "prism.glb")
+    write_model(tmp_path / "prism.glb", solid)
     back = read_model(tmp_path / "prism.glb")
     assert np.bincount(back.surface).tolist() == [32, 14, 14]
     assert back.corner_normals is not None
@@ -61,26 +61,26 @@ def test_a_glb_keeps_surfaces_and_normals(tmp_path: Path) -> None:
     [(None, 1), ("mm", 1), ("m", 1000), ("Metres", 1000), ("cm", 10), ("inch", 25.4), ("ft", 304.8), ("um", 1e-3)],
 )
 def test_the_unit_of_a_file_without_one_is_the_callers(tmp_path: Path, unit: str | None, mm: float) -> None:
-    write(box((0, 0, 0), SIZE), tmp_path / "box.ply")
+    write_model(tmp_path / "box.ply", box((0, 0, 0), SIZE))
     mesh = read_model(tmp_path / "box.ply", unit=unit)
     assert np.allclose(mesh.size_mm, np.array(SIZE) * mm, rtol=1e-12)
 
 
 def test_an_unknown_unit_is_answered_with_the_known_ones(tmp_path: Path) -> None:
-    write(box((0, 0, 0), SIZE), tmp_path / "box.ply")
+    write_model(tmp_path / "box.ply", box((0, 0, 0), SIZE))
     with pytest.raises(UnknownName, match=r"'milimetre'; did you mean 'millimetre'"):
         read_model(tmp_path / "box.ply", unit="milimetre")
 
 
 def test_an_implausible_size_is_doubted_aloud(tmp_path: Path) -> None:
-    write(box((0, 0, 0), (0.084, 0.084, 0.084)), tmp_path / "cube.obj")
+    write_model(tmp_path / "cube.obj", box((0, 0, 0), (0.084, 0.084, 0.084)))
     _, report = read_model_with_report(tmp_path / "cube.obj")
     assert "--unit m" in report.warnings[0]
     assert read_model_with_report(tmp_path / "cube.obj", unit="m")[1].warnings == ()
 
 
 def test_the_report_says_the_size_first(tmp_path: Path) -> None:
-    write(box((0, 0, 0), (800, 450, 120)), tmp_path / "plate.stl")
+    write_model(tmp_path / "plate.stl", box((0, 0, 0), (800, 450, 120)))
     mesh, report = read_model_with_report(tmp_path / "plate.stl")
     assert report.lines()[0] == "plate.stl: size 800.0 x 450.0 x 120.0 mm (unit mm: assumed, the format has none)"
     assert describe(mesh) == "size 800.0 x 450.0 x 120.0 mm, 1 part, 12 triangles"
@@ -102,7 +102,7 @@ def test_an_ascii_stl_keeps_its_solids(tmp_path: Path) -> None:
 
 
 def test_a_binary_stl_that_begins_with_solid_is_binary(tmp_path: Path) -> None:
-    write(box((0, 0, 0), SIZE), tmp_path / "box.stl")
+    write_model(tmp_path / "box.stl", box((0, 0, 0), SIZE))
     data = bytearray((tmp_path / "box.stl").read_bytes())
     data[:12] = b"solid facet "
     (tmp_path / "box.stl").write_bytes(data)
@@ -145,7 +145,7 @@ def test_an_obj_of_polygons_groups_and_relative_numbers_is_understood(tmp_path: 
 
 def test_a_name_of_two_lines_stays_one_line_of_an_obj(tmp_path: Path) -> None:
     mesh = replace(box((0, 0, 0), (1, 2, 3)), part_names=("one\nf 1 2 99",))
-    write(mesh, tmp_path / "a.obj")
+    write_model(tmp_path / "a.obj", mesh)
     assert read_model(tmp_path / "a.obj").part_names == ("one f 1 2 99",)
 
 
@@ -230,7 +230,7 @@ def test_gltf_nodes_place_and_name_their_meshes_and_mirrors_keep_them_outward(tm
 
 
 def test_a_unit_given_for_a_glb_overrides_its_rule_and_is_said(tmp_path: Path) -> None:
-    write(box((0, 0, 0), SIZE), tmp_path / "box.glb")
+    write_model(tmp_path / "box.glb", box((0, 0, 0), SIZE))
     mesh, report = read_model_with_report(tmp_path / "box.glb", unit="mm")
     assert np.allclose(mesh.size_mm, np.array(SIZE) / 1000)
     assert any("by its rule" in warning for warning in report.warnings)
@@ -281,14 +281,14 @@ def test_writing_leaves_the_old_file_until_the_new_one_is_whole(tmp_path: Path, 
 
     monkeypatch.setattr("os.replace", full)
     with pytest.raises(UnwritableFile, match="No space left"):
-        write(box((0, 0, 0), SIZE), target)
+        write_model(target, box((0, 0, 0), SIZE))
     assert target.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [target]
 
 
 def test_a_format_that_is_not_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(UnknownName, match="step"):
-        write(box((0, 0, 0), SIZE), tmp_path / "box.step")
+        write_model(tmp_path / "box.step", box((0, 0, 0), SIZE))
 
 
 @pytest.mark.parametrize(

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from cadcam.cad.parts.shape import box
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.report.layout.words import tur_words
 
 from .job import Ran
@@ -38,7 +38,7 @@ choose: 3
 @pytest.fixture
 def small(tmp_path: Path) -> Path:
     """Return the scene of a box of 100 x 80 x 20 mm."""
-    write(box((0, 0, 0), (100, 80, 20), name="box", color=(0.5, 0.5, 0.5)), tmp_path / "box.obj")
+    write_model(tmp_path / "box.obj", box((0, 0, 0), (100, 80, 20), name="box", color=(0.5, 0.5, 0.5)))
     path = tmp_path / "scene.yaml"
     path.write_text(SCENE)
     return path

@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.files.camera import write_camera
 from cadcam.image.picture import write_picture
 
@@ -30,7 +30,7 @@ features:
 @pytest.fixture
 def cell(tmp_path: Path) -> Path:
     """Return a folder with the model, its camera, where it stands, tolerances, a good and a bad part's photo."""
-    write(plate(), tmp_path / "plate.glb")
+    write_model(tmp_path / "plate.glb", plate())
     write_camera(tmp_path / "camera.json", CAMERA)
     rows = "\n".join(" ".join(repr(float(v)) for v in row) for row in POSE.matrix)
     (tmp_path / "pose.txt").write_text(f"# camera_from_part, mm\n{rows}\n")

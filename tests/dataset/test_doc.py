@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from cadcam.cad.parts import machined_bracket
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.cli.main import main
 from cadcam.dataset.plan_file import KEYS, read_plan
 
@@ -20,7 +20,7 @@ DOCUMENT = (Path(__file__).resolve().parents[2] / "docs/datasets.md").read_text(
 
 @pytest.fixture
 def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    write(machined_bracket(), tmp_path / "part.stl")
+    write_model(tmp_path / "part.stl", machined_bracket())
     monkeypatch.chdir(tmp_path)
     return tmp_path
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cadcam.cad.parts.shape import box
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.dataset.plan_file import read_plan
 from cadcam.errors import CadcamError
 from cadcam.files.camera import write_camera
@@ -44,7 +44,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     monkeypatch.chdir(tmp_path)
     for name in ("b.png", "a.jpg"):
         write_picture(tmp_path / "photos" / name, np.full((4, 6), 0.5))
-    write(box((0, 0, 0), (5, 5, 5), name="clamp"), tmp_path / "clamp.stl")
+    write_model(tmp_path / "clamp.stl", box((0, 0, 0), (5, 5, 5), name="clamp"))
     (tmp_path / "points.csv").write_text("name, X, Y, Z\nnose, 1, 2, 3\ntail, -1, 0, 0\n")
     (tmp_path / "plan.yaml").write_text(FULL)
     write_camera(tmp_path / "camera.json", CAMERA)

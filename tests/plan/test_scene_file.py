@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import cadcam
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.errors import UnreadableFile
 from cadcam.plan.layout import plan_layout, survey
 from cadcam.plan.scene.feature import Kind
@@ -55,7 +55,7 @@ choose: 2
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Return a folder with a part of 4 x 3 m, a calibrated camera and the scene."""
-    write(part(), tmp_path / "part.obj")
+    write_model(tmp_path / "part.obj", part())
     camera = cadcam.Camera.from_focal((2448, 2048), 4600.0)
     pose = cadcam.Rigid.look_at([0.0, -9000, 3000], MIDDLE)
     rng = np.random.default_rng(1)

@@ -13,7 +13,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "src/cadcam"
 FILES = {"py", "json", "html", "yaml", "csv", "png"}
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef)
-DOCUMENTS = [ROOT / "README.md", ROOT / "CHANGELOG.md", *sorted((ROOT / "docs").rglob("*.md"))]
+DOCUMENTS = [*sorted(ROOT.glob("*.md")), *sorted((ROOT / "docs").rglob("*.md"))]
 SOURCES = [*DOCUMENTS, *(p for room in ("src", "benchmarks", "examples") for p in sorted((ROOT / room).rglob("*.py")))]
 
 

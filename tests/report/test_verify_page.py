@@ -22,7 +22,7 @@ from cadcam.locate.photo import Photo
 from cadcam.record.export import read_records
 from cadcam.record.record import Source
 from cadcam.report.locate import alternatives_table
-from cadcam.report.verify.json import Origin, verification_as_json
+from cadcam.report.verify.json import VerificationOrigin, verification_as_json
 from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import to_do
@@ -32,7 +32,7 @@ from cadcam.verify.tolerances.verdict import Verdict
 
 from ..verify.scene import displaced, part, photo
 
-ORIGIN = Origin("plate", (Source("photo", "photo.png", "0" * 64), Source("cad", "plate.step", "a" * 64)))
+ORIGIN = VerificationOrigin("plate", (Source("photo", "photo.png", "0" * 64), Source("cad", "plate.step", "a" * 64)))
 ASKED = Tolerances(
     (
         Feature("rib <1>", Selection("rib 1"), (Limit(Quantity.POSITION, 0.5), Limit(Quantity.PROFILE, 2.0))),

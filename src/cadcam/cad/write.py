@@ -18,7 +18,7 @@ from cadcam.errors import UnknownName
 from cadcam.whole import write_whole
 
 
-def write(mesh: Mesh, path: str | PathLike[str]) -> None:
+def write_model(path: str | PathLike[str], mesh: Mesh) -> None:
     """Write the mesh to `path` in the format of its suffix; whole or not at all; missing folders are made.
 
     STL (binary) and PLY (binary) hold one nameless part; OBJ keeps parts as groups; GLB, in metres, keeps names,

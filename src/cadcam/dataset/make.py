@@ -18,7 +18,7 @@ from cadcam.dataset.cluster import on_cluster, require_dask
 from cadcam.dataset.head import begin, head_of
 from cadcam.dataset.key_points import corners
 from cadcam.dataset.layout import CAMERA, CONTACT, VIEWS_A_SCENE, DatasetFiles
-from cadcam.dataset.model_files import write_model
+from cadcam.dataset.model_files import write_model_files
 from cadcam.dataset.plan import DatasetPlan, middle_and_radius
 from cadcam.dataset.processes import cores, on_processes
 from cadcam.dataset.props import props_of
@@ -84,7 +84,7 @@ def make_dataset(
     director = Director(plan, scene, props)
     stage = Stage(scene, props, points, plan.sensor, plan.gray, _depth_step(director.farthest()))
     begin(folder, head_of(plan, stage, layout, name=name, key_point_names=names))
-    write_model(folder, scene)
+    write_model_files(folder, scene)
     write_whole(folder / CAMERA, _bop_camera(plan.camera, stage))
     todo = missing(folder, layout, plan.views)
     if on_start:

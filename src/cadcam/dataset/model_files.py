@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.cad.mesh import compacted
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.dataset.layout import MODEL, MODEL_EDGES, MODELS_INFO, OBJECT
 from cadcam.dataset.npz import arrays_file
 from cadcam.render.view import Scene
@@ -18,9 +18,9 @@ from cadcam.whole import write_whole
 _FEW = 500
 
 
-def write_model(folder: Path, scene: Scene) -> None:
+def write_model_files(folder: Path, scene: Scene) -> None:
     """Write the model's files into a data set."""
-    write(scene.mesh, folder / MODEL)
+    write_model(folder / MODEL, scene.mesh)
     (low, high), points = scene.mesh.bounds, compacted(scene.mesh).vertices
     info = {"diameter": diameter(points)}
     info |= {f"min_{axis}": value for axis, value in zip("xyz", low.tolist(), strict=True)}

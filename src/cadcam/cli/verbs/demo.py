@@ -114,7 +114,7 @@ def _write_inputs(folder: Path) -> None:
 
     from cadcam.cad.parts import ship_block
     from cadcam.cad.read import read_model
-    from cadcam.cad.write import write
+    from cadcam.cad.write import write_model
     from cadcam.cli.demo import as_built as built
     from cadcam.cli.demo import inputs as made
     from cadcam.files.points import write_points
@@ -126,13 +126,13 @@ def _write_inputs(folder: Path) -> None:
     with working("making the inputs: points, CAD model, photo"):
         rng = np.random.default_rng(2026)
         write_points(folder / "bench_points.csv", made.bench_observations())
-        write(ship_block(triangles=10_000), folder / "block.glb")
+        write_model(folder / "block.glb", ship_block(triangles=10_000))
         block = read_model(folder / "block.glb")
         seen = visible_wireframe(Scene.of(block), made.TRUE_CAMERA, made.TRUE_POSE)
         write_points(folder / "points.csv", made.picked_points(block, seen, 24, rng))
         write_picture(folder / "photo.png", made.made_photo(block, rng))
     with working("taking a photo of the block as it was built"):
-        write(built.steel_of(block), folder / "steel.glb")
+        write_model(folder / "steel.glb", built.steel_of(block))
         write_points(folder / "marks.csv", built.seen_marks(rng))
         write_whole(folder / "rough.txt", built.start_text().encode())
         write_whole(folder / "tolerances.yaml", built.TOLERANCES.encode())

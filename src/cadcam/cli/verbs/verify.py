@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cadcam.locate.freedom import Freedom
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
-    from cadcam.report.verify.json import Origin
+    from cadcam.report.verify.json import VerificationOrigin
     from cadcam.verify.inspection import InspectionOptions
     from cadcam.verify.judge import Verification
     from cadcam.verify.tolerances.tolerance import Tolerances
@@ -193,7 +193,7 @@ def _verified(
     return found.verdict.exit_code
 
 
-def _report(arguments: argparse.Namespace, shots: Shots, found: Verification, origin: Origin) -> None:
+def _report(arguments: argparse.Namespace, shots: Shots, found: Verification, origin: VerificationOrigin) -> None:
     from cadcam.files.jsontext import as_json
     from cadcam.report.verify.json import verification_as_json
     from cadcam.report.verify.page import write_verification_page
@@ -214,12 +214,12 @@ def _report(arguments: argparse.Namespace, shots: Shots, found: Verification, or
             say(f"wrote {path}")
 
 
-def _origin(arguments: argparse.Namespace, shots: Shots) -> Origin:
+def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
     from pathlib import Path
 
     from cadcam.record.record import Source
     from cadcam.report.camera import camera_words
-    from cadcam.report.verify.json import Origin
+    from cadcam.report.verify.json import VerificationOrigin
 
     sources = [Source(*file) for file in shots.files]
     sources.append(Source("cad", *arguments.cad))
@@ -228,7 +228,9 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> Origin:
 
         sources.append(Source("tolerances", arguments.tolerances, read_text(arguments.tolerances).sha256))
     cameras = tuple(f"{p.viewpoint.name}: {camera_words(p.camera)}" for p in shots.photos)
-    return Origin(Path(arguments.model).stem, tuple(sources), cameras, arguments.serial or "", arguments.station or "")
+    return VerificationOrigin(
+        Path(arguments.model).stem, tuple(sources), cameras, arguments.serial or "", arguments.station or ""
+    )
 
 
 def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None, asked: _Asked | None) -> None:

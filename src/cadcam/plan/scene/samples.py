@@ -6,7 +6,7 @@ from pathlib import Path
 
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import ship_block
-from cadcam.cad.write import write
+from cadcam.cad.write import write_model
 from cadcam.errors import UnwritableFile
 from cadcam.whole import write_whole
 
@@ -71,7 +71,7 @@ def write_samples(folder: str | Path) -> tuple[Path, ...]:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise UnwritableFile(folder, error.strerror or str(error), "name another folder") from error
-    write(sample_part(), folder / MODEL)
+    write_model(folder / MODEL, sample_part())
     texts = {FIXED: _FIXED + _FEATURES + _ASSUMED + "choose: 4\n", ROBOT: _ROBOT + _FEATURES + _ASSUMED + "choose: 6\n"}
     for name, text in texts.items():
         write_whole(folder / name, text.encode())

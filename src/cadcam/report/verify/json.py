@@ -22,7 +22,7 @@ _VERDICTS = {Verdict.PASS: "PASS", Verdict.FAIL: "FAIL"}  # of a record; all els
 
 
 @dataclass(frozen=True, slots=True)
-class Origin:
+class VerificationOrigin:
     """Which part was verified, where and when, from which files; cameras: a line each."""
 
     part: str
@@ -33,7 +33,7 @@ class Origin:
     time: datetime = field(default_factory=lambda: datetime.now(UTC))
 
 
-def record_of(found: Verification, origin: Origin) -> Record:
+def record_of(found: Verification, origin: VerificationOrigin) -> Record:
     """Return what a store of measured parts keeps of a verification."""
     return Record(
         part=origin.part,
@@ -49,7 +49,7 @@ def record_of(found: Verification, origin: Origin) -> Record:
     )
 
 
-def verification_as_json(found: Verification, origin: Origin) -> dict[str, Any]:
+def verification_as_json(found: Verification, origin: VerificationOrigin) -> dict[str, Any]:
     """Return the document; its head is that of a record, so that `cadcam state add` takes it."""
     head = record_as_json(record_of(found, origin))
     out = head | {

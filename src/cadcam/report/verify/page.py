@@ -11,7 +11,7 @@ import numpy as np
 from cadcam import __version__
 from cadcam.locate.photo import Photo
 from cadcam.report.page import cards, page, row, section
-from cadcam.report.verify.json import Origin
+from cadcam.report.verify.json import VerificationOrigin
 from cadcam.report.verify.overlay import EXTRA, MISSING, UNSEEN, deviation_color, full_scale, overlay_svg
 from cadcam.report.verify.plots import COLORS, edges_plot, shares_plot, stations_plot, tolerance_bar
 from cadcam.report.verify.words import (
@@ -44,13 +44,13 @@ td:last-child{overflow-wrap:anywhere}
 
 
 def write_verification_page(
-    path: str | os.PathLike[str], found: Verification, photos: Sequence[Photo], origin: Origin
+    path: str | os.PathLike[str], found: Verification, photos: Sequence[Photo], origin: VerificationOrigin
 ) -> None:
     """Write the report, whole or not at all."""
     write_whole(path, verification_page(found, photos, origin).encode())
 
 
-def verification_page(found: Verification, photos: Sequence[Photo], origin: Origin) -> str:
+def verification_page(found: Verification, photos: Sequence[Photo], origin: VerificationOrigin) -> str:
     """Return the report as one HTML document."""
     seen = found.inspection
     parts = [_head(found, origin), _to_do(found)]
@@ -69,7 +69,7 @@ def verification_page(found: Verification, photos: Sequence[Photo], origin: Orig
     return page(f"{found.verdict.value}: {origin.part}", _STYLE, parts)
 
 
-def _head(found: Verification, origin: Origin) -> str:
+def _head(found: Verification, origin: VerificationOrigin) -> str:
     serial = f"serial {origin.serial}" if origin.serial else ""
     where = " · ".join(t for t in (serial, origin.station, f"{origin.time:%Y-%m-%d %H:%M} UTC") if t)
     why = escape(found.reason.replace("+-", "±"))
@@ -221,7 +221,7 @@ def _not_found(photos: Sequence[Photo]) -> str:
     return section("The photo", "".join(views))
 
 
-def _provenance(origin: Origin) -> str:
+def _provenance(origin: VerificationOrigin) -> str:
     heads = ("role", "file", "sha256")
     rows = "".join(row(heads, [escape(s.role), escape(s.path), f"<code>{s.sha256}</code>"]) for s in origin.sources)
     cameras = "".join(f'<p class="soft">{escape(line)}</p>' for line in origin.cameras)
