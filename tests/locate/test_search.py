@@ -53,7 +53,7 @@ def test_a_camera_that_looks_away_from_near_by_does_no_harm(rng: np.random.Gener
 
 
 def test_a_long_lens_does_not_blind_the_other_camera(rng: np.random.Generator) -> None:
-    """Each photo is judged as coarsely as the part is large in it: as coarse as a detail needs, the whole has no lines."""
+    """Each photo is judged as coarsely as the part is large in it: as a detail needs it, the whole has no lines."""
     pose, tele = view(BRACKET, (0.5, 0.7, 1.0)), Camera.from_focal((1200, 900), 9000.0)
     other = view(BRACKET, (0.9, 0.2, 1.0), aim=0.3)
     whole = photo(BRACKET, pose, rng)

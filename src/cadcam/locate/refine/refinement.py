@@ -28,6 +28,7 @@ from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.support import support_at
 from cadcam.locate.refine.agreement import SCATTERED_PX, agreed
 from cadcam.locate.refine.answer import DOUBT, location_of, lost
+from cadcam.locate.refine.concord import Concord
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
 
@@ -169,7 +170,7 @@ class Refinement:
         asked = replace(self, freedom=told)
         best = asked.from_start(start)
         if self.wider:
-            best = asked.in_color(asked.again(best), start)
+            best = asked.in_accord(asked.in_color(asked.again(best), start))
         location = best.location
         return location if told is self.freedom or spin is None else _turned_anyhow(location, spin), best.sights
 
@@ -233,6 +234,46 @@ class Refinement:
             if second.location.quality > best.location.quality:
                 best = second
         return best
+
+    def in_accord(self, best: _Answer) -> _Answer:
+        """Return an answer; a found one by several photos is as sure as these agree, and by those of them that do."""
+        if len(self.photos) < 2 or best.solution is None or not best.location.found:
+            return best
+        concord = Concord.of(best.solution, self.options)
+        location = self.by_fewer(best, concord) or concord.told(best.location, self.part, self.photos)
+        return replace(best, location=location)
+
+    def by_fewer(self, best: _Answer, concord: Concord) -> Location | None:
+        """Return the answer without photos that show nothing of the part, or the one without which the others agree."""
+        if concord.blind and concord.photos:
+            left_out, why = [concord.blind], "nothing of the part shows there"
+        elif not concord.holds and len(self.photos) > 2:
+            left_out = [[one.photo] for one in concord.photos]
+            why = "the others agree, but not with it; does that camera stand where its file says?"
+        else:
+            return None
+        without = [(gone, self.without(best, gone)) for gone in left_out]
+        told = [(gone, location) for gone, location in without if location is not None]
+        if self.evidence or len(told) != 1:
+            return None
+        gone, location = told[0]
+        names = ", ".join(repr(self.photos[k].viewpoint.name) for k in gone)
+        reason = f"{location.reason}; {names} left out: {why}"
+        return replace(location, quality=min(location.quality, best.location.quality), reason=reason)
+
+    def without(self, best: _Answer, gone: Sequence[int]) -> Location | None:
+        """Return the answer without some photos; None where it is not found, or the others do not agree either."""
+        kept = [k for k in range(len(self.photos)) if k not in gone]
+        fewer = replace(self, photos=[self.photos[k] for k in kept])
+        answer = fewer.settled(*fewer.attracted([best.sights[k] for k in kept], best.pose, self.options.search_px))
+        if answer.solution is None or not answer.location.found:
+            return None
+        concord = Concord.of(answer.solution, self.options)
+        if not concord.holds:
+            return None
+        location = concord.told(answer.location, self.part, fewer.photos)
+        matches = replace(location.matches, photo=np.array(kept, np.int32)[location.matches.photo])
+        return replace(location, matches=matches)
 
     def colored(self, pose: Rigid) -> tuple[float, Rigid, Sequence[Sight]]:
         """Return the share of the lines' samples that colour speaks for at a pose, the pose, and its sights."""
