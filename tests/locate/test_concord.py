@@ -13,7 +13,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refine import refine
+from cadcam.locate.refine.refinement import refine_pose
 
 from .photos import noisy, shot, view
 
@@ -45,7 +45,7 @@ def normalised(found: Location) -> float:
 
 
 def test_cameras_that_stand_where_they_are_said_to_agree(rng: np.random.Generator) -> None:
-    found = refine(PART, photos(rng, {}, "left", "right", "tele"), START)
+    found = refine_pose(PART, photos(rng, {}, "left", "right", "tele"), START)
     assert found.found
     assert "disagree" not in found.reason
     assert "left out" not in found.reason
@@ -58,7 +58,7 @@ def test_a_pose_between_two_cameras_that_disagree_is_as_unsure_as_they_make_it(
     pair: tuple[str, str], off: tuple[float, float, float], rng: np.random.Generator
 ) -> None:
     """Edges scatter little: depth takes most of it up. The error was 5 to 60 of the standard deviations told."""
-    found = refine(PART, photos(rng, {pair[1]: off}, *pair), START)
+    found = refine_pose(PART, photos(rng, {pair[1]: off}, *pair), START)
     assert found.found
     assert "disagree" in found.reason
     assert normalised(found) < 3
@@ -66,7 +66,7 @@ def test_a_pose_between_two_cameras_that_disagree_is_as_unsure_as_they_make_it(
 
 def test_two_photos_that_contradict_each_other_have_no_pose(rng: np.random.Generator) -> None:
     """Each shows the part clearly, 6 px apart: neither camera is likelier to be the one that is off."""
-    found = refine(PART, photos(rng, {"right": (3.0, -2.0, 0.0)}, "left", "right"), START)
+    found = refine_pose(PART, photos(rng, {"right": (3.0, -2.0, 0.0)}, "left", "right"), START)
     assert not found.found
 
 
@@ -77,7 +77,7 @@ def test_of_three_cameras_the_one_that_is_off_is_left_out_and_named(
     name: str, off: tuple[float, float, float], rng: np.random.Generator
 ) -> None:
     taken = photos(rng, {name: off}, *VIEWS)
-    found = refine(PART, taken, START)
+    found = refine_pose(PART, taken, START)
     assert found.found
     assert f"{name!r} left out" in found.reason
     assert normalised(found) < 2.5
@@ -87,6 +87,6 @@ def test_of_three_cameras_the_one_that_is_off_is_left_out_and_named(
 def test_a_photo_that_shows_nothing_of_the_part_is_left_out(rng: np.random.Generator) -> None:
     left, right = photos(rng, {}, "left", "right")
     dark = Photo(noisy(np.zeros(right.gray.shape), 0.02, rng), right.viewpoint)
-    found = refine(PART, [left, dark], START)
+    found = refine_pose(PART, [left, dark], START)
     assert "'right' left out: nothing of the part shows there" in found.reason
     assert normalised(found) < 2.5

@@ -34,9 +34,9 @@ from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.absent import LEAST
-from cadcam.locate.quality.quality import Seen, seen
+from cadcam.locate.quality.support import Support, support_at
 from cadcam.locate.refine.options import EdgeOptions
-from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, Solution, solved
+from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
 _TURNS = 3  # unknowns of a camera that turns
@@ -89,7 +89,7 @@ class Concord:
     variance: float
 
     @classmethod
-    def of(cls, fitted: Solution, options: EdgeOptions) -> Concord:
+    def of(cls, fitted: PoseSolution, options: EdgeOptions) -> Concord:
         """Return how far the photos of a fit agree."""
         every = [_beside(fitted, k, gain, options) for k, gain in enumerate(_gains(fitted))]
         photos = [one for one in every if one is not None]
@@ -129,13 +129,13 @@ class Concord:
         return f"{photos[one.photo].viewpoint.name!r} shows the part {by} beside where all together have it"
 
 
-def _gains(fitted: Solution) -> list[Array]:
+def _gains(fitted: PoseSolution) -> list[Array]:
     """Return by how much offsets (n,) of each photo shift the pose, (6, n)."""
     n = np.cumsum([int(m.usable.sum()) for m in fitted.measured])
     return np.split(fitted.B @ fitted.fit.gain[:, : n[-1]], n[:-1], axis=1)
 
 
-def _beside(fitted: Solution, k: int, gain: Array, options: EdgeOptions) -> Beside | None:
+def _beside(fitted: PoseSolution, k: int, gain: Array, options: EdgeOptions) -> Beside | None:
     """Return where the k-th photo shows the part, or None where it does not tell by itself. gain: as of `_gains`."""
     sight, pose = fitted.sights[k], fitted.pose
     turn = _turning(sight.photo.viewpoint.camera_from_world)
@@ -162,7 +162,7 @@ def _beside(fitted: Solution, k: int, gain: Array, options: EdgeOptions) -> Besi
     return Beside(k, shift, covariance, moved, share, off, noise, px)
 
 
-def _laid(sight: Sight, pose: Rigid, turn: Freedom, options: EdgeOptions) -> Solution | None:
+def _laid(sight: Sight, pose: Rigid, turn: Freedom, options: EdgeOptions) -> PoseSolution | None:
     """Return the part laid onto the steps of one photo, from near its pose or, if it is clearly shown there, afar.
 
     Where it does not fit there, the pose of all lies between those of several photos: then it moves freely.
@@ -185,8 +185,8 @@ def _blind(sight: Sight, pose: Rigid) -> bool:
     return shown.samples >= LEAST and shown.fitted < _TELLING and shown.quality < _SHOWN
 
 
-def _seen(sight: Sight, pose: Rigid) -> Seen:
-    return seen([sight], pose, constraints=_TURNS, scatter=0.0)
+def _seen(sight: Sight, pose: Rigid) -> Support:
+    return support_at([sight], pose, constraints=_TURNS, scatter=0.0)
 
 
 def _turning(camera_from_world: Rigid) -> Freedom:
