@@ -115,7 +115,7 @@ class Refinement:
         best = asked.from_start(start)
         if self.wider:
             best = asked.in_accord(asked.in_color(asked.again(best), start))
-            best = replace(best, location=released(self.part, best, told, self.options))
+            best = replace(best, location=released(self.part, best, self.freedom, self.options))
         location = best.location
         return location if told is self.freedom or spin is None else _turned_anyhow(location, spin), best.sights
 
