@@ -38,7 +38,7 @@ _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Answer:
+class PoseAnswer:
     """A location, the solution it was measured by (None where nothing was), and the lines drawn for it."""
 
     location: Location
@@ -63,7 +63,7 @@ class Answer:
             return False
         return fitted.regression.bands and fitted.scatter > SCATTERED_PX
 
-    def unlike(self, other: PoseSolution, share: float) -> Answer:
+    def unlike(self, other: PoseSolution, share: float) -> PoseAnswer:
         """Return the answer with one more error: a share of the way to another solution, as its standard deviation."""
         at = self.location.pose
         away = at.world_from_part.inv @ other.pose
@@ -72,7 +72,7 @@ class Answer:
         pose = replace(at, from_noise=at.from_noise + np.outer(by, by))
         return replace(self, location=replace(self.location, pose=pose))
 
-    def better_than(self, other: Answer) -> bool:
+    def better_than(self, other: PoseAnswer) -> bool:
         """Return whether this answer is better than another.
 
         Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what

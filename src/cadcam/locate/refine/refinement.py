@@ -27,7 +27,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.support import support_at
 from cadcam.locate.refine.agreement import agreed
-from cadcam.locate.refine.answer import CLEARLY, DOUBT, Answer, location_of, lost
+from cadcam.locate.refine.answer import CLEARLY, DOUBT, PoseAnswer, location_of, lost
 from cadcam.locate.refine.concord import Concord
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.released import released
@@ -119,7 +119,7 @@ class Refinement:
         location = best.location
         return location if told is self.freedom or spin is None else _turned_anyhow(location, spin), best.sights
 
-    def from_start(self, start: Rigid) -> Answer:
+    def from_start(self, start: Rigid) -> PoseAnswer:
         """Return what is found around a start."""
         sights, pose = self.attracted(self.sights(start), start, self.options.search_px)
         constraints = self.freedom.at(pose).shape[1] + self.chosen
@@ -127,10 +127,10 @@ class Refinement:
             self.least > 0
             and support_at(sights, pose, constraints=constraints, scatter=_PULLED_PX).quality < self.least
         ):
-            return Answer(lost(sights, pose, self.freedom, "too few of its lines are near the start"), None, sights)
+            return PoseAnswer(lost(sights, pose, self.freedom, "too few of its lines are near the start"), None, sights)
         return self.settled(sights, pose)
 
-    def again(self, best: Answer) -> Answer:
+    def again(self, best: PoseAnswer) -> PoseAnswer:
         """Return a doubtful or loose answer, or a better one: found wider around it, or narrowly beside it."""
         quality = best.location.quality
         in_doubt = quality < DOUBT[1] or best.loose
@@ -140,7 +140,7 @@ class Refinement:
             best = self.farther(best)
         return self.beside(best) if self.chosen or best.location.quality < DOUBT[1] or best.scattered else best
 
-    def farther(self, best: Answer) -> Answer:
+    def farther(self, best: PoseAnswer) -> PoseAnswer:
         """Return the answer, or a better one from lines looked for farther away."""
         wide_px = max(_WIDER * self.options.search_px, _WIDER_PX)
         sights, pose = self.attracted(best.sights, best.pose, wide_px)
@@ -149,7 +149,7 @@ class Refinement:
         second = self.settled(sights, pose)
         return second if second.better_than(best) else best
 
-    def beside(self, best: Answer) -> Answer:
+    def beside(self, best: PoseAnswer) -> PoseAnswer:
         """Return a loose answer, or the first better and closer fit at a pose a little beside it."""
         if best.solution is None or not (best.loose or best.scattered):
             return best
@@ -165,7 +165,7 @@ class Refinement:
                 return second
         return best
 
-    def in_color(self, best: Answer, start: Rigid) -> Answer:
+    def in_color(self, best: PoseAnswer, start: Rigid) -> PoseAnswer:
         """Return a doubtful answer, or a better one found around where colour speaks for it or for the start."""
         if all(photo.chroma is None for photo in self.photos):
             return best
@@ -180,7 +180,7 @@ class Refinement:
                 best = second
         return best
 
-    def in_accord(self, best: Answer) -> Answer:
+    def in_accord(self, best: PoseAnswer) -> PoseAnswer:
         """Return an answer; a found one by several photos is as sure as these agree, and by those of them that do."""
         if len(self.photos) < 2 or best.solution is None or not best.location.found:
             return best
@@ -188,7 +188,7 @@ class Refinement:
         location = self.by_fewer(best, concord) or concord.told(best.location, self.part, self.photos)
         return replace(best, location=location)
 
-    def by_fewer(self, best: Answer, concord: Concord) -> Location | None:
+    def by_fewer(self, best: PoseAnswer, concord: Concord) -> Location | None:
         """Return the answer without photos that show nothing of the part, or the one without which the others agree."""
         if concord.blind and concord.photos:
             left_out, why = [concord.blind], "nothing of the part shows there"
@@ -206,7 +206,7 @@ class Refinement:
         reason = f"{location.reason}; {names} left out: {why}"
         return replace(location, quality=min(location.quality, best.location.quality), reason=reason)
 
-    def without(self, best: Answer, gone: Sequence[int]) -> Location | None:
+    def without(self, best: PoseAnswer, gone: Sequence[int]) -> Location | None:
         """Return the answer without some photos; None where it is not found, or the others do not agree either."""
         kept = [k for k in range(len(self.photos)) if k not in gone]
         fewer = replace(self, photos=[self.photos[k] for k in kept])
@@ -225,7 +225,7 @@ class Refinement:
         sights = self.sights(pose)
         return in_color(self.part, sights, pose)[1], pose, sights
 
-    def settled(self, sights: Sequence[Sight], pose: Rigid) -> Answer:
+    def settled(self, sights: Sequence[Sight], pose: Rigid) -> PoseAnswer:
         """Return the answer at a pose with its lines drawn from there, or at the pose that most edges agree on."""
         answer = self.redrawn(self.measured(sights, pose))
         for closer in agreed(answer.solution) if self.wider and answer.solution is not None else ():
@@ -233,14 +233,14 @@ class Refinement:
             answer = other if other.better_than(answer) else answer
         return answer
 
-    def redrawn(self, answer: Answer) -> Answer:
+    def redrawn(self, answer: PoseAnswer) -> PoseAnswer:
         """Return the answer, with lines drawn anew if its pose lies so far off that other lines may be visible."""
         if answer.solution is None or not _away(answer.sights, answer.solution.pose):
             return answer
         pose = answer.solution.pose
         return self.measured(self.sights(pose, answer.sights), pose)
 
-    def measured(self, sights: Sequence[Sight], pose: Rigid) -> Answer:
+    def measured(self, sights: Sequence[Sight], pose: Rigid) -> PoseAnswer:
         """Return the answer that a measurement near a pose gives.
 
         Bands beside the lines are modelled only if edges then agree more closely, and closely where the part is not
@@ -251,14 +251,14 @@ class Refinement:
         try:
             fitted = solved(sights, pose, self.freedom, self.evidence, self.options)
         except DegenerateGeometry as error:
-            return Answer(lost(sights, pose, self.freedom, str(error)), None, sights)
+            return PoseAnswer(lost(sights, pose, self.freedom, str(error)), None, sights)
         plain = self.answered(fitted)
         hopeless = self.chosen > 0 and not plain.location.found
         if not self.wider or hopeless or fitted.beside_bands < _BANDED:
             return plain
         return self.beside_bands(sights, pose, fitted, plain.location.found)
 
-    def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: PoseSolution, found: bool) -> Answer:
+    def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: PoseSolution, found: bool) -> PoseAnswer:
         """Return the answer that models the bands, or else the one that does not; found: whether the latter was.
 
         First lines may all be off (`locate.refine.regression`), if there are enough. Where they then fit loosely, that
@@ -282,13 +282,13 @@ class Refinement:
         try:
             plain = self.answered(untold.beside_its_bands())
         except DegenerateGeometry as error:  # its lines, each of which bands may draw, leave the pose open
-            return Answer(lost(sights, pose, self.freedom, str(error)), None, sights)
+            return PoseAnswer(lost(sights, pose, self.freedom, str(error)), None, sights)
         return plain if unlike is None else plain.unlike(unlike, _EITHER)
 
-    def answered(self, solution: PoseSolution) -> Answer:
+    def answered(self, solution: PoseSolution) -> PoseAnswer:
         """Return the answer that a solution gives."""
         location = location_of(self.part, solution, self.freedom, chosen=self.chosen, wider=self.wider)
-        return Answer(location, solution, solution.sights)
+        return PoseAnswer(location, solution, solution.sights)
 
     def attracted(self, sights: Sequence[Sight], start: Rigid, search_px: float) -> tuple[Sequence[Sight], Rigid]:
         """Return the pose whose lines lie on steps of the photos near those at the start, and its sights."""

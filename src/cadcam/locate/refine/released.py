@@ -19,7 +19,7 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
-from cadcam.locate.refine.answer import Answer, location_of
+from cadcam.locate.refine.answer import PoseAnswer, location_of
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
 
@@ -28,7 +28,7 @@ _LEAST_PX = 0.2  # by which lines must move at least: less may be the lens, or a
 _REFUSED = 0.45  # quality of a pose that the photos contradict
 
 
-def released(part: Part, best: Answer, freedom: Freedom, options: EdgeOptions) -> Location:
+def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOptions) -> Location:
     """Return the location of a found answer under a restriction, told where the photos show the part beside that."""
     found, B = best.location, best.location.pose.freedom
     if freedom is FREE or not found.found or best.solution is None:
@@ -57,7 +57,7 @@ def released(part: Part, best: Answer, freedom: Freedom, options: EdgeOptions) -
     return replace(found, pose=pose, quality=min(_REFUSED, found.quality), reason=reason)
 
 
-def _free(part: Part, best: Answer, options: EdgeOptions) -> Location | None:
+def _free(part: Part, best: PoseAnswer, options: EdgeOptions) -> Location | None:
     """Return where the part lies, free to move from where it was found; None where it is not found so, or no better."""
     try:
         solution = _solved(best, best.pose, options)
@@ -70,5 +70,5 @@ def _free(part: Part, best: Answer, options: EdgeOptions) -> Location | None:
     return free if free.found and solution.fit.between < LOOSE_PX else None
 
 
-def _solved(best: Answer, pose: Rigid, options: EdgeOptions) -> PoseSolution:
+def _solved(best: PoseAnswer, pose: Rigid, options: EdgeOptions) -> PoseSolution:
     return solved(best.sights, pose, FREE, (), options)
