@@ -58,6 +58,15 @@ def test_a_model_that_a_try_moves_out_of_the_photo_stays_as_long_as_it_was(rng: 
     assert not lengths.any()
 
 
+def test_a_camera_that_looks_away_says_nothing_of_lengths(rng: np.random.Generator) -> None:
+    taken, away = photo(BOX, CORNER, rng), Rigid.exp(np.array([0, 0, 0, 0, np.pi, 0]))
+    seen = sights(BOX, taken, CORNER)
+    blind = sights(BOX, Photo.of(taken.gray, taken.camera, away), CORNER)
+    assert not len(blind[0].samples)
+    for both in ([*seen, *blind], [*blind, *seen]):
+        assert stretched(both, CORNER, np.eye(6)).by == stretched(seen, CORNER, np.eye(6)).by
+
+
 def test_a_model_of_wrong_proportions_is_not_found_and_the_reason_names_them(rng: np.random.Generator) -> None:
     _, _, _, said = fitted(SIZE * [1, 1.17, 1], rng)
     assert said.startswith("not found")

@@ -20,7 +20,8 @@ from cadcam.locate.in_photos import locate_part
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.search.without_start import search
+from cadcam.locate.search.climb import row_of
+from cadcam.locate.search.without_start import _FINELY, _judged, _Scales, search
 from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box
@@ -49,6 +50,17 @@ def test_a_camera_that_looks_away_from_near_by_does_no_harm(rng: np.random.Gener
     assert (aside @ middle)[2] < 0
     found = search(BRACKET, [photo(BRACKET, pose, rng), away], FROM_ABOVE)
     assert min(error_px(BRACKET, CAMERA, h.world_from_part, pose) for h in found[:3]) < RIGHT_PX
+
+
+def test_a_long_lens_does_not_blind_the_other_camera(rng: np.random.Generator) -> None:
+    """Each photo is judged as coarsely as the part is large in it: as a detail needs it, the whole has no lines."""
+    pose, tele = view(BRACKET, (0.5, 0.7, 1.0)), Camera.from_focal((1200, 900), 9000.0)
+    other = view(BRACKET, (0.9, 0.2, 1.0), aim=0.3)
+    whole = photo(BRACKET, pose, rng)
+    detail = Photo.of(noisy(shot(BRACKET, other, tele), 0.01, rng), tele, other @ pose.inv)
+    here = np.array([row_of(pose)])
+    alone, both = (_judged(BRACKET.aspects, _Scales(photos), here, *_FINELY) for photos in ([whole], [whole, detail]))
+    assert both > alone > 0
 
 
 def test_a_part_beside_hatched_ground_is_found(rng: np.random.Generator) -> None:

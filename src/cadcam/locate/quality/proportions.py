@@ -198,6 +198,7 @@ def _middle(sights: Sequence[Sight]) -> Array:
 
 def _far(sights: Sequence[Sight], pose: Rigid) -> int:
     """Return how far (px) lines of a model of wrong proportions may be off, by the size of what is seen."""
-    q = [s.project(pose).q for s in sights]
-    size = max(float(np.hypot(*np.ptp(a[np.isfinite(a).all(axis=1)], axis=0))) for a in q)
+    every = (s.project(pose).q for s in sights)
+    inside = [q[some] for q in every if (some := np.isfinite(q).all(axis=1)).any()]
+    size = max((float(np.hypot(*np.ptp(q, axis=0))) for q in inside), default=0.0)
     return int(np.clip(_FAR * size, *_FAR_PX))

@@ -7,7 +7,7 @@ The covariance is that of noise and of edges that err as a whole, with what the 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
@@ -16,6 +16,7 @@ from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
+from cadcam.locate.lines.bands import MOST_PX
 from cadcam.locate.lines.sight import Sight, in_noise
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
@@ -23,14 +24,73 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.contrast import showing
-from cadcam.locate.quality.support import Support, judged_support
+from cadcam.locate.quality.support import Support, judged_support, support_at
+from cadcam.locate.refine.agreement import SCATTERED_PX
 from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
 DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second look
 _TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
 _FREE = 0.4  # share of the lines that any pose could be fitted to, more than of a box: little else speaks for a pose
+CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one
+_LOOSER, _LOOSER_BESIDE_BANDS = 3.0, 2.0  # times as much, that a fit is looser than another one
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PoseAnswer:
+    """A location, the solution it was measured by (None where nothing was), and the lines drawn for it."""
+
+    location: Location
+    solution: PoseSolution | None
+    sights: Sequence[Sight]
+
+    @property
+    def pose(self) -> Rigid:
+        """Return the pose world_from_part."""
+        return self.location.pose.world_from_part
+
+    @property
+    def loose(self) -> bool:
+        """Return whether edges fit the pose only loosely."""
+        return self.solution is not None and self.solution.fit.between > LOOSE_PX
+
+    @property
+    def scattered(self) -> bool:
+        """Return whether edges of a found pose scatter so much beside bands that some may lie on their far sides."""
+        fitted = self.solution
+        if fitted is None or not self.location.found:
+            return False
+        return fitted.regression.bands and fitted.scatter > SCATTERED_PX
+
+    def unlike(self, other: PoseSolution, share: float) -> PoseAnswer:
+        """Return the answer with one more error: a share of the way to another solution, as its standard deviation."""
+        at = self.location.pose
+        away = at.world_from_part.inv @ other.pose
+        px = max(s.moved_px(self.pose, other.pose) for s in self.sights)
+        by = share * min(1.0, MOST_PX / max(px, 1e-300)) * (at.freedom @ (at.freedom.T @ away.log()))
+        pose = replace(at, from_noise=at.from_noise + np.outer(by, by))
+        return replace(self, location=replace(self.location, pose=pose))
+
+    def better_than(self, other: PoseAnswer) -> bool:
+        """Return whether this answer is better than another.
+
+        Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what
+        the other meets. Beside bands the closer of two is better, if both are found or as good: where some lines lie on
+        the far sides of bands, as clear as the near ones, more may show, but they do not agree.
+        """
+        quality = [self.location.quality, other.location.quality]
+        both = [a.solution for a in (self, other) if a.solution is not None]
+        bands = any(s.regression.bands for s in both)
+        between = [s.scatter if bands else s.fit.between for s in both]
+        looser = _LOOSER_BESIDE_BANDS if bands else _LOOSER
+        if len(both) == 2 and max(between) > max(SCATTERED_PX, looser * min(between)):
+            if bands and self.location.found and other.location.found:
+                return between[0] < between[1]
+            quality = [support_at(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
+            if bands and abs(quality[0] - quality[1]) < CLEARLY:
+                return between[0] < between[1]
+        return quality[0] > quality[1]
 
 
 def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:

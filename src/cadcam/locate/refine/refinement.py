@@ -19,22 +19,22 @@ from cadcam.geometry.rigid import Rigid, by_twist
 from cadcam.locate.evidence import Evidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
-from cadcam.locate.lines.bands import LEFT, MOST_PX
+from cadcam.locate.lines.bands import LEFT
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.support import support_at
-from cadcam.locate.refine.agreement import SCATTERED_PX, agreed
-from cadcam.locate.refine.answer import DOUBT, location_of, lost
+from cadcam.locate.refine.agreement import agreed
+from cadcam.locate.refine.answer import CLEARLY, DOUBT, PoseAnswer, location_of, lost
+from cadcam.locate.refine.concord import Concord
 from cadcam.locate.refine.options import EDGES, EdgeOptions
-from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
+from cadcam.locate.refine.released import released
+from cadcam.locate.refine.solution import CLOSE_PX, PoseSolution, solved
 
 _PULLED_PX = 0.3  # by which lines are off that were pulled onto steps
 _REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
-_CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one
-_LOOSER, _LOOSER_BESIDE_BANDS = 3.0, 2.0  # times as much, that a fit is looser than another one
 _WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
 _WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
 _ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
@@ -86,62 +86,7 @@ def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Phot
     if all(photo.calm is None for photo in calm):
         return first
     second = found_in(calm)
-    return second if second.found or second.quality > first.quality + _CLEARLY else first
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Answer:
-    """A location, the solution it was measured by (None where nothing was), and the lines drawn for it."""
-
-    location: Location
-    solution: PoseSolution | None
-    sights: Sequence[Sight]
-
-    @property
-    def pose(self) -> Rigid:
-        return self.location.pose.world_from_part
-
-    @property
-    def loose(self) -> bool:
-        """Return whether edges fit the pose only loosely."""
-        return self.solution is not None and self.solution.fit.between > LOOSE_PX
-
-    @property
-    def scattered(self) -> bool:
-        """Return whether edges of a found pose scatter so much beside bands that some may lie on their far sides."""
-        fitted = self.solution
-        if fitted is None or not self.location.found:
-            return False
-        return fitted.regression.bands and fitted.scatter > SCATTERED_PX
-
-    def unlike(self, other: PoseSolution, share: float) -> _Answer:
-        """Return the answer with one more error: a share of the way to another solution, as its standard deviation."""
-        at = self.location.pose
-        away = at.world_from_part.inv @ other.pose
-        px = max(s.moved_px(self.pose, other.pose) for s in self.sights)
-        by = share * min(1.0, MOST_PX / max(px, 1e-300)) * (at.freedom @ (at.freedom.T @ away.log()))
-        pose = replace(at, from_noise=at.from_noise + np.outer(by, by))
-        return replace(self, location=replace(self.location, pose=pose))
-
-    def better_than(self, other: _Answer) -> bool:
-        """Return whether this answer is better than another.
-
-        Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what
-        the other meets. Beside bands the closer of two is better, if both are found or as good: where some lines lie on
-        the far sides of bands, as clear as the near ones, more may show, but they do not agree.
-        """
-        quality = [self.location.quality, other.location.quality]
-        both = [a.solution for a in (self, other) if a.solution is not None]
-        bands = any(s.regression.bands for s in both)
-        between = [s.scatter if bands else s.fit.between for s in both]
-        looser = _LOOSER_BESIDE_BANDS if bands else _LOOSER
-        if len(both) == 2 and max(between) > max(SCATTERED_PX, looser * min(between)):
-            if bands and self.location.found and other.location.found:
-                return between[0] < between[1]
-            quality = [support_at(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
-            if bands and abs(quality[0] - quality[1]) < _CLEARLY:
-                return between[0] < between[1]
-        return quality[0] > quality[1]
+    return second if second.found or second.quality > first.quality + CLEARLY else first
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,11 +114,12 @@ class Refinement:
         asked = replace(self, freedom=told)
         best = asked.from_start(start)
         if self.wider:
-            best = asked.in_color(asked.again(best), start)
+            best = asked.in_accord(asked.in_color(asked.again(best), start))
+            best = replace(best, location=released(self.part, best, self.freedom, self.options))
         location = best.location
         return location if told is self.freedom or spin is None else _turned_anyhow(location, spin), best.sights
 
-    def from_start(self, start: Rigid) -> _Answer:
+    def from_start(self, start: Rigid) -> PoseAnswer:
         """Return what is found around a start."""
         sights, pose = self.attracted(self.sights(start), start, self.options.search_px)
         constraints = self.freedom.at(pose).shape[1] + self.chosen
@@ -181,10 +127,10 @@ class Refinement:
             self.least > 0
             and support_at(sights, pose, constraints=constraints, scatter=_PULLED_PX).quality < self.least
         ):
-            return _Answer(lost(sights, pose, self.freedom, "too few of its lines are near the start"), None, sights)
+            return PoseAnswer(lost(sights, pose, self.freedom, "too few of its lines are near the start"), None, sights)
         return self.settled(sights, pose)
 
-    def again(self, best: _Answer) -> _Answer:
+    def again(self, best: PoseAnswer) -> PoseAnswer:
         """Return a doubtful or loose answer, or a better one: found wider around it, or narrowly beside it."""
         quality = best.location.quality
         in_doubt = quality < DOUBT[1] or best.loose
@@ -194,7 +140,7 @@ class Refinement:
             best = self.farther(best)
         return self.beside(best) if self.chosen or best.location.quality < DOUBT[1] or best.scattered else best
 
-    def farther(self, best: _Answer) -> _Answer:
+    def farther(self, best: PoseAnswer) -> PoseAnswer:
         """Return the answer, or a better one from lines looked for farther away."""
         wide_px = max(_WIDER * self.options.search_px, _WIDER_PX)
         sights, pose = self.attracted(best.sights, best.pose, wide_px)
@@ -203,7 +149,7 @@ class Refinement:
         second = self.settled(sights, pose)
         return second if second.better_than(best) else best
 
-    def beside(self, best: _Answer) -> _Answer:
+    def beside(self, best: PoseAnswer) -> PoseAnswer:
         """Return a loose answer, or the first better and closer fit at a pose a little beside it."""
         if best.solution is None or not (best.loose or best.scattered):
             return best
@@ -219,7 +165,7 @@ class Refinement:
                 return second
         return best
 
-    def in_color(self, best: _Answer, start: Rigid) -> _Answer:
+    def in_color(self, best: PoseAnswer, start: Rigid) -> PoseAnswer:
         """Return a doubtful answer, or a better one found around where colour speaks for it or for the start."""
         if all(photo.chroma is None for photo in self.photos):
             return best
@@ -234,12 +180,52 @@ class Refinement:
                 best = second
         return best
 
+    def in_accord(self, best: PoseAnswer) -> PoseAnswer:
+        """Return an answer; a found one by several photos is as sure as these agree, and by those of them that do."""
+        if len(self.photos) < 2 or best.solution is None or not best.location.found:
+            return best
+        concord = Concord.of(best.solution, self.options)
+        location = self.by_fewer(best, concord) or concord.told(best.location, self.part, self.photos)
+        return replace(best, location=location)
+
+    def by_fewer(self, best: PoseAnswer, concord: Concord) -> Location | None:
+        """Return the answer without photos that show nothing of the part, or the one without which the others agree."""
+        if concord.blind and concord.photos:
+            left_out, why = [concord.blind], "nothing of the part shows there"
+        elif not concord.holds and len(self.photos) > 2:
+            left_out = [[one.photo] for one in concord.photos]
+            why = "the others agree, but not with it; does that camera stand where its file says?"
+        else:
+            return None
+        without = [(gone, self.without(best, gone)) for gone in left_out]
+        told = [(gone, location) for gone, location in without if location is not None]
+        if self.evidence or len(told) != 1:
+            return None
+        gone, location = told[0]
+        names = ", ".join(repr(self.photos[k].viewpoint.name) for k in gone)
+        reason = f"{location.reason}; {names} left out: {why}"
+        return replace(location, quality=min(location.quality, best.location.quality), reason=reason)
+
+    def without(self, best: PoseAnswer, gone: Sequence[int]) -> Location | None:
+        """Return the answer without some photos; None where it is not found, or the others do not agree either."""
+        kept = [k for k in range(len(self.photos)) if k not in gone]
+        fewer = replace(self, photos=[self.photos[k] for k in kept])
+        answer = fewer.settled(*fewer.attracted([best.sights[k] for k in kept], best.pose, self.options.search_px))
+        if answer.solution is None or not answer.location.found:
+            return None
+        concord = Concord.of(answer.solution, self.options)
+        if not concord.holds:
+            return None
+        location = concord.told(answer.location, self.part, fewer.photos)
+        matches = replace(location.matches, photo=np.array(kept, np.int32)[location.matches.photo])
+        return replace(location, matches=matches)
+
     def colored(self, pose: Rigid) -> tuple[float, Rigid, Sequence[Sight]]:
         """Return the share of the lines' samples that colour speaks for at a pose, the pose, and its sights."""
         sights = self.sights(pose)
         return in_color(self.part, sights, pose)[1], pose, sights
 
-    def settled(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
+    def settled(self, sights: Sequence[Sight], pose: Rigid) -> PoseAnswer:
         """Return the answer at a pose with its lines drawn from there, or at the pose that most edges agree on."""
         answer = self.redrawn(self.measured(sights, pose))
         for closer in agreed(answer.solution) if self.wider and answer.solution is not None else ():
@@ -247,14 +233,14 @@ class Refinement:
             answer = other if other.better_than(answer) else answer
         return answer
 
-    def redrawn(self, answer: _Answer) -> _Answer:
+    def redrawn(self, answer: PoseAnswer) -> PoseAnswer:
         """Return the answer, with lines drawn anew if its pose lies so far off that other lines may be visible."""
         if answer.solution is None or not _away(answer.sights, answer.solution.pose):
             return answer
         pose = answer.solution.pose
         return self.measured(self.sights(pose, answer.sights), pose)
 
-    def measured(self, sights: Sequence[Sight], pose: Rigid) -> _Answer:
+    def measured(self, sights: Sequence[Sight], pose: Rigid) -> PoseAnswer:
         """Return the answer that a measurement near a pose gives.
 
         Bands beside the lines are modelled only if edges then agree more closely, and closely where the part is not
@@ -265,14 +251,14 @@ class Refinement:
         try:
             fitted = solved(sights, pose, self.freedom, self.evidence, self.options)
         except DegenerateGeometry as error:
-            return _Answer(lost(sights, pose, self.freedom, str(error)), None, sights)
+            return PoseAnswer(lost(sights, pose, self.freedom, str(error)), None, sights)
         plain = self.answered(fitted)
         hopeless = self.chosen > 0 and not plain.location.found
         if not self.wider or hopeless or fitted.beside_bands < _BANDED:
             return plain
         return self.beside_bands(sights, pose, fitted, plain.location.found)
 
-    def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: PoseSolution, found: bool) -> _Answer:
+    def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: PoseSolution, found: bool) -> PoseAnswer:
         """Return the answer that models the bands, or else the one that does not; found: whether the latter was.
 
         First lines may all be off (`locate.refine.regression`), if there are enough. Where they then fit loosely, that
@@ -296,13 +282,13 @@ class Refinement:
         try:
             plain = self.answered(untold.beside_its_bands())
         except DegenerateGeometry as error:  # its lines, each of which bands may draw, leave the pose open
-            return _Answer(lost(sights, pose, self.freedom, str(error)), None, sights)
+            return PoseAnswer(lost(sights, pose, self.freedom, str(error)), None, sights)
         return plain if unlike is None else plain.unlike(unlike, _EITHER)
 
-    def answered(self, solution: PoseSolution) -> _Answer:
+    def answered(self, solution: PoseSolution) -> PoseAnswer:
         """Return the answer that a solution gives."""
         location = location_of(self.part, solution, self.freedom, chosen=self.chosen, wider=self.wider)
-        return _Answer(location, solution, solution.sights)
+        return PoseAnswer(location, solution, solution.sights)
 
     def attracted(self, sights: Sequence[Sight], start: Rigid, search_px: float) -> tuple[Sequence[Sight], Rigid]:
         """Return the pose whose lines lie on steps of the photos near those at the start, and its sights."""

@@ -96,7 +96,7 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
     eye = photos[0].viewpoint.camera_from_world.origin
     found = _of_one_side(part, eye, np.concatenate([np.zeros((0, 12)), *rows]))
     starts = _to_approach(aspects, scales, found)
-    around = _approached(part, photos, rigids_of(found[starts]))
+    around = _approached(part, photos, scales, rigids_of(found[starts]))
     found = _of_one_side(part, eye, np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12))
     around = [replace(h, world_from_part=T) for h, T in zip(around, rigids_of(found), strict=True)]
     finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
@@ -152,21 +152,31 @@ class _Scales:
 
     def __init__(self, photos: Sequence[Photo]) -> None:
         self._fields = [_fields(photo) for photo in photos]
-        self._places = tuple(photo.viewpoint.camera_from_world for photo in photos)
+        self.places = tuple(photo.viewpoint.camera_from_world for photo in photos)
         self.focal = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
 
-    def stage(self, reduction: float) -> FieldLevel:
-        """Return the fields nearest to a reduction."""
-        fields = (min(own, key=lambda f: abs(math.log(f.reduction / reduction))) for own in self._fields)
-        return FieldLevel(tuple(fields), self._places)
+    def stage(self, reductions: Array) -> FieldLevel:
+        """Return the field of each photo that is nearest to a reduction of its own (photos,)."""
+        both = zip(self._fields, reductions, strict=True)
+        fields = (min(own, key=lambda f: abs(math.log(f.reduction / k))) for own, k in both)
+        return FieldLevel(tuple(fields), self.places)
 
-    def stages(self, eye: int, size: float) -> list[FieldLevel]:
-        """Return the fields in which a part of `size` px in one photo is about _SWEPT_PX large, then twice that ..."""
+    def chosen(self, eye: int, size: float) -> list[int]:
+        """Return reductions at which a part of `size` px in one photo is about _SWEPT_PX large, then twice that ..."""
         known = [f.reduction for f in self._fields[eye]]
         chosen = [min(known, key=lambda k: abs(math.log(size / k / _SWEPT_PX)))]
         while chosen[-1] % 2 == 0 and chosen[-1] // 2 in known:
             chosen.append(chosen[-1] // 2)
-        return [self.stage(k) for k in chosen]
+        return chosen
+
+    def swept(self, eye: int, reduction: int) -> DirectionField:
+        """Return the field of one photo at one of its reductions."""
+        return next(f for f in self._fields[eye] if f.reduction == reduction)
+
+    def alike(self, eye: int, reduction: int, aspects: Aspects, poses: Array) -> FieldLevel:
+        """Return the fields in which the part at poses (N, 12) is about as large as in one photo's, reduced so."""
+        sizes = self.sizes(aspects, poses)
+        return self.stage(reduction * np.median(sizes / sizes[eye], axis=1))
 
     def beside(self, aspects: Aspects, poses: Array, every: int = 1) -> list[Array]:
         """Return poses (N, 12) moved in the photo where the part is largest, by every so many vectors of _ASIDE.
@@ -174,26 +184,22 @@ class _Scales:
         Poses behind all cameras, and moved ones that no camera sees, come back as they are.
         """
         middle = _middles(aspects, poses)
-        depth = np.stack([(T @ middle)[:, 2] for T in self._places])
-        eye = np.argmax(np.where(depth > 0, self._sizes(aspects, poses), 0.0), axis=0)
+        depth = np.stack([(T @ middle)[:, 2] for T in self.places])
+        eye = np.argmax(np.where(depth > 0, self.sizes(aspects, poses), 0.0), axis=0)
         out = [np.empty_like(poses) for _ in _ASIDE[::every]]
-        for e, (T, fields) in enumerate(zip(self._places, self._fields, strict=True)):
+        for e, (T, fields) in enumerate(zip(self.places, self._fields, strict=True)):
             own = np.flatnonzero(eye == e)
             seen, camera = composed(T, poses[own]), fields[0].camera
-            size = self.sizes(aspects, poses[own]) / fields[0].reduction
+            size = self.sizes(aspects, poses[own])[e] / fields[0].reduction
             for moved, aside in zip(out, _ASIDE[::every], strict=True):
                 there = composed(T.inv, turned(aspects, camera, seen, size[:, None] * aside))
                 moved[own] = np.where(np.isfinite(there).all(axis=1, keepdims=True), there, poses[own])
         return out
 
     def sizes(self, aspects: Aspects, poses: Array) -> Array:
-        """Return how large (N,), px, the part is in the photo where it is largest, for poses (N, 12)."""
-        return np.asarray(self._sizes(aspects, poses).max(axis=0))
-
-    def _sizes(self, aspects: Aspects, poses: Array) -> Array:
-        """Return how large (photos, N), px, the part is in each photo."""
+        """Return how large (photos, N), px, the part is in each photo, for poses (N, 12)."""
         middle = _middles(aspects, poses)
-        away = [np.linalg.norm(middle - T.origin, axis=1) for T in self._places]
+        away = [np.linalg.norm(middle - T.origin, axis=1) for T in self.places]
         return np.stack([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
 
 
@@ -225,10 +231,10 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
 
 def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
     """Return the poses (N, 12) of a sweep over one photo at one distance that survive on finer fields."""
-    stages = scales.stages(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
-    poses = _swept(aspects, stages[0], eye, distance, looks)
+    chosen = scales.chosen(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
+    poses = _swept(aspects, scales.swept(eye, chosen[0]), scales.places[eye], distance, looks)
     for climb in _CLIMBS:
-        stage = stages[min(climb.level, len(stages) - 1)]
+        stage = scales.alike(eye, chosen[min(climb.level, len(chosen) - 1)], aspects, poses)
         poses, score, _ = climbed(aspects, stage, poses, np.eye(6), climb)
         if climb is _CLIMBS[-1]:
             moved = scales.beside(aspects, poses, 2)
@@ -238,9 +244,10 @@ def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, loo
     return poses
 
 
-def _swept(aspects: Aspects, stage: FieldLevel, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
+def _swept(
+    aspects: Aspects, field: DirectionField, camera_from_world: Rigid, distance: float, looks: tuple[Longs, Array]
+) -> Array:
     """Return the best poses (N, 12) at one distance, each where in one photo it fits best."""
-    field, camera_from_world = stage.fields[eye], stage.cameras_from_world[eye]
     numbers, R = looks
     seen = np.concatenate([R.reshape(-1, 9), np.array([0, 0, distance]) - R @ aspects.centre], axis=1)
     world = composed(camera_from_world.inv, seen)
@@ -289,13 +296,13 @@ def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
 
 
 def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
-    """Return the evidence (N,) for poses (N, 12), each judged where the part is about size_px large."""
+    """Return the evidence (N,) for poses (N, 12), each judged where the part is about size_px large in each photo."""
     if not len(poses):
         return np.zeros(0)
     wanted = np.rint(2 * np.log2(np.maximum(scales.sizes(aspects, poses) / size_px, 1.0)))
-    out = np.zeros(len(poses))
-    for step in np.unique(wanted):
-        own = wanted == step
+    out, (steps, which) = np.zeros(len(poses)), np.unique(wanted, axis=1, return_inverse=True)
+    for k, step in enumerate(steps.T):
+        own = which.ravel() == k
         out[own] = evidence(aspects, scales.stage(2 ** (step / 2)), poses[own], blur)
     return out
 
@@ -310,13 +317,11 @@ def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur
     return np.asarray(here - np.maximum.reduce(beside))
 
 
-def _approached(part: Part, photos: Sequence[Photo], starts: list[Rigid]) -> list[Hypothesis]:
+def _approached(part: Part, photos: Sequence[Photo], scales: _Scales, starts: list[Rigid]) -> list[Hypothesis]:
     """Return what is found around each of the starts."""
 
     def around(start: Rigid) -> list[Hypothesis]:
-        middle = start @ part.aspects.centre
-        distance = min(float(np.linalg.norm(middle - photo.viewpoint.camera_from_world.origin)) for photo in photos)
-        size = float(_size(part.aspects, max(p.camera.fx for p in photos), np.array(distance)))
+        size = float(scales.sizes(part.aspects, row_of(start)[None]).min())
         try:
             return approach(part, photos, start, reach=replace(_NEAR, shift_px=_NEAR.shift_px * size))[:3]
         except NothingInView:

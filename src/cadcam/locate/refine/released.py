@@ -1,0 +1,74 @@
+"""Whether the photos bear out that a part moves as it is said to: in a plane, about an axis, along a direction.
+
+What is not free stays as in the start. A start that lies a little beside the plane, or an axis that is given a little
+beside its own, leaves a pose that most lines agree with and of which nothing but their scatter tells that it is off: by
+far more than its uncertainty, which counts the restriction as known. So the part is released where it was found, and
+the photos say where it would lie. Where that is beside the restriction by more than the free pose is uncertain, the
+answer says so, and is as unsure as the restriction has moved it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.errors import DegenerateGeometry
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.lines.attraction import attracted
+from cadcam.locate.location import Location
+from cadcam.locate.part import Part
+from cadcam.locate.refine.answer import PoseAnswer, location_of
+from cadcam.locate.refine.options import EdgeOptions
+from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
+
+_SURELY = 36.0  # squared standard deviations beside the restriction, beyond doubt
+_LEAST_PX = 0.2  # by which lines must move at least: less may be the lens, or a chamfer
+_REFUSED = 0.45  # quality of a pose that the photos contradict
+
+
+def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOptions) -> Location:
+    """Return the location of a found answer under a restriction, told where the photos show the part beside that."""
+    found, B = best.location, best.location.pose.freedom
+    if freedom is FREE or not found.found or best.solution is None:
+        return found
+    free = _free(part, best, options)
+    if free is None:
+        return found
+    there = free.pose.world_from_part
+    away = (best.pose.inv @ there).log()
+    N = np.linalg.svd(B)[0][:, B.shape[1] :]  # the motions that are not free
+    beside = N.T @ away
+    squared = float(beside @ np.linalg.solve(N.T @ free.pose.covariance @ N, beside))
+    px = max(s.moved_px(best.pose, there) for s in best.sights)
+    if squared <= _SURELY or px < _LEAST_PX:
+        return found
+    by = B @ (B.T @ away)
+    pose = replace(found.pose, from_noise=found.pose.from_noise + np.outer(by, by))
+    middle = part.aspects.centre
+    mm = float(np.linalg.norm(best.pose @ middle - there @ middle))
+    degrees = float(np.degrees(np.linalg.norm(away[3:])))
+    said = f"free to move it would lie {mm:.2g} mm and {degrees:.2g} degrees off ({px:.1f} px)"
+    asked = "does it stand as the start has it, and move as it is said to?"
+    if px <= CLOSE_PX:
+        return replace(found, pose=pose, reason=f"{found.reason}; {said}: {asked}")
+    reason = f"not certain: the photos contradict the restricted motion: {said}: {asked} ({found.reason})"
+    return replace(found, pose=pose, quality=min(_REFUSED, found.quality), reason=reason)
+
+
+def _free(part: Part, best: PoseAnswer, options: EdgeOptions) -> Location | None:
+    """Return where the part lies, free to move from where it was found; None where it is not found so, or no better."""
+    try:
+        solution = _solved(best, best.pose, options)
+        if best.loose:
+            wider = attracted(best.sights, best.pose, FREE, search_px=options.search_px)
+            solution = min(solution, _solved(best, wider, options), key=lambda s: s.fit.between)
+    except DegenerateGeometry:
+        return None
+    free = location_of(part, solution, FREE, chosen=0, wider=False)
+    return free if free.found and solution.fit.between < LOOSE_PX else None
+
+
+def _solved(best: PoseAnswer, pose: Rigid, options: EdgeOptions) -> PoseSolution:
+    return solved(best.sights, pose, FREE, (), options)

@@ -1,0 +1,92 @@
+"""Cameras that do not stand where they are said to: the answer is as unsure as that makes it, and says so."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+import pytest
+
+from cadcam.cad.parts import machined_bracket
+from cadcam.camera.camera import Camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.location import Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.refine.refinement import refine_pose
+
+from .photos import noisy, shot, view
+
+PART = Part.of(machined_bracket())
+NEAR, TELE = Camera.from_focal((640, 480), 900.0), Camera.from_focal((800, 600), 3000.0)
+VIEWS = {
+    "left": ((0.5, 0.7, 1.0), NEAR, 4.2),
+    "right": ((0.9, 0.2, 1.0), NEAR, 4.4),
+    "tele": ((0.1, 0.9, 0.8), TELE, 14),
+}
+START = Rigid.exp(np.array([0.6, -0.4, 0.5, 0.006, -0.004, 0.005]))
+
+
+def photos(rng: np.random.Generator, off: dict[str, Sequence[float]], *names: str) -> list[Photo]:
+    """Return photos of the part, which is the world, by cameras told to stand so many mm beside where they do."""
+    taken = []
+    for name in names:
+        direction, camera, away = VIEWS[name]
+        pose = view(PART, direction, away=away)
+        told = pose @ Rigid(translation=off.get(name, (0, 0, 0)))
+        taken.append(Photo.of(noisy(shot(PART, pose, camera), 0.01, rng), camera, told, name=name))
+    return taken
+
+
+def normalised(found: Location) -> float:
+    """Return the root of xi' C^-1 xi / 6 of a pose that should be where the world is."""
+    xi = found.pose.world_from_part.inv.log()
+    return float(np.sqrt(xi @ np.linalg.solve(found.pose.covariance, xi) / 6))
+
+
+def test_cameras_that_stand_where_they_are_said_to_agree(rng: np.random.Generator) -> None:
+    found = refine_pose(PART, photos(rng, {}, "left", "right", "tele"), START)
+    assert found.found
+    assert "disagree" not in found.reason
+    assert "left out" not in found.reason
+    assert normalised(found) < 2.5
+
+
+@pytest.mark.parametrize("pair", [("left", "right"), ("left", "tele"), ("tele", "right")])
+@pytest.mark.parametrize("off", [(0.4, 0.3, 0.0), (-0.8, 0.2, 0.3)])
+def test_a_pose_between_two_cameras_that_disagree_is_as_unsure_as_they_make_it(
+    pair: tuple[str, str], off: tuple[float, float, float], rng: np.random.Generator
+) -> None:
+    """Edges scatter little: depth takes most of it up. The error was 5 to 60 of the standard deviations told."""
+    found = refine_pose(PART, photos(rng, {pair[1]: off}, *pair), START)
+    assert found.found
+    assert "disagree" in found.reason
+    assert normalised(found) < 3
+
+
+def test_two_photos_that_contradict_each_other_have_no_pose(rng: np.random.Generator) -> None:
+    """Each shows the part clearly, 6 px apart: neither camera is likelier to be the one that is off."""
+    found = refine_pose(PART, photos(rng, {"right": (3.0, -2.0, 0.0)}, "left", "right"), START)
+    assert not found.found
+
+
+@pytest.mark.parametrize(
+    ("name", "off"), [("left", (0.7, 0.5, 0.0)), ("tele", (0.0, 0.9, 0.0)), ("right", (4.0, 3.0, 0))]
+)
+def test_of_three_cameras_the_one_that_is_off_is_left_out_and_named(
+    name: str, off: tuple[float, float, float], rng: np.random.Generator
+) -> None:
+    taken = photos(rng, {name: off}, *VIEWS)
+    found = refine_pose(PART, taken, START)
+    assert found.found
+    assert f"{name!r} left out" in found.reason
+    assert normalised(found) < 2.5
+    assert set(found.matches.photo.tolist()) == {k for k, other in enumerate(VIEWS) if other != name}
+
+
+def test_a_photo_that_shows_nothing_of_the_part_is_left_out(rng: np.random.Generator) -> None:
+    left, right = photos(rng, {}, "left", "right")
+    dark = Photo(noisy(np.zeros(right.gray.shape), 0.02, rng), right.viewpoint)
+    found = refine_pose(PART, [left, dark], START)
+    assert "'right' left out: nothing of the part shows there" in found.reason
+    assert normalised(found) < 2.5
