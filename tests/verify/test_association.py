@@ -13,7 +13,7 @@ from cadcam.verify.edges.association import ROOM_PX
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import whole_parts
 
-from .scene import photo, plate
+from .scene import CAMERA, photo, plate
 
 COLOR = (0.55, 0.55, 0.6)
 
@@ -45,3 +45,31 @@ def test_twins_of_two_bodies_are_not_measured(rng: np.random.Generator) -> None:
     twins = seen.usable & (seen.lines.room < ROOM_PX) & (seen.lines.part >= 5)
     assert (twins & seen.matched.support).sum() > 20
     assert not (twins & seen.matched.measured).any()
+
+
+@pytest.mark.parametrize("turn", [0.0, np.pi / 4, np.arctan(0.5)])
+def test_edges_along_rows_of_pixels_are_as_far_off_as_is_said(rng: np.random.Generator, turn: float) -> None:
+    """A box seen from straight above, turned to rows, to diagonals, to knight's moves, at many places in a pixel.
+
+    Drawn with 4 x 4 samples a pixel its edges are off, each as a whole, by ten times its noise: by as much, root mean
+    square, as is stated (to 40 %: 32 edges, four by four in step), and none by more than 3 sigmas.
+    """
+    mesh = box((-60, -60, 0), (60, 60, 10), name="box", color=COLOR)
+    px = 700.0 / CAMERA.K[0, 0]
+    off, said = [], []
+    for phase in np.linspace(0, 1, 8, endpoint=False):
+        down = np.diag([1.0, -1.0, -1.0])
+        at = np.array([phase * px, 0.3 * phase * px, 700.0])
+        c, s = np.cos(turn), np.sin(turn)
+        pose = Rigid(np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]]) @ down, at)
+        whole = Part.of(mesh)
+        seen = surveyed(whole, [photo(mesh, rng, pose)], Rigid(), whole_parts(whole.scene), reach_px=8.0)
+        for edge in np.unique(seen.lines.edge):
+            of = (seen.lines.edge == edge) & seen.matched.measured
+            if of.sum() >= 20:
+                off.append(seen.matched.offset[of].mean())
+                said.append(np.hypot(seen.matched.sigma[of].mean() / np.sqrt(of.sum()), seen.matched.common[of].mean()))
+    assert len(off) >= 16
+    z = np.array(off) / np.array(said)
+    assert np.abs(z).max() < 3
+    assert 0.6 < np.sqrt((z**2).mean()) < 1.4

@@ -31,10 +31,12 @@ _ON_LINE_PX = 1.2  # across a line, that a candidate may be off to be taken for 
 # A twin's own step, blurred otherwise than it is taken to be, draws the fit: so far off at so many blurs (measured in
 # simulated pictures: 0.03 px at 3.5 blurs, 0.01 px at 4.5), falling fast with the distance.
 _TWIN_ERROR_PX, _TWIN_BLURS = 0.035, 3.5
-# What pixels do unevenly averages out along an edge that crosses them, not along one that follows a row: so far off is
-# an edge of a picture drawn with 4 x 4 samples a pixel (0.08 px measured; 0.004 with 12 x 12) which spans less of a
-# pixel than that.
-_ROW_ERROR_PX, _ROW_SPAN_PX = 0.05, 0.5
+# What pixels do unevenly averages out along an edge that crosses them, not along one that follows a row: an edge of a
+# picture drawn with 4 x 4 samples a pixel is off by anything up to half of what lies between them, if it spans less of
+# the way from row to row than this. Diagonals are rows, too, and so are knight's moves, the nearer to each other the
+# less each errs.
+_ROW_ERROR_PX, _ROW_SPAN = 0.25 / np.sqrt(12.0), 0.5
+_ROWS = np.array([(1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)], float)  # across which 1, 2, ...
 _LEAST_STEP = 1e-3  # of brightness: fainter is none
 _TWIN_SHARE = 0.6  # of how far apart twins are by the model that they must be in the photo
 _PARALLEL = np.cos(np.radians(20.0))
@@ -149,7 +151,7 @@ def _shifted(
             if np.hypot(*s) > NEAR_PX and not _believed(free[rows], normal, edge, s, ought[rows]):
                 s = best_shift(found[rows], normal, reach_px=NEAR_PX)
             shift[rows] = s
-            coarse[rows] = _nearest(found[rows], normal @ s)
+            coarse[rows] = nearest(found[rows], normal @ s)
     return coarse, shift
 
 
@@ -168,7 +170,7 @@ def _rims(lines: Sightlines, found: Array, coarse: Array, body: Longs, shift: Ar
         size, by = grown(found[rows], free[rows], lines.normal[rows], shift[rows[0]], reach_px=reach_px)
         if size:
             growth[rows], shift[rows] = size, by
-            coarse[rows] = _nearest(free[rows], lines.normal[rows] @ by + size)
+            coarse[rows] = nearest(free[rows], lines.normal[rows] @ by + size)
     return growth
 
 
@@ -229,12 +231,16 @@ def _by_twins(lines: Sightlines, rows: Longs, away: Array, step: Array, blur: fl
 
 
 def _along_rows(lines: Sightlines) -> Array:
-    """Return the error (N,) px of edges that meet all pixels of a row, or column, at about one place within these."""
+    """Return the error (N,) px of edges that meet all pixels of a row at about one place within these.
+
+    A row is any straight line of pixels' centres, a column or a diagonal as well.
+    """
     out = np.zeros(len(lines))
+    apart = 1.0 / np.linalg.norm(_ROWS, axis=1)
     for e in np.unique(lines.edge):
         rows = lines.edge == e
-        across = float(np.ptp(lines.q[rows], axis=0).min())
-        out[rows] = _ROW_ERROR_PX * max(1.0 - across / _ROW_SPAN_PX, 0.0)
+        across = np.ptp(lines.q[rows] @ _ROWS.T, axis=0)
+        out[rows] = (_ROW_ERROR_PX * apart * np.maximum(1.0 - across / _ROW_SPAN, 0.0)).max()
     return out
 
 
@@ -352,7 +358,7 @@ def _median(values: Array) -> float:
     return quantile(values, 0.5)
 
 
-def _nearest(found: Array, expected: Array) -> Array:
+def nearest(found: Array, expected: Array) -> Array:
     """Return of each row the offset (n,) nearest to what is expected, nan if that is not near."""
     off = np.abs(found - expected[:, None])
     off[~np.isfinite(off)] = np.inf
