@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.stats import chi2
 
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
@@ -140,15 +141,22 @@ def test_drawn_elsewhere_a_body_is_beyond_doubt_only_where_its_pixels_say_so(rng
 
 
 def test_edges_that_are_off_by_no_displacement_of_all_of_it_displace_nothing(rng: np.random.Generator) -> None:
-    """However improbable that is of a body in place: they contradict each other."""
+    """However improbable that is of a body in place: they contradict each other.
+
+    What they say together has to be as sure as an alarm: one of 400, where a body in place says as much one time in 30.
+    """
     moved = inspect(part(), [photo(displaced("block", np.array([1.5, 0.0, 0.0])), rng)], Rigid()).feature("block")
     assert moved.displacement is not None
-    alike, apart = 1.0, 50.0  # misfits
-    for share, misfit in ((1.0, alike), (1.0, apart), (0.01, alike), (0.01, apart)):
-        state = State.UNCLEAR if share < 1 and misfit == apart else State.DISPLACED
-        told = replace(moved.displacement, value=share * moved.displacement.value, misfit=misfit)
-        found = Displacement(moved.seen, told, 1e-12, edges=4)
-        assert _state(moved.presence, found, True, 6.5, near=True)[0] is state
+    value, covariance = moved.displacement.value, moved.displacement.covariance
+    sigmas = np.sqrt(value @ np.linalg.solve(covariance, value))
+    alike, apart, rare = 1.0, 50.0, 1 / 400  # misfits, share of false alarms
+    for chance in (1e-12, rare / 2, 2 * rare, 1 / 30, 0.9):
+        share = np.sqrt(chi2.isf(chance, len(value))) / sigmas
+        for misfit in (alike, apart):
+            state = State.UNCLEAR if chance > rare and misfit == apart else State.DISPLACED
+            told = replace(moved.displacement, value=share * value, misfit=misfit)
+            found = Displacement(moved.seen, told, 1e-12, edges=4)
+            assert _state(moved.presence, found, True, 6.5, near=True, rare=rare)[0] is state
 
 
 def test_the_rim_of_a_hole_is_several_pieces_and_a_straight_edge_one() -> None:

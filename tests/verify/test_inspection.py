@@ -223,6 +223,6 @@ def test_one_line_alone_where_others_ought_to_show_does_not_tell_how_far_a_body_
         Presence(5, 2, 2.8): State.DISPLACED,
     }
     for presence, state in states.items():
-        told, why = _state(presence, moved, True, 8.0, near=True)
+        told, why = _state(presence, moved, True, 8.0, near=True, rare=0.0025)
         assert told is state, presence
         assert why is (Unclear.ALONE if state is State.UNCLEAR else None)

@@ -176,7 +176,7 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
         left_out=tuple(names[i] for i in look.left_out),
         tau_px=measured.tau_px,
         noise_scale=measured.noise_scale,
-        clutter=survey.clutter,
+        clutter=survey.clutter.share,
         seen_share=survey.seen_share,
         found=True,
         reason="",
@@ -233,7 +233,7 @@ def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdge
             worst.append(max(offsets, key=lambda t: abs(t[0]) / t[1]))
             rim.append(bool(np.isin(measured.lines.edge[group], larger).all()))
         offset, sigma = np.array(worst).T
-        more = in_place_ratio(offset, sigma, survey.clutter, rim=np.array(rim))
+        more = in_place_ratio(offset, sigma, survey.clutter.share, rim=np.array(rim))
         out.append(replace(found, log_ratio=found.log_ratio + more))
     return out
 
@@ -251,7 +251,8 @@ def _features(
     out = []
     for i in range(len(survey.names)):
         found, alarm = measured.moved(i), bool(alarms[i])
-        state, why = _state(presence[i], found, alarm, enough, near=_px(survey, i, found) <= CAPTURE_PX)
+        near, rare = _px(survey, i, found) <= CAPTURE_PX, OF_DISPLACED * options.alarms
+        state, why = _state(presence[i], found, alarm, enough, near=near, rare=rare)
         if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, found, options):
             state, why = State.UNCLEAR, Unclear.FAR
         if state is State.IN_PLACE and doubts[i].gone:
@@ -264,9 +265,12 @@ def _features(
 
 
 def _state(
-    presence: Presence, moved: Displacement | None, alarm: bool, enough: float, *, near: bool
+    presence: Presence, moved: Displacement | None, alarm: bool, enough: float, *, near: bool, rare: float
 ) -> tuple[State, Unclear | None]:
-    """Return the state; of an unclear one also why, where that follows from what is asked here."""
+    """Return the state; of an unclear one also why, where that follows from what is asked here.
+
+    rare: share of false alarms of displacements; where edges disagree, what they say together has to be as sure.
+    """
     if presence.expected == 0 and moved is None:
         return State.OUT_OF_VIEW, None
     if presence.log_ratio <= -enough:
@@ -280,7 +284,7 @@ def _state(
         return State.UNCLEAR, Unclear.ALONE  # others ought to show, or the body is far off
     if not alarm and _believed(moved) is None:
         return State.UNCLEAR, None  # what cannot be told is not in place either
-    if alarm and moved.estimate.misfit > DISAGREE and _of_none(moved) > AS_IN_PLACE:
+    if alarm and moved.estimate.misfit > DISAGREE and _of_none(moved) > rare:
         return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no displacement of all of it
     return (State.DISPLACED if alarm else State.IN_PLACE), None
 
@@ -389,5 +393,5 @@ def _shifted(survey: Survey, photo: int) -> Array:
 def _not_found(survey: Survey, world_from_part: Rigid, F: Array, reason: str) -> Inspection:
     nan = float("nan")
     unknown = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=F)
-    share, clutter = survey.seen_share, survey.clutter
+    share, clutter = survey.seen_share, survey.clutter.share
     return Inspection(unknown, (), (), (), (), (), nan, nan, clutter, share, False, reason, None, survey)

@@ -100,10 +100,8 @@ def findings_redrawn(case: Case, look: Findings) -> Findings:
     One body at a time, the one farthest from where it is drawn first. Where a body stands is measured, or guessed from
     the edges nearby; of these places that one is tried which the photos look most like.
     """
-    seen, clutter = (
-        edge_visibility(look.survey.evidence, np.ones(len(look.survey.evidence.seen), bool)),
-        look.survey.clutter,
-    )
+    evidence, clutter = look.survey.evidence, look.survey.clutter.share
+    seen = edge_visibility(evidence, np.ones(len(evidence.seen), bool))
     for _ in range(_ROUNDS):
         before = look.explained(seen, clutter)
         for number in _suspects(case, look):

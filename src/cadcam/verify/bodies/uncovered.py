@@ -35,7 +35,7 @@ def uncovered_ratio(without: Part, photos: Sequence[Photo], world_from_part: Rig
     matched = associated(lines, sights, found, np.where(behind, 0, -1), reach_px=1.0)
     own = EdgeEvidence.of(lines, behind, matched, beside)
     seen = edge_visibility(survey.evidence, np.ones(len(survey.evidence.seen), bool))
-    return -log_ratio(own, np.ones(len(own.seen), bool), seen, survey.clutter)
+    return -log_ratio(own, np.ones(len(own.seen), bool), seen, survey.clutter.share)
 
 
 def _behind(shown: Sequence[ShownFaces], body: int, lines: Sightlines) -> Mask:

@@ -5,8 +5,9 @@ it, together (`cadcam.verify.edges.surroundings`): such a group is one piece of 
 edges is seen but for a lapse; without, and where the feature is not there, it seems seen where clutter lies. All three
 probabilities are counted in the picture itself: contrast and lapse over the edges of the other features, clutter over
 decoys, lines shifted to where the model has nothing. The log likelihood ratio L of "there" against "not there" is a sum
-over groups. By Wald's inequality (Sequential Analysis, 1947) a feature that is there gives L <= -T with probability of
-at most exp(-T), and one that is not gives L >= T as rarely.
+over groups. The places of an edge lie on one line, those of texture lie anywhere near it: that is evidence, too, and
+counted alike (`cadcam.verify.edges.closeness`). By Wald's inequality (Sequential Analysis, 1947) a feature that is
+there gives L <= -T with probability of at most exp(-T), and one that is not gives L >= T as rarely.
 """
 
 from __future__ import annotations
@@ -16,8 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
-from cadcam.verify.edges.association import Association
-from cadcam.verify.edges.shifts import CAPTURE_PX, best_shift, supported
+from cadcam.verify.edges.association import Association, nearest
+from cadcam.verify.edges.closeness import as_close, on_one_line, scatter_of
+from cadcam.verify.edges.shifts import CAPTURE_PX, best_shift
 from cadcam.verify.edges.sightlines import Sightlines, pieces
 from cadcam.verify.edges.surroundings import EdgeSurroundings, alike
 
@@ -50,9 +52,10 @@ class Presence:
 class EdgeEvidence:
     """The edges (E,) with enough places to tell: number, group, expected contrast, and whether the edge is seen.
 
-    faint: whether it is so by a step only that is too faint to tell at each place. Edges of one group lie between the
-    same two surfaces. The pieces of a bent one that face different ways are several: what hides one side of a rim does
-    not hide the others.
+    faint: whether it is so by a step only that is too faint to tell at each place; scatter: of its places about a line
+    (px), nan where they are too few or it is not plainly seen. Edges of one group lie between the same two surfaces.
+    The pieces of a bent one that face different ways are several: what hides one side of a rim does not hide the
+    others.
     """
 
     edge: Longs
@@ -60,6 +63,7 @@ class EdgeEvidence:
     contrast: Array
     seen: Mask
     faint: Mask
+    scatter: Array
 
     @classmethod
     def of(cls, lines: Sightlines, rows: Mask, matched: Association, beside: EdgeSurroundings) -> EdgeEvidence:
@@ -68,6 +72,7 @@ class EdgeEvidence:
         at = pieces(lines.edge[rows], lines.normal[rows])
         n = np.bincount(at)
         share = np.bincount(at, support[rows]) / np.maximum(n, 1)
+        scatter = scatter_of(matched.coarse[rows], lines.along[rows], at)
         long = np.flatnonzero(n >= LEAST_PLACES)
         index = np.flatnonzero(rows)
         places = [index[at == i] for i in long]
@@ -77,7 +82,8 @@ class EdgeEvidence:
         contrast = np.array([abs(np.median(beside.contrast[p])) for p in places])
         faint = np.array([_steps_somewhat(matched.step[p]) for p in places], bool)
         plain = share[long] >= 0.5
-        return cls(edge, alike(normal, color), contrast, plain | faint, faint & ~plain)
+        told = np.where(plain, scatter[long], np.nan)
+        return cls(edge, alike(normal, color), contrast, plain | faint, faint & ~plain, told)
 
 
 def _steps_somewhat(step: Array) -> bool:
@@ -91,16 +97,17 @@ def _steps_somewhat(step: Array) -> bool:
     return bool(abs(middle) > max(_SURE * sigma, _LEAST_STEP))
 
 
-def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: float, elsewhere: float = 0.0) -> Presence:
+def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: Clutter, elsewhere: float = 0.0) -> Presence:
     """Return the evidence for the feature with the edges `mine` (E,).
 
     elsewhere: logarithm of the number of places where it was looked for, if it was found at another than its own.
     """
     others = edge_visibility(evidence, ~mine)
-    total = log_ratio(evidence, mine, others, clutter)
-    any_light = log_ratio(evidence, mine & ~evidence.faint, others, clutter, contrast=0.5)
+    total = log_ratio(evidence, mine, others, clutter.share)
+    any_light = log_ratio(evidence, mine & ~evidence.faint, others, clutter.share, contrast=0.5)
     seen = int(evidence.seen[mine].sum())
     less = elsewhere if seen else 0.0
+    less -= as_close(evidence.scatter[mine], evidence.scatter[~mine], clutter.on_one_line)
     return Presence(int(mine.sum()), seen, total - less, any_light - less)
 
 
@@ -173,39 +180,41 @@ def _as_one(offset: Array, sigma: Array, density: float) -> float:
     return float(agree + 0.5 * np.log(2 * np.pi / weight.sum()) - anywhere)
 
 
-def edges_seen(lines: Sightlines, rows: Mask, support: Mask) -> Mask:
-    """Return for each edge with enough of the places `rows` (N,) whether at least half of these have support.
+@dataclass(frozen=True, slots=True)
+class Clutter:
+    """How often an edge is seen where there is none (share), and of those so seen, how many lie on one line."""
 
-    As in `EdgeEvidence`, a bent one is several.
-    """
-    at = pieces(lines.edge[rows], lines.normal[rows])
-    n = np.bincount(at)
-    share = np.bincount(at, support[rows]) / np.maximum(n, 1)
-    return np.asarray(share[n >= LEAST_PLACES] >= 0.5)
+    share: float
+    on_one_line: float
 
 
-def clutter_of(lines: Sightlines, found: Array, body: Longs, *, reach_px: float) -> float:
-    """Return how often an edge is seen where there is none: over decoys, each shifted about to where it fits best."""
-    hits, tries = 1.0, 10.0  # a share of 0.1 is believed until counted otherwise
+def clutter_of(lines: Sightlines, found: Array, body: Longs, *, reach_px: float) -> Clutter:
+    """Return what edges are seen where there is none: over decoys, each shifted about to where it fits best."""
+    counts = np.zeros(4)
     radius = _DECOY_SHARE * reach_px
     angles = np.pi * (np.arange(_DECOYS) + 0.5) / _DECOYS * 2
     for number in np.unique(body[body >= 0]):
         for photo in np.unique(lines.photo[body == number]):
             rows = np.flatnonzero((body == number) & (lines.photo == photo))
             for a in angles:
-                s = radius * np.array([np.cos(a), np.sin(a)])
-                one, all_ = _decoy(lines, found, rows, s)
-                hits, tries = hits + one, tries + all_
-    return float(np.clip(hits / tries, 0.01, 0.6))
+                counts += _decoy(lines, found, rows, radius * np.array([np.cos(a), np.sin(a)]))
+    tries, hits, told, straight = counts
+    # a share of 0.1 is believed until counted otherwise, and of them a half
+    share = float(np.clip((hits + 1.0) / (tries + 10.0), 0.01, 0.6))
+    return Clutter(share, float((straight + 1.0) / (told + 2.0)))
 
 
-def _decoy(lines: Sightlines, found: Array, rows: Longs, s: Array) -> tuple[int, int]:
-    """Return how many edges of a feature shifted by about s are seen, of how many."""
+def _decoy(lines: Sightlines, found: Array, rows: Longs, s: Array) -> Array:
+    """Return of the edges of a feature shifted by about s: how many there are, seen, told, and on one line (4,)."""
     normal, offset = lines.normal[rows], found[rows]
     clear = np.abs(normal @ s) > _CLEAR_PX
     if not clear.any():
-        return 0, 0
+        return np.zeros(4)
     rows, normal, offset = rows[clear], normal[clear], offset[clear] - (normal[clear] @ s)[:, None]
-    about = best_shift(offset, normal, reach_px=1.5)
-    seen = edges_seen(lines.select(rows), np.ones(len(rows), bool), supported(offset, normal, about))
-    return int(seen.sum()), len(seen)
+    at = pieces(lines.edge[rows], normal)
+    near = nearest(offset, normal @ best_shift(offset, normal, reach_px=1.5))
+    n = np.bincount(at)
+    seen = np.bincount(at, np.isfinite(near)) >= np.maximum(n, 1) / 2
+    scatter = scatter_of(near, lines.along[rows], at)[seen & (n >= LEAST_PLACES)]
+    told = np.isfinite(scatter)
+    return np.array([(n >= LEAST_PLACES).sum(), len(scatter), told.sum(), on_one_line(scatter[told]).sum()], float)

@@ -15,7 +15,7 @@ from cadcam.render.view import Scene
 from cadcam.verify.edges.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
 from cadcam.verify.edges.feet import Feet
 from cadcam.verify.edges.limbs import limb_errors
-from cadcam.verify.edges.presence import LEAST_PLACES, EdgeEvidence, Presence, clutter_of, presence
+from cadcam.verify.edges.presence import LEAST_PLACES, Clutter, EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.edges.shifts import guessed_shifts
 from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
@@ -53,7 +53,7 @@ class Survey:
     ground: Array
     ought: Mask
     evidence: EdgeEvidence
-    clutter: float
+    clutter: Clutter
     by: Array
     shown: tuple[ShownFaces, ...]
 

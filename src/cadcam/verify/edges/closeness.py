@@ -1,0 +1,48 @@
+"""Do the places at which an edge is seen lie on one line? An edge's do; those that texture has near it lie anywhere."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from cadcam.arrays import Array, Longs, Mask
+from cadcam.verify.edges.shifts import CAPTURE_PX
+
+_ON_LINE_PX = CAPTURE_PX / np.sqrt(12.0)  # half the scatter of places that lie anywhere within what is captured
+_LEAST_TOLD = 4  # places whose scatter about a line tells something
+_OTHERWISE = 0.1  # probability that a body is rougher than others, or that what lies in its place is as straight as one
+
+
+def scatter_of(offset: Array, along: Array, piece: Longs) -> Array:
+    """Return how the offsets (n,) px of each piece of edge (P,) scatter about a straight line, a standard deviation.
+
+    along (n,) px: where on the edge they are; piece (n,): on which piece, 0 ... . nan where fewer than `_LEAST_TOLD`
+    offsets are known (not nan).
+    """
+    have = np.isfinite(offset)
+    y, t, at = offset[have], along[have], piece[have]
+    size = int(piece.max(initial=-1)) + 1
+    n = np.bincount(at, minlength=size)
+    y, t = (x - (np.bincount(at, x, size) / np.maximum(n, 1))[at] for x in (y, t))
+    run = np.bincount(at, t * t, size)
+    slope = np.bincount(at, t * y, size) / np.where(run > 0, run, 1.0)
+    square = np.bincount(at, (y - slope[at] * t) ** 2, size)
+    return np.where(n >= _LEAST_TOLD, np.sqrt(square / np.maximum(n - 2, 1)), np.nan)
+
+
+def on_one_line(scatter: Array) -> Mask:
+    """Return which edges (n,) have their places on one line, by their scatter (px)."""
+    return np.asarray(scatter < _ON_LINE_PX)
+
+
+def as_close(mine: Array, others: Array, clutter: float) -> float:
+    """Return what it adds to L of a body how the places of its edges `mine` (n,) scatter, nan where that is not known.
+
+    others (m,): scatter of the edges of other bodies; clutter: share of what is seen where nothing is that lies on one
+    line. A body may as well be rougher than others, or less sharp, and what is left where there is none its trace or
+    its shadow: this never decides alone.
+    """
+    mine, others = mine[np.isfinite(mine)], others[np.isfinite(others)]
+    own = (on_one_line(others).sum() + 1.0) / (len(others) + 2.0)
+    told = np.where(on_one_line(mine), np.log(own / clutter), np.log((1 - own) / (1 - clutter))).sum()
+    usual, other = np.log1p(-_OTHERWISE), np.log(_OTHERWISE)
+    return float(np.logaddexp(usual + told, other) - np.logaddexp(usual, other + told))
