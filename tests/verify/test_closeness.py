@@ -46,18 +46,18 @@ def test_what_does_not_tell_edges_from_clutter_adds_nothing() -> None:
     others = np.r_[np.full(8, 0.1), 1.0]
     own = 9 / 11
     assert as_close(np.full(3, 0.1), others, own) == pytest.approx(0.0, abs=1e-12)
-    assert as_close(np.full(3, np.nan), others, 0.1) == 0.0
-    assert as_close(NONE, NONE, 0.1) == 0.0
+    assert as_close(np.full(3, np.nan), others, 0.1) == pytest.approx(0.0, abs=1e-12)
+    assert as_close(NONE, NONE, 0.1) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_before_texture_what_lies_on_one_line_is_there_and_what_does_not_is_not() -> None:
-    """Each edge adds, in both directions, and however many there are, never more than ten to one."""
+    """Each edge adds, up to five to one for a body, two to one against it, which may as well be rough."""
     others, close, loose = np.full(20, 0.1), 0.1, 0.9
     told = [as_close(np.full(n, close), others, 0.1) for n in range(30)]
     against = [as_close(np.full(n, loose), others, 0.1) for n in range(30)]
     assert (np.diff(told) > 0)[:3].all()
     assert (np.diff(against) < 0)[:3].all()
-    assert told[2] > 1.5
-    assert against[2] < -1.5
-    assert max(told) < np.log(10)
-    assert min(against) > -np.log(10)
+    assert told[2] > 1.0
+    assert against[2] < -0.5
+    assert max(told) < np.log(5)
+    assert min(against) > -np.log(2)

@@ -9,7 +9,7 @@ from cadcam.verify.edges.shifts import CAPTURE_PX
 
 _ON_LINE_PX = CAPTURE_PX / np.sqrt(12.0)  # half the scatter of places that lie anywhere within what is captured
 _LEAST_TOLD = 4  # places whose scatter about a line tells something
-_OTHERWISE = 0.1  # probability that a body is rougher than others, or that what lies in its place is as straight as one
+_ROUGHER, _AS_STRAIGHT = 0.5, 0.1  # probability that a body is rougher than others; that its trace is as straight as it
 
 
 def scatter_of(offset: Array, along: Array, piece: Longs) -> Array:
@@ -44,5 +44,5 @@ def as_close(mine: Array, others: Array, clutter: float) -> float:
     mine, others = mine[np.isfinite(mine)], others[np.isfinite(others)]
     own = (on_one_line(others).sum() + 1.0) / (len(others) + 2.0)
     told = np.where(on_one_line(mine), np.log(own / clutter), np.log((1 - own) / (1 - clutter))).sum()
-    usual, other = np.log1p(-_OTHERWISE), np.log(_OTHERWISE)
-    return float(np.logaddexp(usual + told, other) - np.logaddexp(usual, other + told))
+    there = np.logaddexp(np.log1p(-_ROUGHER) + told, np.log(_ROUGHER))
+    return float(there - np.logaddexp(np.log1p(-_AS_STRAIGHT), np.log(_AS_STRAIGHT) + told))
