@@ -59,3 +59,14 @@ def test_a_part_of_which_the_light_shows_the_outline_alone_is_found_by_it(rng: n
     assert "no contrast" in found.reason
     assert largest_miss(found.pose.world_from_part, pose) < 2
     assert not refine_pose(block(), [shot], off(pose, rng, degrees=12, px=60)).found
+
+
+def test_light_excuses_missing_lines_also_where_those_that_show_prove_little(rng: np.random.Generator) -> None:
+    """As after a search over the whole photo, which meets some lines anywhere: half of them is then as good as none."""
+    for _ in range(2):
+        pose = pose_of(rng)
+        shot = photo_in(EVEN, pose, rng)
+        found = refine_pose(block(), [shot], off(pose, rng, degrees=0.5, px=3), chosen=14)
+        assert found.found, found.reason
+        assert "no contrast" in found.reason
+        assert largest_miss(found.pose.world_from_part, pose) < 2

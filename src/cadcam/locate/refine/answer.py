@@ -30,6 +30,7 @@ from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
 DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second look
+_HALF = 0.5  # of the lines, shown: from there on it is asked whether light hides the others
 _TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
 _FREE = 0.4  # share of the lines that any pose could be fitted to, more than of a box: little else speaks for a pose
 CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one
@@ -126,8 +127,8 @@ def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Lo
 def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bool) -> tuple[Support, bool]:
     """Return what the photos show of the part where it was fitted along B (6, k), and whether that is doubted.
 
-    Of a pose that would just not be found, lines that the light gives no contrast are left out; not where the model
-    fits better stretched, nor where starts are known to be good (not `wider`).
+    Of a pose that would not be found but shows half of its lines, those that the light gives no contrast are left out;
+    not where the model fits better stretched, nor where starts are known to be good (not `wider`).
     """
     pose, fit = fitted.pose, fitted.fit
     told, color = in_color(part, fitted.sights, pose)
@@ -138,7 +139,7 @@ def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bo
     evidence = ask(told, pose, B)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
     hides = in_noise(fitted.sights)  # there missing lines pass for faint ones
-    if not wider or hides or evidence.gain or not DOUBT[0] < evidence.quality < FOUND:
+    if not wider or hides or evidence.gain or evidence.quality >= FOUND or evidence.shown < _HALF:
         return evidence, doubted
     lit = showing(part, told, pose)
     faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)
