@@ -108,6 +108,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.image.template import Template as Template
     from cadcam.locate.freedom import Freedom as Freedom
     from cadcam.locate.in_photos import locate_part as locate_part
+    from cadcam.locate.location import Disagreement as Disagreement
     from cadcam.locate.location import Location as Location
     from cadcam.locate.match.closeness import Closeness as Closeness
     from cadcam.locate.match.closeness import ClosenessOptions as ClosenessOptions
@@ -210,6 +211,7 @@ _HOME = {
     "Cutout": "cadcam.render.cutout",
     "DatasetPlan": "cadcam.dataset.plan",
     "Deviation": "cadcam.record.record",
+    "Disagreement": "cadcam.locate.location",
     "Division": "cadcam.camera.lens",
     "DoubleSphere": "cadcam.camera.lens",
     "EdgeKind": "cadcam.cad.edges",

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +13,7 @@ import pytest
 
 from cadcam.cad.write import write_model
 from cadcam.files.camera import write_camera
+from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 
 from ..verify.scene import CAMERA, POSE, displaced, photographed, plate
@@ -41,9 +42,9 @@ def cell(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def verified(cadcam: Callable[..., Ran], cell: Path, photo: str, *more: str | Path) -> Ran:
+def verified(cadcam: Callable[..., Ran], cell: Path, photo: str, *more: str | Path, photos: Sequence[str] = ()) -> Ran:
     files = ("--camera", cell / "camera.json", "--pose", cell / "pose.txt", "--tolerances", cell / "tolerances.yaml")
-    return cadcam("verify", cell / photo, cell / "plate.glb", *files, *more)
+    return cadcam("verify", *(cell / name for name in (photo, *photos)), cell / "plate.glb", *files, *more)
 
 
 def test_a_good_part_passes_with_0_and_a_bad_one_fails_with_1(cadcam: Callable[..., Ran], cell: Path) -> None:
@@ -54,6 +55,25 @@ def test_a_good_part_passes_with_0_and_a_bad_one_fails_with_1(cadcam: Callable[.
     bad = verified(cadcam, cell, "bad.png")
     assert bad.code == 1
     assert re.match(r"FAIL: rib is \d\.\d\d \+- 0\.\d\d mm off its place, limit 0.5 mm\n", bad.out)
+
+
+def test_cameras_that_disagree_leave_it_undecided_with_3(cadcam: Callable[..., Ran], cell: Path) -> None:
+    """The second camera stands 2 mm beside where its file says."""
+    side = Rigid.look_at((-620.0, -520.0, 500.0), (10.0, 0.0, 10.0))
+    write_picture(cell / "side.png", photographed(plate(), np.random.default_rng(6), side))
+    write_camera(cell / "camera.json", CAMERA, camera_from_world=POSE)
+
+    def ran(off_mm: float) -> Ran:
+        told = side @ Rigid(translation=(0.0, off_mm, 0.0))
+        write_camera(cell / "side.json", CAMERA, camera_from_world=told)
+        return verified(cadcam, cell, "good.png", "--camera", cell / "side.json", "--json", photos=("side.png",))
+
+    right, wrong = ran(0.0), ran(2.0)
+    assert right.code == 0
+    assert json.loads(right.out)["disagreements"] == []
+    assert wrong.code == 3
+    assert "the photos disagree" in json.loads(wrong.out)["reason"]
+    assert "side.png" in {one["name"] for one in json.loads(wrong.out)["disagreements"]}
 
 
 def test_a_limit_finer_than_the_uncertainty_is_undecided_with_3(cadcam: Callable[..., Ran], cell: Path) -> None:

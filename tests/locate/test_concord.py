@@ -49,6 +49,7 @@ def test_cameras_that_stand_where_they_are_said_to_agree(rng: np.random.Generato
     assert found.found
     assert "disagree" not in found.reason
     assert "left out" not in found.reason
+    assert found.disagreements == ()
     assert normalised(found) < 2.5
 
 
@@ -61,6 +62,9 @@ def test_a_pose_between_two_cameras_that_disagree_is_as_unsure_as_they_make_it(
     found = refine_pose(PART, photos(rng, {pair[1]: off}, *pair), START)
     assert found.found
     assert "disagree" in found.reason
+    assert found.disputed
+    assert found.left_out == set()
+    assert {one.name for one in found.disagreements} <= set(pair)
     assert normalised(found) < 3
 
 
@@ -68,6 +72,7 @@ def test_two_photos_that_contradict_each_other_have_no_pose(rng: np.random.Gener
     """Each shows the part clearly, 6 px apart: neither camera is likelier to be the one that is off."""
     found = refine_pose(PART, photos(rng, {"right": (3.0, -2.0, 0.0)}, "left", "right"), START)
     assert not found.found
+    assert found.disputed
 
 
 @pytest.mark.parametrize(
@@ -80,6 +85,10 @@ def test_of_three_cameras_the_one_that_is_off_is_left_out_and_named(
     found = refine_pose(PART, taken, START)
     assert found.found
     assert f"{name!r} left out" in found.reason
+    (one,) = found.disagreements
+    assert (one.name, one.photo, one.left_out) == (name, list(VIEWS).index(name), True)
+    assert one.px > 0
+    assert not found.disputed
     assert normalised(found) < 2.5
     assert set(found.matches.photo.tolist()) == {k for k, other in enumerate(VIEWS) if other != name}
 
@@ -89,4 +98,5 @@ def test_a_photo_that_shows_nothing_of_the_part_is_left_out(rng: np.random.Gener
     dark = Photo(noisy(np.zeros(right.gray.shape), 0.02, rng), right.viewpoint)
     found = refine_pose(PART, [left, dark], START)
     assert "'right' left out: nothing of the part shows there" in found.reason
+    assert str(found.disagreements[0]) == "photo 'right' shows nothing of the part, and was left out"
     assert normalised(found) < 2.5

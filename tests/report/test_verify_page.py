@@ -7,6 +7,7 @@ import re
 import shutil
 import subprocess
 from dataclasses import replace
+from html import escape
 from pathlib import Path
 
 import numpy as np
@@ -16,13 +17,13 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.files.jsontext import as_json
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.location import Location
+from cadcam.locate.location import Disagreement, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.photo import Photo
 from cadcam.record.export import read_records
 from cadcam.record.record import Source
-from cadcam.report.locate import alternatives_table
-from cadcam.report.verify.json import VerificationOrigin, verification_as_json
+from cadcam.report.locate import alternatives_table, location_as_json
+from cadcam.report.verify.json import VerificationOrigin, record_of, verification_as_json
 from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import to_do
@@ -30,7 +31,7 @@ from cadcam.verify.judge import Verification, direction_words, verify_part
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Verdict
 
-from ..verify.scene import displaced, part, photo
+from ..verify.scene import displaced, part, photo, plate
 
 ORIGIN = VerificationOrigin("plate", (Source("photo", "photo.png", "0" * 64), Source("cad", "plate.step", "a" * 64)))
 ASKED = Tolerances(
@@ -45,6 +46,20 @@ def at(pose: Rigid, quality: float) -> Location:
     none, ids = np.zeros(0), np.zeros(0, np.int32)
     matches = EdgeMatches(np.zeros((0, 2)), np.zeros((0, 2)), none, none, none, np.zeros((0, 3)), ids, ids)
     return Location(PoseEstimate(pose, np.zeros((6, 6))), matches, quality, "as the test says")
+
+
+def test_a_photo_that_was_left_out_is_told_everywhere() -> None:
+    rng = np.random.default_rng(3)
+    taken = [photo(plate(), rng, name="one"), photo(plate(), rng, name="two")]
+    located = replace(at(Rigid(), 1.0), disagreements=(Disagreement(0, "one", 1.25, True),))
+    verdict = verify_part(part(), taken, located, ASKED)
+    document = verification_as_json(verdict, ORIGIN)
+    told = [{"photo": 0, "name": "one", "px": 1.25, "left_out": True}]
+    assert document["disagreements"] == told == location_as_json(located, taken)["disagreements"]
+    assert {e["photo"] for e in document["edges"]} == {1}
+    said = "photo 'one' shows the part 1.2 px beside where all together have it, and was left out"
+    assert record_of(verdict, ORIGIN).reason.endswith(said)
+    assert escape(said) in verification_page(verdict, taken, ORIGIN).partition("</header>")[0]
 
 
 @pytest.fixture(scope="module")

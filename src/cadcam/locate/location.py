@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -13,6 +14,26 @@ from cadcam.locate.matches import EdgeMatches
 FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
 
 
+@dataclass(frozen=True, slots=True)
+class Disagreement:
+    """A photo that does not show the part where all photos together have it, beyond doubt.
+
+    photo: its number; name: of its viewpoint. px: how far the lines move if the part is laid onto this photo alone, by
+    turning its camera; nan where nothing of the part shows there. left_out: whether the pose is that of the others.
+    """
+
+    photo: int
+    name: str
+    px: float
+    left_out: bool
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        off = f"{self.px:.1f} px beside where all together have it"
+        said = f"photo {self.name!r} shows {'nothing of the part' if math.isnan(self.px) else f'the part {off}'}"
+        return f"{said}, and was left out" if self.left_out else said
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Location:
     """Where the part is, or the best pose that was tried.
@@ -20,6 +41,7 @@ class Location:
     quality in [0, 1]: how sure it is that the pose is right; at least `FOUND` means found. reason: one line for
     people, why it is believed or not. alternatives: other poses that the photos allow nearly as well (symmetry, planar
     flip), best first. doubted: whether little spoke for it at first, lines being few, faint or fitted only loosely.
+    disagreements: the photos of several that do not show the part there.
     """
 
     pose: PoseEstimate
@@ -28,6 +50,7 @@ class Location:
     reason: str = ""
     alternatives: tuple[Location, ...] = field(default=(), repr=False)
     doubted: bool = False
+    disagreements: tuple[Disagreement, ...] = ()
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:
@@ -40,3 +63,13 @@ class Location:
     def found(self) -> bool:
         """Return whether the part is where the pose says."""
         return self.quality >= FOUND
+
+    @property
+    def left_out(self) -> frozenset[int]:
+        """Return the numbers of the photos that the pose does not rest on."""
+        return frozenset(one.photo for one in self.disagreements if one.left_out)
+
+    @property
+    def disputed(self) -> bool:
+        """Return whether the pose rests on photos that disagree."""
+        return not all(one.left_out for one in self.disagreements)

@@ -10,6 +10,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.files.jsontext import or_null
 from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json
 from cadcam.geometry import rotation as so3
@@ -113,6 +114,7 @@ def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, A
         "reason": location.reason,
         "pose": pose if location.found else None,
         **({} if location.found else {"best": pose}),
+        "disagreements": disagreements_as_json(location),
         "camera_from_part": pose_as_json(camera_from_part),
         "edges": {"samples": len(location.matches), "used": used, "rms_px": rms if used else None},
         "alternatives": [
@@ -120,6 +122,14 @@ def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, A
             for other in location.alternatives
         ],
     }
+
+
+def disagreements_as_json(location: Location) -> list[dict[str, Any]]:
+    """Return which photos do not show the part where all together have it: by how many px, and which was left out."""
+    return [
+        {"photo": one.photo, "name": one.name, "px": or_null(one.px), "left_out": one.left_out}
+        for one in location.disagreements
+    ]
 
 
 def track_table(entries: Sequence[Mapping[str, Any]]) -> Table:

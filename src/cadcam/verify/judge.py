@@ -57,18 +57,32 @@ def verify_part(
     """Return the verdict on the part that `located` has in the photos.
 
     The pose is fitted anew to the datum that the tolerances name, and every feature is judged against a pose fitted
-    without it. A part that was not found gets no verdict: NOT FOUND, and why. Raises as `inspect`.
+    without it. A part that was not found gets no verdict: NOT FOUND, and why. Photos that `located` left out are not
+    looked at; where it rests on photos that disagree, no place is judged, for a camera that is off displaces bodies of
+    a good part. Raises as `inspect`.
     """
     tolerances.check(part.scene)
     if not located.found:
         return _nothing(f"the part was not found: {located.reason or 'no pose fits'}", tolerances, located, None)
     pose: Rigid = located.pose.world_from_part
-    seen = inspect(part, photos, pose, tolerances=tolerances, options=options, freedom=freedom.at(pose))
+    kept = [k for k in range(len(photos)) if k not in located.left_out]
+    few = [photos[k] for k in kept]
+    seen = inspect(part, few, pose, tolerances=tolerances, options=options, freedom=freedom.at(pose))
     if not seen.found:
         return _nothing(seen.reason, tolerances, located, seen)
+    seen = _in_agreement(seen, kept, disputed=located.disputed)
     judgements = tuple(j for f in tolerances.features for j in judged(f, seen))
     verdict = overall(j.verdict for j in judgements)
-    return Verification(verdict, _why(verdict, judgements), judgements, seen, tolerances, located)
+    reason = "; ".join([_why(verdict, judgements), *map(str, located.disagreements)])
+    return Verification(verdict, reason, judgements, seen, tolerances, located)
+
+
+def _in_agreement(seen: Inspection, kept: Sequence[int], *, disputed: bool) -> Inspection:
+    """Return what was seen in the photos that were kept, numbered as all are; no displacement where they disagree."""
+    features = tuple(f.disputed() for f in seen.features) if disputed else seen.features
+    edges = tuple(replace(e, photo=kept[e.photo], off=e.off and not disputed) for e in seen.edges)
+    extra = tuple(replace(e, photo=kept[e.photo]) for e in seen.extra)
+    return replace(seen, features=features, edges=edges, extra=extra)
 
 
 def judged(feature: Feature, seen: Inspection) -> list[Judgement]:

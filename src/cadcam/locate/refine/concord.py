@@ -30,7 +30,7 @@ from cadcam.geometry.rotation import hat
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
 from cadcam.locate.lines.sight import Sight
-from cadcam.locate.location import Location
+from cadcam.locate.location import Disagreement, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.absent import LEAST
@@ -116,11 +116,22 @@ class Concord:
         reason = location.reason.replace(was, now)
         if self.holds:
             return replace(location, pose=pose, reason=reason)
+        of = self.disagreements([one.photo for one in self.photos if one.sure], photos, left_out=False)
+        location = replace(location, pose=pose, disagreements=of)
         said = f"{self._words(photos)}: does every camera stand where its file says?"
         if not self.contradicted:
-            return replace(location, pose=pose, reason=f"{reason}; the photos disagree: {said}")
+            return replace(location, reason=f"{reason}; the photos disagree: {said}")
         reason = f"not certain: the photos contradict each other: {said} ({reason})"
-        return replace(location, pose=pose, quality=min(_REFUSED, location.quality), reason=reason)
+        return replace(location, quality=min(_REFUSED, location.quality), reason=reason)
+
+    def disagreements(
+        self, numbers: Sequence[int], photos: Sequence[Photo], *, left_out: bool
+    ) -> tuple[Disagreement, ...]:
+        """Return of each of the numbered photos by how far it disagrees."""
+        px = {one.photo: one.px for one in self.photos}
+        names = [photos[k].viewpoint.name for k in numbers]
+        each = zip(numbers, names, strict=True)
+        return tuple(Disagreement(k, name, px.get(k, float("nan")), left_out) for k, name in each)
 
     def _words(self, photos: Sequence[Photo]) -> str:
         """Return which photo disagrees most surely, and by how much."""

@@ -202,9 +202,10 @@ class Refinement:
         if self.evidence or len(told) != 1:
             return None
         gone, location = told[0]
-        names = ", ".join(repr(self.photos[k].viewpoint.name) for k in gone)
-        reason = f"{location.reason}; {names} left out: {why}"
-        return replace(location, quality=min(location.quality, best.location.quality), reason=reason)
+        of = concord.disagreements(gone, self.photos, left_out=True)
+        reason = f"{location.reason}; {', '.join(repr(one.name) for one in of)} left out: {why}"
+        quality = min(location.quality, best.location.quality)
+        return replace(location, quality=quality, reason=reason, disagreements=of)
 
     def without(self, best: PoseAnswer, gone: Sequence[int]) -> Location | None:
         """Return the answer without some photos; None where it is not found, or the others do not agree either."""

@@ -11,6 +11,7 @@ import numpy as np
 from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.record.export import record_as_json
 from cadcam.record.record import Deviation, Record, Source
+from cadcam.report.locate import disagreements_as_json
 from cadcam.report.verify.words import assumptions, role, rule_words, weakest_direction
 from cadcam.verify.adjustment.datum_fit import CAUSES
 from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation
@@ -57,6 +58,7 @@ def verification_as_json(found: Verification, origin: VerificationOrigin) -> dic
         "rule": rule_words(found),
         "judgements": [_judgement(j) for j in found.judgements],
         "cameras": list(origin.cameras),
+        "disagreements": disagreements_as_json(found.located),
         "assumptions": assumptions(found),
     }
     seen = found.inspection

@@ -37,6 +37,7 @@ class Unclear(Enum):
     CALIBRATION = "the camera's calibration is too uncertain to tell: calibrate it better"
     ASTRAY = "its edges are off, but no more of them than a shadow or dirt may move: other light, or another view"
     CONTRADICTS = "what its edges tell contradicts itself: take another view"
+    DISPUTED = "the photos disagree on where the part is: calibrate the rig anew, or see whether its cameras have moved"
     FAR = "it seems to be farther from its place than was looked: look farther (--reach)"
 
     @property
@@ -126,6 +127,21 @@ class FeatureDeviation:
         parts = {cause: float(w @ getattr(self.displacement, cause) @ w) for cause in CAUSES}
         total = sum(parts.values())
         return {cause: value / total for cause, value in parts.items()} if total > 0 else parts
+
+    def disputed(self) -> FeatureDeviation:
+        """Return what is left of it where photos disagree on the part's pose: whether it is there, not where."""
+        if self.state in (State.MISSING, State.OUT_OF_VIEW):
+            return self
+        return FeatureDeviation(
+            self.name,
+            State.UNCLEAR,
+            self.presence,
+            np.zeros((3, 0)),
+            None,
+            p=self.p,
+            datum=self.datum,
+            why=Unclear.DISPUTED,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
