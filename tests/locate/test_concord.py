@@ -13,7 +13,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.refine.refinement import refine_pose
+from cadcam.locate.refine.refinement import Refinement, refine_pose
 
 from .photos import noisy, shot, view
 
@@ -91,6 +91,16 @@ def test_of_three_cameras_the_one_that_is_off_is_left_out_and_named(
     assert not found.disputed
     assert normalised(found) < 2.5
     assert set(found.matches.photo.tolist()) == {k for k, other in enumerate(VIEWS) if other != name}
+
+
+def test_what_follows_rests_on_the_photos_that_agree(rng: np.random.Generator) -> None:
+    """Whether a restriction is contradicted is asked of them alone (`cadcam.locate.refine.released`)."""
+    asked = Refinement(PART, photos(rng, {"left": (0.7, 0.5, 0.0)}, *VIEWS))
+    answer = asked.in_accord(asked.from_start(START))
+    assert answer.location.left_out == {0}
+    assert [sight.photo.viewpoint.name for sight in answer.sights] == ["right", "tele"]
+    assert answer.solution is not None
+    assert answer.solution.sights is answer.sights
 
 
 def test_a_photo_that_shows_nothing_of_the_part_is_left_out(rng: np.random.Generator) -> None:

@@ -113,10 +113,10 @@ class Refinement:
         spin, told = self.part.spin, self.freedom.without(self.part.spin, start)
         asked = replace(self, freedom=told)
         best = asked.from_start(start)
-        if self.wider:
-            best = asked.in_accord(asked.in_color(asked.again(best), start))
-            best = replace(best, location=released(self.part, best, self.freedom, self.options))
         location = best.location
+        if self.wider:
+            best = asked.in_color(asked.again(best), start)
+            location = released(self.part, asked.in_accord(best), self.freedom, self.options)
         return location if told is self.freedom or spin is None else _turned_anyhow(location, spin), best.sights
 
     def from_start(self, start: Rigid) -> PoseAnswer:
@@ -181,14 +181,14 @@ class Refinement:
         return best
 
     def in_accord(self, best: PoseAnswer) -> PoseAnswer:
-        """Return an answer; a found one by several photos is as sure as these agree, and by those of them that do."""
+        """Return an answer; one found in several photos is by those of them that agree, and as sure as they do."""
         if len(self.photos) < 2 or best.solution is None or not best.location.found:
             return best
         concord = Concord.of(best.solution, self.options)
-        location = self.by_fewer(best, concord) or concord.told(best.location, self.part, self.photos)
-        return replace(best, location=location)
+        by_fewer = self.by_fewer(best, concord)
+        return by_fewer or replace(best, location=concord.told(best.location, self.part, self.photos))
 
-    def by_fewer(self, best: PoseAnswer, concord: Concord) -> Location | None:
+    def by_fewer(self, best: PoseAnswer, concord: Concord) -> PoseAnswer | None:
         """Return the answer without photos that show nothing of the part, or the one without which the others agree."""
         if concord.blind and concord.photos:
             left_out, why = [concord.blind], "nothing of the part shows there"
@@ -198,16 +198,17 @@ class Refinement:
         else:
             return None
         without = [(gone, self.without(best, gone)) for gone in left_out]
-        told = [(gone, location) for gone, location in without if location is not None]
+        told = [(gone, answer) for gone, answer in without if answer is not None]
         if self.evidence or len(told) != 1:
             return None
-        gone, location = told[0]
+        gone, answer = told[0]
+        location = answer.location
         of = concord.disagreements(gone, self.photos, left_out=True)
         reason = f"{location.reason}; {', '.join(repr(one.name) for one in of)} left out: {why}"
         quality = min(location.quality, best.location.quality)
-        return replace(location, quality=quality, reason=reason, disagreements=of)
+        return replace(answer, location=replace(location, quality=quality, reason=reason, disagreements=of))
 
-    def without(self, best: PoseAnswer, gone: Sequence[int]) -> Location | None:
+    def without(self, best: PoseAnswer, gone: Sequence[int]) -> PoseAnswer | None:
         """Return the answer without some photos; None where it is not found, or the others do not agree either."""
         kept = [k for k in range(len(self.photos)) if k not in gone]
         fewer = replace(self, photos=[self.photos[k] for k in kept])
@@ -219,7 +220,7 @@ class Refinement:
             return None
         location = concord.told(answer.location, self.part, fewer.photos)
         matches = replace(location.matches, photo=np.array(kept, np.int32)[location.matches.photo])
-        return replace(location, matches=matches)
+        return replace(answer, location=replace(location, matches=matches))
 
     def colored(self, pose: Rigid) -> tuple[float, Rigid, Sequence[Sight]]:
         """Return the share of the lines' samples that colour speaks for at a pose, the pose, and its sights."""
