@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-import pytest
 
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
@@ -49,9 +48,8 @@ def located(photos: Sequence[Photo]) -> Location:
     return found
 
 
-@pytest.mark.parametrize(("other", "off"), [("left", (-3.0, 0.0, 1.0)), ("back", (0.0, -3.0, 0.0))])
-def test_two_cameras_that_disagree_displace_no_body(other: str, off: tuple[float, float, float]) -> None:
-    photos, bodies = rig({other: off}, "front", other), whole_parts(part().scene)
+def test_two_cameras_that_disagree_displace_no_body() -> None:
+    photos, bodies = rig({"left": (-3.0, 0.0, 1.0)}, "front", "left"), whole_parts(part().scene)
     found = located(photos)
     believed = verify_part(part(), photos, replace(found, disagreements=()), bodies).inspection
     assert believed is not None
