@@ -25,7 +25,7 @@ _SHRINKS = 0.5  # from one round to the next
 _LAST = (3, 0.7)  # reach and softness at the width of an edge, px
 _NOTHING = 0.3  # a strong step this far down its bell pulls as much as "none of them"
 _STRONG = 0.75  # quantile of the strongest slopes: what is at least as strong pulls fully
-_HELD = 0.1  # of its own weight: what holds every motion; less lets those that few lines tell run away
+_HELD = 1e-3  # of its own weight: what holds every motion
 _PULLS = 4  # Gauss-Newton steps on one set of candidates
 
 
