@@ -54,9 +54,11 @@ def by_file(out: Path) -> Counter[str]:
     total: Counter[str] = Counter()
     current, of_call = "", False
     for line in out.read_text().splitlines():
-        if line.startswith("ob="):
-            number, _, name = line[3:].partition(" ")
-            current = names.setdefault(number, name)
+        if line.startswith(("ob=", "cob=")):  # a name is written out once, wherever it comes first
+            field, _, value = line.partition("=")
+            number, _, name = value.partition(" ")
+            known = names.setdefault(number, name)
+            current = known if field == "ob" else current
         elif line.startswith("calls="):
             of_call = True
         elif line[:1].isdigit() or line[:1] in ("+", "-", "*"):
