@@ -10,6 +10,7 @@ blended in, so corners, crossings and lines drawn twice are no darker than the r
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from typing import NamedTuple, TypeAlias
@@ -23,7 +24,7 @@ from cadcam.image.picture import checked
 
 Color: TypeAlias = Sequence[float]  # red, green, blue in [0, 1]
 
-_TOGETHER = 400_000  # pixels looked at in one go: bounds the memory and stays in the cache
+_BATCH = 400_000  # candidate pixels examined at a time: bounds the memory and stays in the cache
 _MARKS = ("plus", "cross", "circle")
 
 
@@ -219,10 +220,8 @@ def _coverage(lines: _Segments, shape: tuple[int, ...], width: float) -> Picture
     """Return each pixel's coverage (H, W) by the nearest piece."""
     reach = width / 2 + 1
     nearest = np.full(shape[0] * shape[1], reach, np.float32)
-    along = np.abs(lines.b - lines.a)
-    for major, mine in ((0, along[:, 0] >= along[:, 1]), (1, along[:, 0] < along[:, 1])):
-        for index, distance in _near(lines.a[mine], lines.b[mine], shape, reach, major):
-            np.minimum.at(nearest, index, distance)
+    for index, distance in _pixels_near(lines, shape, reach):
+        np.minimum.at(nearest, index, distance)
     coverage = np.zeros(shape, np.float32)
     touched = nearest < reach
     coverage.reshape(-1)[touched] = _profile(nearest[touched], width)
@@ -240,36 +239,58 @@ def _ramp(t: Picture) -> Picture:
     return 0.5 + t - 0.5 * t * np.abs(t)
 
 
-def _near(
-    a: Array, b: Array, shape: tuple[int, ...], reach: float, major: int
+def _pixels_near(
+    lines: _Segments, shape: tuple[int, ...], reach: float
 ) -> Iterator[tuple[npt.NDArray[np.int64], Picture]]:
-    """Yield flat index and distance of the pixels near pieces that run mostly along axis `major` (0 = x, 1 = y).
+    """Yield flat indices of the pixels within `reach` of each segment, and their distances from it, in batches."""
+    height, width = shape
+    along = np.abs(lines.b - lines.a)
+    flat = along[:, 0] >= along[:, 1]
+    yield from _pixels_near_flat(lines.a[flat], lines.b[flat], (width, height), (1, width), reach)
+    # steep segments are flat ones with x and y exchanged
+    yield from _pixels_near_flat(lines.a[~flat, ::-1], lines.b[~flat, ::-1], (height, width), (width, 1), reach)
 
-    Every column (row) a piece touches gets the same number of pixels about the line: with a slope of at most 45
-    degrees those within `reach` of it lie within sqrt(2) reach along the column.
+
+def _pixels_near_flat(
+    a: Array, b: Array, extent: tuple[int, int], stride: tuple[int, int], reach: float
+) -> Iterator[tuple[npt.NDArray[np.int64], Picture]]:
+    """Yield the same for segments a to b (N, 2) that rise by at most 45 degrees.
+
+    extent, stride: of x and y in the flat picture. In every column that a segment touches the same number of rows is
+    examined, centred on the line: at such slopes all pixels within `reach` lie within sqrt(2) reach along the column.
     """
-    minor, span = 1 - major, 2 * math.floor(math.sqrt(2) * reach + 0.5) + 1
-    extent = (shape[1], shape[0])
-    first = np.ceil(np.minimum(a, b)[:, major] - reach).astype(np.int64).clip(0)
-    last = np.floor(np.maximum(a, b)[:, major] + reach).astype(np.int64).clip(max=extent[major] - 1)
-    count = np.maximum(last - first + 1, 0)
-    d = b - a
-    square = np.maximum((d**2).sum(axis=1), np.finfo(float).tiny)
-    slope = d[:, minor] / np.where(d[:, major] == 0, 1.0, d[:, major])
-    stops = np.searchsorted(np.cumsum(count) * span, np.arange(_TOGETHER, count.sum() * span + _TOGETHER, _TOGETHER))
-    for lower, upper in zip(np.concatenate([[0], stops]), np.concatenate([stops, [len(a)]]), strict=True):
-        which = np.repeat(np.arange(lower, upper), count[lower:upper])
-        column = first[which] + _counted(count[lower:upper])
-        u = column - a[which, major]
-        middle = np.rint(a[which, minor] + slope[which] * u).astype(np.int64)
-        row = middle[:, None] + np.arange(-(span // 2), span // 2 + 1)
-        v = row - a[which, minor, None]
-        du, dv, u = d[which, major, None], d[which, minor, None], u[:, None]
-        t = ((u * du + v * dv) / square[which, None]).clip(0, 1)
-        distance = np.hypot(u - t * du, v - t * dv)
-        touched = (distance < reach) & (row >= 0) & (row < extent[minor])
-        index = (row * extent[0] + column[:, None]) if major == 0 else (column[:, None] * extent[0] + row)
-        yield index[touched], distance[touched].astype(np.float32)
+    half = math.floor(math.sqrt(2) * reach + 0.5)
+    rows = np.arange(-half, half + 1)
+    first = np.ceil(np.minimum(a, b)[:, 0] - reach).astype(np.int64).clip(0)
+    last = np.floor(np.maximum(a, b)[:, 0] + reach).astype(np.int64).clip(max=extent[0] - 1)
+    columns = np.maximum(last - first + 1, 0)
+    run, rise = (b - a).T
+    slope = rise / np.where(run == 0, 1.0, run)
+    for batch in _batches(columns * len(rows)):
+        which = np.repeat(np.arange(batch.start, batch.stop), columns[batch])
+        x = first[which] + _counted(columns[batch])
+        on_line = np.rint(a[which, 1] + slope[which] * (x - a[which, 0])).astype(np.int64)
+        y = on_line[:, None] + rows
+        distance = _distances(x[:, None], y, a[which, :, None], b[which, :, None])
+        near = (distance < reach) & (y >= 0) & (y < extent[1])
+        yield (x[:, None] * stride[0] + y * stride[1])[near], distance[near].astype(np.float32)
+
+
+def _batches(sizes: npt.NDArray[np.int64]) -> Iterator[slice]:
+    """Yield slices of consecutive items whose sizes add up to about `_BATCH`."""
+    total = int(sizes.sum())
+    stops = np.searchsorted(np.cumsum(sizes), np.arange(_BATCH, total + _BATCH, _BATCH))
+    for start, stop in itertools.pairwise([0, *stops.tolist(), len(sizes)]):
+        yield slice(start, stop)
+
+
+def _distances(x: npt.NDArray[np.int64], y: npt.NDArray[np.int64], a: Array, b: Array) -> Array:
+    """Return the distances (M, K) of points x, y from the segments a to b (M, 2, 1)."""
+    u, v = x - a[:, 0], y - a[:, 1]
+    du, dv = b[:, 0] - a[:, 0], b[:, 1] - a[:, 1]
+    square = np.maximum(du**2 + dv**2, np.finfo(float).tiny)
+    t = ((u * du + v * dv) / square).clip(0, 1)
+    return np.hypot(u - t * du, v - t * dv)
 
 
 def _blend(rgb: Picture, coverage: Picture, paint: npt.NDArray[np.float32], opacity: float) -> None:

@@ -223,36 +223,46 @@ class _Solver:
 def _without_outliers(
     pictures: Sequence[BoardPicture], shown: list[int], solver: _Solver, *, keep_all: bool
 ) -> BoardCalibration:
+    """Return the calibration without outliers, or with them if `keep_all`: single points first, then whole views."""
     size = pictures[shown[0]].size
-    used, left_out = list(shown), {i: p.problem for i, p in enumerate(pictures) if p.detection is None}
     views = {i: _observations(pictures[i]) for i in shown}
     radius = _radius([_detection(pictures[i]) for i in shown])
-    fit, estimate = _settled([views[i] for i in used], size, solver, radius)
+    used, left_out = list(shown), {i: p.problem for i, p in enumerate(pictures) if p.detection is None}
+
+    def calibrated() -> tuple[JointFit, JointEstimate]:
+        return _settled([views[i] for i in used], size, solver, radius)
+
+    fit, estimate = calibrated()
     if not keep_all:
         for i, kept in zip(used, _kept_points(estimate), strict=True):
             views[i] = _subset(views[i], kept)
-        fit, estimate = _settled([views[i] for i in used], size, solver, radius)
-    while not keep_all and (worst := estimate.outlier_views()):
-        if len(shown) - len(used) + 1 > _MAY_LEAVE * len(shown) or len(used) <= _LEAST_VIEWS:
-            break
-        j = worst[0]
-        each = estimate.view_residuals
-        left_out[used[j]] = (
-            f"outlier: residual {each[j]:.2g} px, that of the median view {np.median(each):.2g} px; its board is bent, "
-            "moved while the picture was taken, or was found in the wrong place"
-        )
-        del used[j]
-        fit, estimate = _settled([views[i] for i in used], size, solver, radius)
+        fit, estimate = calibrated()
+        while (outliers := estimate.outlier_views()) and _may_leave_out_another(used, shown):
+            worst = outliers[0]
+            left_out[used[worst]] = _why_outlier(estimate, worst)
+            del used[worst]
+            fit, estimate = calibrated()
     dropped = tuple(len(_detection(pictures[i])) - len(views[i]) for i in used)
-    return BoardCalibration(
-        _detection(pictures[shown[0]]).pattern, tuple(pictures), fit, estimate, tuple(used), left_out, dropped, radius
+    pattern = _detection(pictures[shown[0]]).pattern
+    return BoardCalibration(pattern, tuple(pictures), fit, estimate, tuple(used), left_out, dropped, radius)
+
+
+def _may_leave_out_another(used: Sequence[int], shown: Sequence[int]) -> bool:
+    return len(shown) - len(used) + 1 <= _MAY_LEAVE * len(shown) and len(used) > _LEAST_VIEWS
+
+
+def _why_outlier(estimate: JointEstimate, view: int) -> str:
+    residuals = estimate.view_residuals
+    return (
+        f"outlier: residual {residuals[view]:.2g} px, that of the median view {np.median(residuals):.2g} px; its board "
+        "is bent, moved while the picture was taken, or was found in the wrong place"
     )
 
 
 def _settled(
     views: Sequence[Observations], size: tuple[int, int], solver: _Solver, radius: float | None
 ) -> tuple[JointFit, JointEstimate]:
-    """Return the estimate, the shift of the discs' pictures taken off with the estimate's own camera and poses."""
+    """Return the estimate; of discs, the eccentricity of their pictures is corrected with its own camera and poses."""
     fit, estimate = solver(views, size)
     if radius is None:
         return fit, estimate
@@ -279,7 +289,7 @@ def _radius(detections: Sequence[Detection]) -> float | None:
 def _kept_points(estimate: JointEstimate) -> list[npt.NDArray[np.bool_]]:
     """Return which points of each view lie within six robust sigmas of a coordinate, or 0.3 px."""
     residuals = estimate.residuals
-    typical = [np.median(np.abs(r)) for r in residuals]  # a bad view must not hide its own strays, nor be all strays
+    typical = [np.median(np.abs(r)) for r in residuals]  # by view: a bad view must neither hide its outliers nor be all
     limit = [max(_STRAY_PX, _STRAY_POINT * 1.4826 * float(t)) for t in typical]
     return [np.abs(r).max(axis=1) <= most for r, most in zip(residuals, limit, strict=True)]
 

@@ -1,7 +1,7 @@
-"""The uncertainty of points before they are measured: what `measure_points` would state, from where cameras stand.
+"""The uncertainty of points before they are measured: what `measure_points` would state for given viewpoints.
 
-The same first-order propagation as `cadcam.calibrate.measure.intersect`, without pixels: noise may differ from point to
-point and be larger along one axis of the picture than along the other, as blur and slant make it.
+The same first-order propagation as `cadcam.calibrate.measure.intersect`, but no pixels are needed. The noise may differ
+from point to point and between directions in the picture, because of blur and slant.
 """
 
 from __future__ import annotations
@@ -79,39 +79,47 @@ def predict_points(
         raise BadValue("viewpoints", "none", "at least one")
     if not (np.isfinite(plane_sigma_mm) and plane_sigma_mm >= 0):
         raise BadValue("plane_sigma_mm", plane_sigma_mm, "a number of mm from 0 on")
-    views = [view.project(points) for view in viewpoints]
-    q, J = np.stack([v[0] for v in views]), np.stack([v[1] for v in views])
-    shown = _shown(viewpoints, q, seen)
-    W = np.asarray(np.linalg.inv(_noise(viewpoints, noise, len(points))))
-    evidence = Evidence(J, W).where(shown)
+    q, J, effects = zip(*(view.project(points) for view in viewpoints), strict=True)
+    shown = _shown(viewpoints, np.stack(q), seen)
+    noise_inverse = np.asarray(np.linalg.inv(_noise(viewpoints, noise, len(points))))
+    evidence = Evidence(np.stack(J), noise_inverse).where(shown)
     sources = sources_of(viewpoints)
-    E, at = shifts(viewpoints, [v[2] for v in views], sources, len(points))
+    E, columns = shifts(viewpoints, effects, sources, len(points))
     E = np.where(shown[..., None, None], E, 0.0)
-    exact = plane is not None and plane_sigma_mm == 0
-    prior = np.zeros((len(points), 3, 3))
-    if plane is not None and not exact:
-        prior += np.outer(plane.normal, plane.normal) / plane_sigma_mm**2
-    found = together(evidence, E, prior, basis=plane.basis if plane is not None and exact else None)
+    height = _height_information(plane, plane_sigma_mm, len(points))
+    exact = plane if plane_sigma_mm == 0 else None
+    found = together(evidence, E, height, basis=None if exact is None else exact.basis)
+    by_cause = _causes(sources, columns, found.by_number) | {PIXELS: found.from_pixels}
+    if plane is not None and plane_sigma_mm > 0:
+        by_cause[HEIGHT] = symmetric(found.covariance @ height @ found.covariance)
     cameras = shown.sum(axis=0)
     enough = cameras >= (2 if plane is None else 1)
-    causes = _causes(sources, at, found.by_number) | {PIXELS: found.from_pixels}
-    if plane is not None and not exact:
-        causes[HEIGHT] = symmetric(found.covariance @ prior @ found.covariance)
     covariance = np.where(enough[:, None, None], found.covariance, np.nan)
-    return Prediction(points, covariance, causes, cameras)
+    return Prediction(points, covariance, by_cause, cameras)
+
+
+def _height_information(plane: Plane | None, sigma_mm: float, n: int) -> Array:
+    """Return what a plane known to sigma_mm adds to the information (n, 3, 3) of points; an exact one is no prior."""
+    information = np.zeros((n, 3, 3))
+    if plane is not None and sigma_mm > 0:
+        information += np.outer(plane.normal, plane.normal) / sigma_mm**2
+    return information
 
 
 def shifts(
     viewpoints: Sequence[Viewpoint], effects: Sequence[tuple[Array, ...]], sources: Sequence[ErrorSource], n: int
 ) -> tuple[Array, list[slice]]:
-    """Return E (V, n, 2, P), how each picture moves with the sources' numbers of unit variance, and whose they are."""
-    sizes = [0, *np.cumsum([len(s.covariance) for s in sources]).tolist()]
-    at = [slice(a, b) for a, b in pairwise(sizes)]
-    E = np.zeros((len(viewpoints), n, 2, sizes[-1]))
+    """Return by how much the sources' errors move the points' pixels, E (V, n, 2, P), and each source's columns in it.
+
+    The P columns belong to independent errors of unit variance.
+    """
+    starts = [0, *np.cumsum([len(s.covariance) for s in sources]).tolist()]
+    columns = [slice(a, b) for a, b in pairwise(starts)]
+    E = np.zeros((len(viewpoints), n, 2, starts[-1]))
     for v, (view, of_view) in enumerate(zip(viewpoints, effects, strict=True)):
         for (source, _), D in zip(view.errors, of_view, strict=True):
-            E[v, :, :, at[index_of(sources, source)]] += D @ source.root
-    return E, at
+            E[v, :, :, columns[index_of(sources, source)]] += D @ source.root
+    return E, columns
 
 
 def _shown(viewpoints: Sequence[Viewpoint], q: Array, seen: Mask | None) -> Mask:
@@ -136,9 +144,10 @@ def sources_of(viewpoints: Sequence[Viewpoint]) -> list[ErrorSource]:
     return distinct_sources([source for view in viewpoints for source, _ in view.errors])
 
 
-def _causes(sources: Sequence[ErrorSource], at: Sequence[slice], by_number: Array) -> dict[str, Array]:
+def _causes(sources: Sequence[ErrorSource], columns: Sequence[slice], by_number: Array) -> dict[str, Array]:
+    """Return the points' covariance (N, 3, 3) due to each source, those of one name added up."""
     out: dict[str, Array] = {}
-    for source, columns in zip(sources, at, strict=True):
-        G = by_number[..., columns]
+    for source, own in zip(sources, columns, strict=True):
+        G = by_number[..., own]
         out[source.name] = out.get(source.name, np.zeros((1, 3, 3))) + G @ np.swapaxes(G, -1, -2)
     return out

@@ -17,11 +17,12 @@ from cadcam.arrays import Array, Index, Mask, Picture
 
 Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, their slopes
 
-CONTRAST, BLUR = 4, 5  # their places among the parameters of either model
-_TOGETHER = 200_000  # numbers of a Jacobian held at a time: what comes up on the way stays in the cache
+CONTRAST, BLUR = 4, 5  # columns of these parameters in either model
+_GROUND = (6, 7, 8)  # columns of m, gx, gy
+_BATCH = 200_000  # numbers of a Jacobian computed at a time, so that intermediate results stay in the cache
 _ITERATIONS = 25
-_CLOSE, _LEVEL = 1e-4, 1e-3  # px: a step below it is the last, unless the squares still fall by this share
-_STUCK = 1e7  # of the damping: no step goes down any more
+_STEP_PX, _FALL = 1e-4, 1e-3  # converged: a shift below it, and the sum of squares falls by less than this share
+_MOST_DAMPING = 1e7  # beyond it no step goes downhill any more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -82,9 +83,10 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blu
     start[:, 2:4] = directions
     start[:, BLUR] = blur
     n = weight.sum(axis=1)
-    start[:, 6] = (values * weight).sum(axis=1) / n
-    sign = _corner(start + np.eye(9)[4], pixels)[0] - start[:, 6:7]
-    start[:, 4] = (sign * values * weight).sum(axis=1) / np.maximum((sign**2 * weight).sum(axis=1), 1e-9)
+    level = (values * weight).sum(axis=1) / n
+    start[:, _GROUND[0]] = level
+    sign = _corner(start + np.eye(9)[CONTRAST], pixels)[0] - level[:, None]
+    start[:, CONTRAST] = (sign * values * weight).sum(axis=1) / np.maximum((sign**2 * weight).sum(axis=1), 1e-9)
     fit = fitted(_corner, start, WindowPixels(values, pixels, weight), q, reach)
     return replace(fit, good=fit.good & whole(weight, wanted))
 
@@ -104,64 +106,78 @@ def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
     weight = (wanted & there).astype(np.float64)
     start = np.zeros((len(q), 10))
     start[:, 2], start[:, 3], start[:, 9] = A[:, 0, 0], A[:, 0, 1], A[:, 1, 1]
-    start[:, 5] = 1.0
+    start[:, BLUR] = 1.0
     inside, outside = (rho2 < 1) & (weight > 0), (rho2 >= 1) & (weight > 0)
-    start[:, 6] = (values * outside).sum(axis=1) / np.maximum(outside.sum(axis=1), 1)
-    start[:, 4] = (values * inside).sum(axis=1) / np.maximum(inside.sum(axis=1), 1) - start[:, 6]
+    level = (values * outside).sum(axis=1) / np.maximum(outside.sum(axis=1), 1)
+    start[:, _GROUND[0]] = level
+    start[:, CONTRAST] = (values * inside).sum(axis=1) / np.maximum(inside.sum(axis=1), 1) - level
     fit = fitted(_disc, start, WindowPixels(values, pixels, weight), q, minor)
     return replace(fit, good=fit.good & whole(weight, wanted))
 
 
 def _corner(parameters: Array, pixels: Array) -> tuple[Array, Array]:
-    x, y, a1, a2, c, s, m, gx, gy = (parameters[:, None, i] for i in range(9))
+    """Return the grey values (B, P) of the model of `fit_corners`, and their derivatives (B, P, 9)."""
+    x, y, angle1, angle2, contrast, blur = (parameters[:, None, i] for i in range(6))
     u, v = pixels[..., 0] - x, pixels[..., 1] - y
-    J = np.zeros((*u.shape, 9))
-    (e1, d1, slope1), (e2, d2, slope2) = (_edge(u, v, a, s) for a in (a1, a2))
-    across1, across2 = c * slope1 * e2, c * slope2 * e1  # by d1, by d2
-    J[..., 0] = -(across1 * np.sin(a1) + across2 * np.sin(a2))
-    J[..., 1] = across1 * np.cos(a1) + across2 * np.cos(a2)
-    J[..., 2] = across1 * (u * np.cos(a1) + v * np.sin(a1))
-    J[..., 3] = across2 * (u * np.cos(a2) + v * np.sin(a2))
-    J[..., 4] = e1 * e2
-    J[..., 5] = -(across1 * d1 + across2 * d2) / s
-    J[..., 6], J[..., 7], J[..., 8] = 1.0, pixels[..., 0], pixels[..., 1]
-    return np.asarray(m + gx * pixels[..., 0] + gy * pixels[..., 1] + c * e1 * e2), J
+    step1, d1, slope1 = _blurred_step(u, v, angle1, blur)
+    step2, d2, slope2 = _blurred_step(u, v, angle2, blur)
+    by_d1, by_d2 = contrast * slope1 * step2, contrast * slope2 * step1
+    ground, J = _ground(parameters, pixels)
+    J[..., 0] = -(by_d1 * np.sin(angle1) + by_d2 * np.sin(angle2))
+    J[..., 1] = by_d1 * np.cos(angle1) + by_d2 * np.cos(angle2)
+    J[..., 2] = by_d1 * (u * np.cos(angle1) + v * np.sin(angle1))
+    J[..., 3] = by_d2 * (u * np.cos(angle2) + v * np.sin(angle2))
+    J[..., CONTRAST] = step1 * step2
+    J[..., BLUR] = -(by_d1 * d1 + by_d2 * d2) / blur
+    return np.asarray(ground + contrast * step1 * step2), J
 
 
-def _edge(u: Array, v: Array, angle: Array, s: Array) -> tuple[Array, Array, Array]:
-    """Return the blurred step across an edge, the distance d from it, and the step's slope by d."""
+def _blurred_step(u: Array, v: Array, angle: Array, blur: Array) -> tuple[Array, Array, Array]:
+    """Return the blurred step across an edge, from -1 to 1, the distance d from the edge, and the step's slope by d."""
     from scipy.special import erf
 
     d = u * np.sin(angle) - v * np.cos(angle)
-    t = d / s
-    return erf(t * np.sqrt(0.5)), d, np.sqrt(2 / np.pi) * np.exp(-0.5 * t * t) / s
+    t = d / blur
+    return erf(t * np.sqrt(0.5)), d, np.sqrt(2 / np.pi) * np.exp(-0.5 * t * t) / blur
 
 
 def _disc(parameters: Array, pixels: Array) -> tuple[Array, Array]:
+    """Return the grey values (B, P) of the model of `fit_discs`, and their derivatives (B, P, 10)."""
     from scipy.special import ndtr
 
-    x, y, A11, A12, c, s, m, gx, gy, A22 = (parameters[:, None, i] for i in range(10))
+    x, y, A11, A12, contrast, blur = (parameters[:, None, i] for i in range(6))
+    A22 = parameters[:, None, 9]
     u, v = pixels[..., 0] - x, pixels[..., 1] - y
     a, b = A11 * u + A12 * v, A12 * u + A22 * v  # A w
-    rho = np.sqrt(np.maximum(u * a + v * b, 1e-12))
-    g = np.sqrt(np.maximum(a * a + b * b, 1e-12))
-    d = (rho - 1) * rho / g  # the implicit function over its gradient
-    t = d / s
-    slope = -c * np.exp(-0.5 * t * t) / (np.sqrt(2 * np.pi) * s)
+    radius = np.sqrt(np.maximum(u * a + v * b, 1e-12))  # sqrt(w^T A w): 1 on the ellipse
+    norm = np.sqrt(np.maximum(a * a + b * b, 1e-12))  # |A w|; the gradient of `radius` is A w / radius
+    d = (radius - 1) * radius / norm
+    t = d / blur
+    by_d = -contrast * np.exp(-0.5 * t * t) / (np.sqrt(2 * np.pi) * blur)
 
-    def by(drho: Array, dg: Array) -> Array:
-        return np.asarray(slope * ((2 * rho - 1) * drho / g - d * dg / g))
+    def derivative(of_radius: Array, of_norm: Array) -> Array:
+        """Return that of the grey values, from those of radius and norm: the chain rule through d."""
+        return np.asarray(by_d * ((2 * radius - 1) * of_radius / norm - d * of_norm / norm))
 
-    J = np.zeros((*u.shape, 10))
-    J[..., 0] = by(-a / rho, -(a * A11 + b * A12) / g)
-    J[..., 1] = by(-b / rho, -(a * A12 + b * A22) / g)
-    J[..., 2] = by(u * u / (2 * rho), a * u / g)
-    J[..., 3] = by(u * v / rho, (a * v + b * u) / g)
-    J[..., 9] = by(v * v / (2 * rho), b * v / g)
-    cover = ndtr(-t)
-    J[..., 4], J[..., 5] = cover, -slope * t
-    J[..., 6], J[..., 7], J[..., 8] = 1.0, pixels[..., 0], pixels[..., 1]
-    return m + gx * pixels[..., 0] + gy * pixels[..., 1] + c * cover, J
+    ground, J = _ground(parameters, pixels)
+    J[..., 0] = derivative(-a / radius, -(a * A11 + b * A12) / norm)
+    J[..., 1] = derivative(-b / radius, -(a * A12 + b * A22) / norm)
+    J[..., 2] = derivative(u * u / (2 * radius), a * u / norm)
+    J[..., 3] = derivative(u * v / radius, (a * v + b * u) / norm)
+    J[..., 9] = derivative(v * v / (2 * radius), b * v / norm)
+    inside = ndtr(-t)
+    J[..., CONTRAST], J[..., BLUR] = inside, -by_d * t
+    return ground + contrast * inside, J
+
+
+def _ground(parameters: Array, pixels: Array) -> tuple[Array, Array]:
+    """Return the ground m + g.(u, v) of either model (B, P), and a Jacobian with its columns filled in, else nil."""
+    level, by_x, by_y = (parameters[:, None, i] for i in _GROUND)
+    ground = level + by_x * pixels[..., 0] + by_y * pixels[..., 1]
+    J = np.zeros((*ground.shape, parameters.shape[1]))
+    J[..., _GROUND[0]] = 1.0
+    J[..., _GROUND[1]], J[..., _GROUND[2]] = pixels[..., 0], pixels[..., 1]
+    return ground, J
 
 
 def whole(weight: Array, wanted: Mask) -> Mask:
@@ -194,7 +210,7 @@ def fitted(
     Parameters beyond those by which the model gives slopes are held. iterations: at most.
     """
     count, n = start.shape
-    step = max(1, _TOGETHER // max(n * window.values.shape[1], 1))
+    step = max(1, _BATCH // max(n * window.values.shape[1], 1))
     parts = [slice(i, i + step) for i in range(0, max(count, 1), step)]
     each = [_minimised(model, start[at], window.part(at), iterations=iterations) for at in parts]
     parameters, covariance, cost = (np.concatenate(column) for column in zip(*each, strict=True))
@@ -207,14 +223,14 @@ def fitted(
 
 
 def missed(model: Model, fit: Fit, window: WindowPixels, *, free: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return by how much chi-square (F, B) would fall with the first `free` parameters of the model free.
+    """Return by how much chi-square (F, B) would fall if the first `free` (F) parameters of the model were free.
 
-    And the step (B, n) of the last of those. To first order, from where the fit without them ended, by the variance
-    that would be left then (a score test).
+    And the step (B, n) for the last entry of `free`. A score test: to first order from where the fit without them
+    ended, in units of the variance that would then remain.
     """
     H, g, cost = _normal(model, fit.parameters, window)
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
-    H, g = H * scale[:, :, None] * scale[:, None, :], g * scale
+    H, g = _scaled(H, scale), g * scale
     steps = [-(np.linalg.pinv(H[:, :n, :n], rcond=1e-12, hermitian=True) @ g[:, :n, None])[..., 0] for n in free]
     falls = np.stack([-(g[:, :n] * step).sum(axis=1) for n, step in zip(free, steps, strict=True)])
     left = np.maximum(cost - falls[-1], 1e-3 * cost) / np.maximum(window.weight.sum(axis=1) - free[-1], 1.0)
@@ -222,33 +238,44 @@ def missed(model: Model, fit: Fit, window: WindowPixels, *, free: tuple[int, ...
 
 
 def _minimised(model: Model, start: Array, window: WindowPixels, *, iterations: int) -> tuple[Array, Array, Array]:
-    """Return parameters, their covariance and sum of squares: Levenberg-Marquardt, a damping for each mark."""
+    """Return parameters, their covariance and sum of squares: Levenberg-Marquardt, each mark with its own damping."""
     state, damping = start.copy(), np.full(len(start), 1e-3)
     H, g, cost = _normal(model, state, window)
     n = H.shape[1]
-    going = np.arange(len(start))
+    active = np.arange(len(start))
     for _ in range(iterations):
-        D = np.einsum("bii->bi", H[going])
-        A = H[going] + np.eye(n) * (damping[going, None] * D + 1e-12)[:, None, :]
-        step = -np.linalg.solve(A, g[going, :, None])[..., 0]
-        trial = state[going]
+        step = _damped_step(H[active], g[active], damping[active])
+        trial = state[active]
         trial[:, :n] += step
         trial[:, BLUR] = np.abs(trial[:, BLUR]).clip(0.2, 50.0)
-        H2, g2, cost2 = _normal(model, trial, window.part(going))
-        better = cost2 <= cost[going]
-        won = going[better]
-        settled = better & (np.hypot(step[:, 0], step[:, 1]) < _CLOSE) & (cost2 > (1 - _LEVEL) * cost[going])
-        state[won], H[won], g[won], cost[won] = trial[better], H2[better], g2[better], cost2[better]
-        damping[going] = np.where(better, damping[going] / 5, damping[going] * 8).clip(1e-9, 1e9)
-        going = going[~settled & (damping[going] < _STUCK)]
-        if not going.size:
+        H_trial, g_trial, cost_trial = _normal(model, trial, window.part(active))
+        better = cost_trial <= cost[active]
+        converged = better & (np.hypot(step[:, 0], step[:, 1]) < _STEP_PX) & (cost_trial > (1 - _FALL) * cost[active])
+        won = active[better]
+        state[won], H[won], g[won], cost[won] = trial[better], H_trial[better], g_trial[better], cost_trial[better]
+        damping[active] = np.where(better, damping[active] / 5, damping[active] * 8).clip(1e-9, 1e9)
+        active = active[~converged & (damping[active] < _MOST_DAMPING)]
+        if not active.size:
             break
-    noise = cost / np.maximum(window.weight.sum(axis=1) - n, 1.0)
+    variance = cost / np.maximum(window.weight.sum(axis=1) - n, 1.0)
+    return state, variance[:, None, None] * _cofactor(H), cost
+
+
+def _damped_step(H: Array, g: Array, damping: Array) -> Array:
+    D = np.einsum("bii->bi", H)
+    damped = H + np.eye(H.shape[1]) * (damping[:, None] * D + 1e-12)[:, None, :]
+    return np.asarray(-np.linalg.solve(damped, g[:, :, None])[..., 0])
+
+
+def _cofactor(H: Array) -> Array:
+    """Return the inverses of normal matrices (B, n, n), of those without full rank the pseudo-inverse."""
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
-    cofactor = np.linalg.pinv(H * scale[:, :, None] * scale[:, None, :], rcond=1e-12, hermitian=True)
-    scale = np.minimum(scale, 1e6)  # a parameter that the pixels do not see at all
-    cofactor = cofactor * scale[:, :, None] * scale[:, None, :]
-    return state, noise[:, None, None] * cofactor, cost
+    inverse = np.asarray(np.linalg.pinv(_scaled(H, scale), rcond=1e-12, hermitian=True), np.float64)
+    return _scaled(inverse, np.asarray(scale.clip(max=1e6)))  # limited for parameters that no pixel depends on
+
+
+def _scaled(H: Array, scale: Array) -> Array:
+    return np.asarray(H * scale[:, :, None] * scale[:, None, :])
 
 
 def _normal(model: Model, state: Array, window: WindowPixels) -> tuple[Array, Array, Array]:

@@ -1,9 +1,9 @@
-"""Marks fitted to those of their pixels that show them: what covers a part of a mark is found out and left out.
+"""Marks fitted to the pixels that show them: pixels where something covers part of a mark are found and left out.
 
-A fit to all pixels of a mark that is covered in part settles between the two. So it is repeated without a wedge of the
-window, for wedges all around; of these fits the one is taken that most pixels agree with, and pixels that contradict it
-are left out, with their neighbours, until nothing changes. What a blur of another form leaves on all borders alike
-shifts nothing, and those pixels stay.
+A fit to all pixels of a partly covered mark ends between mark and cover. So the fit is repeated without a wedge of the
+window, for wedges all around, and the fit that most pixels agree with is taken; pixels that contradict it are left out
+with their neighbours, until nothing changes. Residuals that are alike along all borders, as from a blur of another
+shape, do not shift the mark, and those pixels stay.
 """
 
 from __future__ import annotations
@@ -20,24 +20,24 @@ from cadcam.target.marks.model import Geometry, mark_model, predicted
 from cadcam.target.marks.response import BENT, fit_as_seen
 from cadcam.target.marks.window import Window
 
-HIDDEN, _SIGMAS = 0.12, 5.0  # residual by contrast, and by the noise, of a pixel that shows something else
-_ROUNDS = 6  # fits without those
-_BESIDE, _MOST_BESIDE = 8.0, 2  # of a mark's radius, and px: so near to what shows something else pixels are left out
+HIDDEN, _SIGMAS = 0.12, 5.0  # a pixel shows something else: residual over contrast, and over the noise
+_ROUNDS = 6  # of leaving such pixels out and fitting again
+_BESIDE, _MOST_BESIDE = 8.0, 2  # neighbours left out with them: within radius / 8, at most 2 px
 _FEW = 0.003  # share of the window that may disagree without another fit
-_HOPELESS = 0.45  # rms of the residuals by contrast: nothing that leaving pixels out would mend
-_ONE_SIDED, _CHANCE = 0.08, 1.5  # resultant of the directions of odd pixels, and by what chance makes of so many
-_MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # grey values so far from the middle are plain; of what a cover hides as many are
-_BETTER = 0.9  # of the misfit: what leaving out a wedge must bring
-_QUICK, _ENOUGH = 8, 700  # iterations of a fit without a wedge, and its pixels
-_WEDGES = ((8, np.radians(75.0)), (8, np.radians(110.0)))  # how many, and how far to either side they reach
+_HOPELESS = 0.45  # rms residual over contrast beyond which leaving out pixels does not help
+_ONE_SIDED, _CHANCE = 0.08, 1.5  # mean resultant of the directions of odd pixels; in units of what chance gives
+_MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # away from borders: by share of the grey range; share of odd pixels under a cover
+_BETTER = 0.9  # ratio of misfits below which a fit without a wedge is taken
+_QUICK, _ENOUGH = 8, 700  # iterations and pixels of a fit without a wedge
+_WEDGES = ((8, np.radians(75.0)), (8, np.radians(110.0)))  # how many all around, and half their angle
 
 
 def clear_fit(
     mark: Mark, geometry: Geometry, start: Array, window: Window, q: Array, *, noise: float
 ) -> tuple[Fit, Array]:
-    """Return the fit with pixels left out that show something else, and the weights (B, P) of those kept.
+    """Return the fit without the pixels that show something else, and the weights (B, P) of the pixels kept.
 
-    start (B, n): parameters; q (B, 2): about which the windows lie; noise: sd of a grey value.
+    start (B, n): parameters; q (B, 2): the windows' centres; noise: sd of a grey value.
     """
     fit, loose = fit_as_seen(mark, geometry, start, window, q)
     weight = window.weight
@@ -58,7 +58,7 @@ def clear_fit(
 
 
 def _together(model: Model, fit: Fit, window: Window, weight: Array) -> Fit:
-    """Return the fit with the covariance that the pixels of a line leave where they go together."""
+    """Return the fit with its covariance widened for errors that the pixels along a line share."""
     shared = shared_by_lines(model, fit, window, weight)
     wider = np.stack([np.sqrt(shared), np.ones(len(shared))], axis=-1)
     return replace(fit, covariance=fit.covariance * wider[:, :, None] * wider[:, None, :], shared=shared)
@@ -82,7 +82,10 @@ def _cleared(
 def _told_apart(
     mark: Mark, geometry: Geometry, loose: int, start: Array, whole: Fit, window: Window, q: Array, noise: float
 ) -> tuple[Fit, float, int]:
-    """Return what `_most_agreed` does, and how many of b dx dy are in it: a cover may look like motion, and is not."""
+    """Return fit and relative misfit of `_most_agreed`, and how many of the parameters b dx dy it frees.
+
+    A cover may look like motion blur: motion is free only where that explains the pixels clearly better.
+    """
     still, moving = start.copy(), start.copy()
     still[:, geometry.motion], moving[:, geometry.motion] = 0.0, whole.parameters[:, geometry.motion]
     fit, cost, gain = _most_agreed(mark, geometry, min(loose, BENT), still, window, q, noise)
@@ -98,28 +101,36 @@ def _most_agreed(
 ) -> tuple[Fit, float, float]:
     """Return, of the fits to all pixels and to those outside each wedge, the one that most pixels agree with.
 
-    And its misfit, to which no pixel adds more than 1, and that by the one of the fit to all.
+    And its misfit, to which no pixel adds more than 1, and that relative to the misfit of the fit to all pixels.
     """
     model = mark_model(mark, geometry, loose=loose)
     window = window.thinned(_ENOUGH)
+    kept = _outside_wedges(window)
+    n = len(kept)
+    copies = window.subset(np.zeros(n, np.int32))
+    copies = replace(copies, weight=copies.weight * kept)
+    starts, about = np.repeat(start, n, axis=0), np.repeat(q, n, axis=0)
+    fit = fitted(model, starts, copies, about, copies.size, iterations=_QUICK)
+    # judged by all pixels, those in the wedge as well
+    r = (predicted(mark, geometry, fit.parameters, copies.pixels) - copies.values) * window.weight
+    limit = _limit(fit.parameters[:1], noise)
+    misfit = (r**2 / (r**2 + limit[:, None] ** 2)).sum(axis=1)
+    misfit_to_all = max(float(misfit[0]), 1e-12)
+    contrast = fit.parameters[:, CONTRAST]
+    misfit[~fit.good | (np.sign(contrast) != np.sign(contrast[0]))] = np.inf
+    best = int(np.argmin(misfit))
+    return fit.subset(slice(best, best + 1)), float(misfit[best]), float(misfit[best]) / misfit_to_all
+
+
+def _outside_wedges(window: Window) -> Mask:
+    """Return masks (M, P) of one window's pixels: all of them, then those outside each wedge."""
     angle = np.arctan2(window.pixels[0, :, 1], window.pixels[0, :, 0])
     masks = [np.ones(len(angle), bool)]
-    for count, half in _WEDGES:
+    for count, half_angle in _WEDGES:
         for k in range(count):
-            away = np.abs(np.mod(angle - 2 * np.pi * k / count + np.pi, 2 * np.pi) - np.pi)
-            masks.append(away > half)
-    n = len(masks)
-    many = window.subset(np.zeros(n, np.int32))
-    many = replace(many, weight=many.weight * np.array(masks))
-    starts, about = np.repeat(start, n, axis=0), np.repeat(q, n, axis=0)
-    fit = fitted(model, starts, many, about, many.size, iterations=_QUICK)
-    r = (predicted(mark, geometry, fit.parameters, many.pixels) - many.values) * window.weight
-    limit = _limit(fit.parameters[:1], noise)
-    cost = (r**2 / (r**2 + limit[:, None] ** 2)).sum(axis=1)
-    whole = max(float(cost[0]), 1e-12)
-    cost[~fit.good | (np.sign(fit.parameters[:, CONTRAST]) != np.sign(fit.parameters[0, CONTRAST]))] = np.inf
-    best = int(np.argmin(cost))
-    return fit.subset(slice(best, best + 1)), float(cost[best]), float(cost[best]) / whole
+            from_axis = np.abs(np.mod(angle - 2 * np.pi * k / count + np.pi, 2 * np.pi) - np.pi)
+            masks.append(from_axis > half_angle)
+    return np.array(masks)
 
 
 def _limit(parameters: Array, noise: float) -> Array:
@@ -149,7 +160,7 @@ def _also_plain(odd: Mask, seen: Array, window: Window) -> Mask:
 
 
 def _widened(odd: Mask, window: Window) -> Mask:
-    """Return the odd pixels (P,) of one window with those beside them; single ones are left alone, they are noise."""
+    """Return the odd pixels (P,) of one window, with their neighbours unless they are single ones, which are noise."""
     from scipy.ndimage import binary_dilation, uniform_filter
 
     place = np.rint(window.pixels[0, :, :2] - window.pixels[0, 0, :2]).astype(int)

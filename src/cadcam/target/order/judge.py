@@ -1,7 +1,8 @@
-"""How good an order of marks is: against chance, and against other orders.
+"""How good an order of marks is: compared with chance, and with other orders.
 
-Against chance (a contrario, after Moisan and Stival, IJCV 2004): how many orders as good would be expected if the marks
-had fallen anywhere. Against another: by what both leave unexplained and the simplest map of the plane that does.
+With chance (a contrario, after Moisan and Stival, IJCV 2004): how many orders as good would be expected if the marks
+lay at random. With another order: by the residuals and marks that each leaves unexplained, and by the simplest map of
+the plane that explains the rest.
 """
 
 from __future__ import annotations
@@ -17,8 +18,8 @@ from cadcam.target.order.seeds import DEEPEST
 
 _VIEWS = {"similarity": 1.0, "affine": 0.3, "perspective": 0.03}  # share of random matches that a camera could see
 _SLANT = 5.0  # ratio of the two scales: 70 degrees of tilt, with room
-_TOGETHER = 400_000  # numbers of a design matrix held at a time
-_LEAST_PRICE = 1.0
+_BATCH = 400_000  # numbers of the design matrices in memory at a time
+_LEAST_PRICE = 1.0  # see `_price`
 _SAMPLES = {"similarity": 2, "affine": 3, "perspective": 4}  # marks that fix each map
 
 
@@ -38,7 +39,7 @@ class Judged:
 
 def judged(q: Array, plan: MarkPlan, orders: Ids) -> Judged:
     """Return how each of the orders (B, N) of marks q (N, 2) fits."""
-    step = max(1, _TOGETHER // (18 * len(q)))
+    step = max(1, _BATCH // (18 * len(q)))
     parts = [_fitted(q, plan, orders[i : i + step]) for i in range(0, len(orders), step)]
     squares = {name: np.concatenate([s[name] for s, _ in parts]) for name in FITTERS}
     return Judged(orders, squares, {name: np.concatenate([m[name] for _, m in parts]) for name in FITTERS})
@@ -70,9 +71,9 @@ def _upright(H: Array, p: Array, w: Array) -> Mask:
 def costs(found: Judged, q: Array, plan: MarkPlan, sigma_px: float) -> tuple[Array, list[str]]:
     """Return each order's cost (B,), minus its log likelihood up to a constant, and the map that explains it best.
 
-    A residual costs r^2/(2 sigma^2), a parameter of the map log(extent/sigma) (a minimum description length, Rissanen
-    1978), and a mark that another order explains, as it must be false here and one of the plan missing, the odds of
-    both as the best order shows them. Where it lies does not count: false marks may well continue a pattern.
+    A residual costs r^2/(2 sigma^2), and a parameter of the map log(extent/sigma) (minimum description length, Rissanen
+    1978). A mark that only another order explains must here be false, and one of the plan missing: it costs the log
+    odds of both, estimated from the best order. Its position does not count: false marks may well continue a pattern.
     """
     known = found.known
     best = int(np.argmax(known - 1e-6 * _capped(found.squares["perspective"])))
@@ -93,7 +94,7 @@ def _capped(x: Array) -> Array:
 
 
 def _price(found: Judged, best: int, q: Array, plan: MarkPlan) -> float:
-    """Return what it costs that a mark is false and one of the plan missing, beyond what matching them does."""
+    """Return the cost of one false mark and one missing from the plan, less that of a match of the two."""
     n, k = len(q), int(found.known[best])
     visible = max(_visible(found.maps["perspective"][best], q, plan), k)
     false, missing = (n - k + 1) / (n + 2), (visible - k + 1) / (visible + 2)
@@ -115,23 +116,30 @@ def log_chance(found: Judged, b: int, q: Array, plan: MarkPlan, sigma_px: float)
     three kinds. Each other mark falls within r of one of the plan's with p = visible pi r^2 / area; k of n do with the
     binomial's tail.
     """
-    from scipy.special import betainc, gammaln
+    fitting = [kind for kind in _SAMPLES if np.isfinite(found.squares[kind][b])]
+    return min((_log_chance_of(kind, found, b, q, plan, sigma_px) for kind in fitting), default=np.inf)
 
-    order = found.orders[b]
+
+def _log_chance_of(kind: str, found: Judged, b: int, q: Array, plan: MarkPlan, sigma_px: float) -> float:
+    """Return the same for one kind of map, at whichever of the residuals makes it least likely to be chance."""
+    from scipy.special import betainc
+
+    order, H = found.orders[b], found.maps[kind][b]
     known = order >= 0
-    n, m = len(q), len(plan)
-    area = float(np.prod(np.ptp(q, axis=0)))
-    out = np.inf
-    for name, s in _SAMPLES.items():
-        if not np.isfinite(found.squares[name][b]):
-            continue
-        H = found.maps[name][b]
-        r = np.sort(np.linalg.norm(q[known] - mapped(H, plan.p[order[known]]), axis=1)).clip(sigma_px)
-        k = np.arange(1, len(r) + 1)
-        p = np.minimum(max(_visible(H, q, plan), 1) * np.pi * r**2 / max(area, 1e-9), 1.0)
-        rest = k > s
-        tail = np.zeros(len(k))
-        tail[rest] = np.log10(betainc(k[rest] - s, n - k[rest] + 1, p[rest]).clip(1e-300))
-        choices = gammaln(n + 1) - gammaln(s + 1) - gammaln(n - s + 1) + gammaln(m + 1) - gammaln(m - s + 1)
-        out = min(out, float((np.log(6 * _VIEWS[name]) + choices) / np.log(10) + tail[k >= s].min(initial=0.0)))
-    return out
+    n, samples = len(q), _SAMPLES[kind]
+    r = np.sort(np.linalg.norm(q[known] - mapped(H, plan.p[order[known]]), axis=1)).clip(sigma_px)
+    k = np.arange(1, len(r) + 1)  # marks within r
+    area = max(float(np.prod(np.ptp(q, axis=0))), 1e-9)
+    p = np.minimum(max(_visible(H, q, plan), 1) * np.pi * r**2 / area, 1.0)
+    beyond = k > samples  # the marks that fix the map are no evidence for it
+    tail = np.zeros(len(k))
+    tail[beyond] = np.log10(betainc(k[beyond] - samples, n - k[beyond] + 1, p[beyond]).clip(1e-300))
+    tests = np.log(6 * _VIEWS[kind]) + _log_choices(n, len(plan), samples)
+    return float(tests / np.log(10) + tail[k >= samples].min(initial=0.0))
+
+
+def _log_choices(n: int, m: int, s: int) -> float:
+    """Return log(C(n, s) P(m, s)): the choices of s of n marks, and of s of m places for them in turn."""
+    from scipy.special import gammaln
+
+    return float(gammaln(n + 1) - gammaln(s + 1) - gammaln(n - s + 1) + gammaln(m + 1) - gammaln(m - s + 1))
