@@ -1,1 +1,1 @@
-"""Windows of the drawn part found in a photo: chosen, correlated, made consistent; how close edges lie."""
+"""Template matching: salient windows of the drawn part, their peaks in photos, and the pose they agree on."""

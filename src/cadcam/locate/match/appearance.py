@@ -1,8 +1,8 @@
-"""What of a photo and of a part's drawing is compared: pictures that look alike although their light differs.
+"""What is compared of a photo and of a rendered part: appearances that are alike although the lighting differs.
 
-"lines": the part's visible lines, drawn, against the photo's gradient. "gradient": the gradient of the shaded part
-against the photo's. "gray": the shaded part against the photo, of either contrast; for parts painted as the model says
-and lit alike. Gradients are saturated, m/(m + c), so that the strongest edge does not outweigh all others.
+"lines": the part's visible lines, drawn, with the photo's gradient magnitude. "gradient": the gradient magnitude of
+the shaded part with the photo's. "gray": the shaded part with the photo, of either contrast; for parts painted as the
+model says and lit alike. Gradients are saturated, m/(m + c), so that the strongest edge does not outweigh all others.
 """
 
 from __future__ import annotations
@@ -18,16 +18,16 @@ from cadcam.render.view import View
 Appearance = Literal["lines", "gradient", "gray"]
 APPEARANCES: tuple[Appearance, ...] = get_args(Appearance)
 
-_BLUR = 1.0  # px, of derivatives and of drawn lines alike
-_FAINT = 3.0  # times the median gradient: where a photo's gradient counts half
-_LEAST_FAINT = 0.01  # grey value per px, likewise, at least: steps of quantisation
+_BLUR = 1.0  # px, sigma of the Gaussian derivatives and of drawn lines
+_FAINT = 3.0  # median gradients: the magnitude c that counts half
+_LEAST_FAINT = 0.01  # grey value per px, the least c: quantisation
 _LINE_PX = 1.5
-_DRAWN, _NEAR = 0.3, 6  # what counts as a line, and px that count beside it
-_BEYOND = 4  # px that count around the part: its outline shows, what is behind it does not
+_DRAWN, _BESIDE_LINE = 0.3, 6  # grey value that counts as a line; px compared to each side of one
+_BEYOND = 4  # px compared outside the outline: enough to show it, little of the background
 
 
 def of_photo(gray: Picture, kind: Appearance) -> Picture:
-    """Return what a photo (H, W) looks like under an appearance."""
+    """Return the appearance of a photo (H, W)."""
     if kind == "gray":
         return _blurred(gray, 0.7)
     magnitude = _gradient(gray)
@@ -35,7 +35,7 @@ def of_photo(gray: Picture, kind: Appearance) -> Picture:
 
 
 def of_model(view: View, wireframe: Wireframe, kind: Appearance) -> Picture:
-    """Return what the part looks like under an appearance, drawn by its view (IMAGE) or its lines."""
+    """Return the appearance of the part, from its rendered view (IMAGE) or its lines."""
     if kind == "gray":
         return _blurred(view.gray, 0.7)
     if kind == "gradient":
@@ -49,9 +49,9 @@ def of_model(view: View, wireframe: Wireframe, kind: Appearance) -> Picture:
 
 
 def counted(view: View, drawing: Picture, kind: Appearance) -> Mask:
-    """Return which pixels of a drawing by `of_model` the model determines: elsewhere the photo may hold anything.
+    """Return which pixels of a drawing by `of_model` are compared: elsewhere the model does not determine the photo.
 
-    Of lines, what is near them: faces may be printed on, dirty, or welded. Of shades, the part without its border.
+    For lines, the pixels near them: faces may be printed on, dirty, or welded. For shades, the part without its border.
     """
     from scipy.ndimage import binary_dilation, binary_erosion
 
@@ -59,7 +59,7 @@ def counted(view: View, drawing: Picture, kind: Appearance) -> Mask:
         return np.asarray(binary_erosion(view.coverage >= 1, iterations=1))
     determined: Mask = binary_dilation(view.coverage > 0, iterations=_BEYOND)
     return np.asarray(
-        determined & binary_dilation(drawing > _DRAWN, iterations=_NEAR) if kind == "lines" else determined
+        determined & binary_dilation(drawing > _DRAWN, iterations=_BESIDE_LINE) if kind == "lines" else determined
     )
 
 

@@ -1,9 +1,9 @@
 """How close the photo's edges lie to each edge of the CAD model: the measure that Fig 3-16 and 3-17 leave open.
 
-Two ways, side by side. Direct: along each visible CAD edge, which share of its length has an edge of the photo near it
-that runs in its direction, by how much that is off along the normal, and how often that would happen by chance. By
-vote, in the manner of P. Hough: every pair of a place on the CAD edge and an edge point of the photo votes for the
-shift along the normal that would bring one onto the other; the fullest shift wins, however far it is within reach.
+Two measures, side by side. Direct: which share of each visible CAD edge has a photo edge of its direction near it, how
+far off that is along the normal, and how often this would happen by chance. By vote, as in a Hough transform: every
+pair of a sample of the CAD edge and an edge point of the photo votes for the shift along the normal that would bring
+one onto the other; the shift with most votes wins, anywhere within reach.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from cadcam.image.edges import EdgePoints, canny
 from cadcam.image.picture import checked
 from cadcam.render.lines.wireframe import Wireframe
 
-_SHIFTED = (17.0, -17.0, 23.0, -23.0)  # px along the normal: where the chance level of an edge is looked up
+_SHIFTED = (17.0, -17.0, 23.0, -23.0)  # px along the normal at which the chance level is measured
 _SIGMA_TO_MAD = 1.4826
 
 
@@ -52,10 +52,10 @@ class Closeness:
 
     chain (M,); length (M,) px that is visible; q (M, 2) px, the middle of what is visible. Direct: share (M,) of the
     length with an edge of its direction near it; offset (M,) px, median along the normal, photo minus model, and
-    scatter (M,) px about it (a standard deviation by the median deviation), nan where there is none; chance (M,): the
-    share that lines beside it have. By vote: shift (M,) px along the normal, and votes (M,), the share of the length
-    that agrees on it; nan and 0 where nothing votes. The normal points to the left of the direction in which
-    a chain runs.
+    scatter (M,) px about it (a standard deviation, from the median absolute deviation), nan where there is none; chance
+    (M,): the share that shifted copies of the edge have. By vote: shift (M,) px along the normal, and votes (M,), the
+    share of the length that agrees on it; nan and 0 without any vote. The normal points to the left of the direction
+    in which a chain runs.
     """
 
     chain: Ids
@@ -85,7 +85,7 @@ class Closeness:
 
     @property
     def total(self) -> float:
-        """Return the share of the whole visible length that is close, less what is by chance: 1 is all, 0 is chance."""
+        """Return the share of the whole visible length that is close beyond chance: 1 is all, 0 no more than chance."""
         return float(np.average(self.excess, weights=self.length)) if len(self) else 0.0
 
 
@@ -94,7 +94,7 @@ def edge_closeness(
 ) -> Closeness:
     """Return how close a photo's edges are to each visible edge of a wireframe; photo: a grey picture, or its edges.
 
-    Places beyond the picture's border do not count.
+    Samples outside the picture do not count.
     """
     edges = photo if isinstance(photo, EdgePoints) else canny(checked(photo))
     q, normal, line = wireframe.visible.points_along(options.step)
@@ -116,7 +116,7 @@ def edge_closeness(
 
 
 class _EdgeGrid:
-    """Edge points by the pixel they lie in, to be walked along normals."""
+    """Edge points indexed by pixel, to be looked up along normals."""
 
     def __init__(self, edges: EdgePoints, options: ClosenessOptions) -> None:
         self.options = options
@@ -129,15 +129,15 @@ class _EdgeGrid:
         self.cosine = math.cos(options.within)
 
     def nearest(self, q: Array, normal: Array) -> Array:
-        """Return the signed distance (N,) px along the normal of the nearest edge that counts, nan beyond `near`."""
+        """Return the signed distance (N,) px along the normal to the nearest edge of like direction, or nan."""
         found = self.along(q, normal, self.options.near)
         order = np.argsort(np.where(np.isfinite(found), np.abs(found), np.inf), axis=1)[:, :1]
         return np.asarray(np.take_along_axis(found, order, axis=1)[:, 0])
 
     def along(self, q: Array, normal: Array, far: float) -> Array:
-        """Return the signed distances (N, K) px of the edge points met on the way along the normal to either side.
+        """Return the signed distances (N, K) px of the edge points found along the normal, to both sides.
 
-        nan where a step meets none of the right direction, and where the same point was met before.
+        nan where a step finds none of like direction, or one that an earlier step found.
         """
         steps = np.arange(-math.ceil(far), math.ceil(far) + 1)
         at = np.rint(q[:, None] + steps[:, None] * normal[:, None]).astype(int) - self.low
@@ -174,7 +174,7 @@ def _median_and_scatter(offsets: Array, of: npt.NDArray[np.intp], count: int) ->
 def _voted(
     grid: _EdgeGrid, q: Array, normal: Array, of: npt.NDArray[np.intp], count: int, options: ClosenessOptions
 ) -> tuple[Array, Array]:
-    """Return for each edge the shift with most votes, its votes weighed to parts of a cell, and their share."""
+    """Return for each edge the shift with most votes, interpolated within its cell, and the share of votes."""
     from scipy.ndimage import gaussian_filter1d
 
     cells = 2 * math.ceil(options.reach / options.cell) + 1

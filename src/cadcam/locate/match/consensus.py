@@ -1,8 +1,8 @@
-"""The pose that most features agree on, when each was found in several places of the photos, most of them wrong.
+"""The pose that most features agree on, when each has several candidate places in the photos, most of them wrong.
 
-Three features give a pose (fit.p3p); it is judged by all others: random sample consensus (M. Fischler and R. Bolles,
-CACM 1981). How far agreement can be chance follows from how many peaks lie how densely (in the manner of L. Moisan and
-B. Stival, A probabilistic criterion to detect rigid point matches, IJCV 2004).
+Three features give a pose (fit.p3p), and all others judge it: random sample consensus (M. Fischler and R. Bolles,
+CACM 1981). How much agreement chance explains follows from the number and density of the candidates (after L. Moisan
+and B. Stival, A probabilistic criterion to detect rigid point matches, IJCV 2004).
 """
 
 from __future__ import annotations
@@ -23,21 +23,21 @@ from cadcam.fit.p3p import p3p
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 
-_TRIPLES = 3000  # that are tried, of four times as many drawn: the others are not turned alike
-_ALIKE = 0.2  # rad between the turns of three features that can belong to one pose near the start
-_NEAR_START = 1.5  # times the reach: a pose that moves the features' median by more is not looked at
-_TURN_SHARE, _LEAST_TURN = 0.3, math.radians(4)  # of the turn sought: within it an angle agrees
-_SETTLED = 5  # poses, the best supported, that are refined
-_LEAST = 4  # features that agree, the three that made the pose among them
-_MISFIT_PX = 0.3  # of drawings to photos, beside what the grey levels tell
+_TRIPLES = 3000  # triples tried, of four times as many drawn: most are rotated inconsistently
+_ALIKE = 0.2  # rad: largest spread of the rotations of three features of one pose near the start
+_NEAR_START = 1.5  # reaches: poses that move the features by more than this, in the median, are not tried
+_TURN_SHARE, _LEAST_TURN = 0.3, math.radians(4)  # tolerance of an angle: share of the range searched; at least
+_SETTLED = 5  # best supported poses that are refined
+_LEAST = 4  # agreeing features, including the three that gave the pose
+_MISFIT_PX = 0.3  # sd of the difference between drawings and photos that the matches' covariances lack
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaceCandidates:
-    """M places where F features may lie: feature (M,), q (M, 2) px, angle (M,) rad, covariance (M, 2, 2), score (M,).
+    """M candidate places of F features: feature (M,), q (M, 2) px, angle (M,) rad, covariance (M, 2, 2), score (M,).
 
-    p_part, right (F, 3) mm and photo (F,) are the features' own: from p_part to right their window was not turned.
-    reach px, turn rad: how far from where it was expected each was sought.
+    p_part, right (F, 3) mm and photo (F,) belong to the features: p_part to right is the x direction of the window.
+    reach px, turn rad: how far from its expected place and angle each was searched for.
     """
 
     feature: Ids
@@ -54,9 +54,9 @@ class PlaceCandidates:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Consensus:
-    """world_from_part, and the candidates chosen (K,) that agree with it, one a feature.
+    """world_from_part, and the candidates (K,) that agree with it, at most one per feature.
 
-    by_chance: how many poses as well supported one may expect among those tried if all candidates lay at random.
+    by_chance: the expected number of equally well supported poses among those tried if candidates lay at random.
     """
 
     world_from_part: Rigid
@@ -85,7 +85,7 @@ def pose_of_matches(
 ) -> PoseEstimate:
     """Return the weighted least-squares pose of matches p_part (N, 3) mm, q (N, 2) px, covariance (N, 2, 2).
 
-    The covariance of the pose is scaled by the residuals, if these are larger than the matches' own say.
+    The pose's covariance is scaled up by the residuals where they exceed what the matches' covariances predict.
     """
     problem = _Matches(photos, photo, p_part, q, covariance)
     pose = _least_squares(problem, start)
@@ -128,7 +128,7 @@ def _least_squares(problem: _Matches, start: Rigid) -> Rigid:
 
 
 def _calibration_share(problem: _Matches, pose: Rigid, J: Array, cofactor: Array) -> Array:
-    """Return the covariance of the pose by the errors of cameras and their places."""
+    """Return the pose's covariance due to the errors of the cameras' calibrations and positions."""
     gain: dict[int, tuple[Array, Array]] = {}
     for k, photo in enumerate(problem.photos):
         mine = np.flatnonzero(problem.photo == k)
@@ -146,7 +146,7 @@ def _calibration_share(problem: _Matches, pose: Rigid, J: Array, cofactor: Array
 def _poses_of_triples(
     c: PlaceCandidates, photos: Sequence[Photo], start: Rigid, rng: np.random.Generator
 ) -> tuple[Array, Array, int]:
-    """Return the world_from_part (S) of random triples, where not far from the start, and how many were tried."""
+    """Return the poses world_from_part of random triples that lie near the start, and how many triples were tried."""
     rotations, translations, tried = [np.zeros((0, 3, 3))], [np.zeros((0, 3))], 0
     for k, photo in enumerate(photos):
         camera_from_world = photo.viewpoint.camera_from_world
@@ -168,7 +168,7 @@ def _poses_of_triples(
 
 
 def _turns(c: PlaceCandidates, camera: Camera, camera_from_part: Rigid) -> Array:
-    """Return by how much (M,) rad each candidate is turned against a pose."""
+    """Return each candidate's rotation (M,) rad in the picture relative to a pose."""
     side = camera.project(camera_from_part @ c.right) - camera.project(camera_from_part @ c.p_part)
     return np.asarray(c.angle - np.arctan2(side[:, 1], side[:, 0])[c.feature])
 
@@ -176,7 +176,7 @@ def _turns(c: PlaceCandidates, camera: Camera, camera_from_part: Rigid) -> Array
 def _triples(
     c: PlaceCandidates, mine: npt.NDArray[np.intp], turn: Array, rng: np.random.Generator, count: int
 ) -> npt.NDArray[np.intp]:
-    """Return triples (at most count, 3) of candidates of three features each, good ones oftener, none twice."""
+    """Return distinct triples (at most count, 3) of candidates of three features, high scores drawn more often."""
     if len(np.unique(c.feature[mine])) < 3:
         return np.zeros((0, 3), np.intp)
     chance = c.score[mine] ** 4
@@ -192,7 +192,7 @@ def _triples(
 
 
 def _support(c: PlaceCandidates, photos: Sequence[Photo], R: Array, t: Array, tolerance: float) -> Array:
-    """Return how well each candidate agrees with poses (S, M), 0 to its score; of each feature only the best."""
+    """Return each candidate's support for each pose (S, M), 0 to its score; only the best candidate of a feature."""
     d2, turned = _misses(c, photos, R, t)
     value = np.where(turned < _turn_tolerance(c), c.score * np.maximum(0.0, 1 - d2 / tolerance**2), 0.0)
     order = np.argsort(c.feature, kind="stable")
@@ -206,7 +206,7 @@ def _turn_tolerance(c: PlaceCandidates) -> float:
 
 
 def _misses(c: PlaceCandidates, photos: Sequence[Photo], R: Array, t: Array) -> tuple[Array, Array]:
-    """Return by how much (px^2, rad) candidates miss where poses have their features, (S, M); inf if unseen."""
+    """Return squared distances (px^2) and angles (rad) of candidates from their features, (S, M); inf if unseen."""
     q, side = np.full((len(R), len(c.p_part), 2), np.nan), np.zeros((len(R), len(c.p_part), 2))
     for k, photo in enumerate(photos):
         mine, place = c.photo == k, photo.viewpoint.camera_from_world
@@ -220,7 +220,7 @@ def _misses(c: PlaceCandidates, photos: Sequence[Photo], R: Array, t: Array) -> 
 
 
 def _settled(c: PlaceCandidates, photos: Sequence[Photo], pose: Rigid, tolerance: float) -> tuple[Rigid, Ids]:
-    """Return the least-squares pose of the candidates that agree, and these, asked again until nothing changes."""
+    """Return the least-squares pose of the agreeing candidates, and these, iterated until they do not change."""
     chosen = np.zeros(0, np.int32)
     for _ in range(6):
         agree: Mask = _support(c, photos, pose.rotation[None], pose.translation[None], tolerance)[0] > 0
@@ -235,7 +235,7 @@ def _settled(c: PlaceCandidates, photos: Sequence[Photo], pose: Rigid, tolerance
 
 
 def _by_chance(c: PlaceCandidates, agreeing: int, tolerance: float, tried: int) -> float:
-    """Return the expected number of poses, of those tried, with as many agreeing features by chance."""
+    """Return the expected number of poses tried that as many features would agree with by chance."""
     from scipy.stats import binom
 
     features = len(np.unique(c.feature))

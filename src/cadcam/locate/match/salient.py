@@ -1,8 +1,8 @@
-"""Windows of a part's drawing that are worth looking for in a photo.
+"""Salient windows of a part's drawing: those worth searching for in a photo.
 
 A window is salient where the drawing fixes both coordinates (both eigenvalues of its structure tensor are large: J. Shi
-and C. Tomasi, Good features to track, 1994) and where nothing near it in the drawing looks the same: the gap between
-its own correlation, 1, and the next peak's within reach.
+and C. Tomasi, Good features to track, 1994) and where nothing near it in the drawing looks the same: a large gap
+between its own correlation, 1, and that of the next peak within reach.
 """
 
 from __future__ import annotations
@@ -20,18 +20,18 @@ from cadcam.image.correlate import CorrelateOptions, correlate
 from cadcam.image.template import LEAST_POINTS, Template
 from cadcam.render.view import View
 
-_LEAST_STRENGTH = 0.05  # of the strongest window's
-_LEAST_COUNTED = 0.2  # share of a window that the model tells
-_OFF_OUTLINE = 6.0  # px that the strongest place of a corner may lie off the part
-_TRIED = 2  # times the windows asked for: some turn out to be repetitions
+_LEAST_STRENGTH = 0.05  # relative to the strongest window
+_LEAST_COUNTED = 0.2  # least share of a window that the model determines
+_OFF_OUTLINE = 6.0  # px: how far outside the part the corner strength may peak
+_TRIED = 2  # windows tried per window asked for: some turn out to be repetitions
 
 
 @dataclass(frozen=True, slots=True)
 class SalientOptions:
     """How windows are chosen.
 
-    side: of a square window, px. count: at most. spacing: px between two centres, at least. least_gap: between a
-    window's correlation with itself and the next peak within `reach` px of it in the drawing; not asked if 0.
+    side: of a square window, px. count: the most windows. spacing: least distance of two centres, px. least_gap:
+    between a window's correlation with itself and the next peak within `reach` px in the drawing; reach 0: not checked.
     """
 
     side: int = 49
@@ -52,9 +52,9 @@ PLAIN_SALIENT = SalientOptions()
 class Windows:
     """N windows of a drawing: centre q (N, 2) px, whole pixels; p_part (N, 3) mm, the visible point of the part there.
 
-    right (N, 3) mm: the point one px to its right at the same depth: with it a window's turn can be foretold.
+    right (N, 3) mm: the point one px to its right at the same depth, from which a window's rotation is predicted.
     strength (N,): the smaller eigenvalue of the structure tensor, mean square slope of the appearance per px^2; gap
-    (N,): by how much a window differs from what is near it in the drawing; templates: the windows themselves.
+    (N,): see `SalientOptions.least_gap`; templates: the windows themselves.
     """
 
     q: Array
@@ -78,7 +78,7 @@ def salient_windows(
 ) -> Windows:
     """Return the salient windows of a drawing (H, W), strongest first; perhaps none.
 
-    counts (H, W): pixels that the model tells. view: of the part from the same place, with DEPTH.
+    counts (H, W): pixels that the model determines. view: of the part from the same viewpoint, with DEPTH.
     """
     strength = corner_strength(appearance, options.side)
     centres = _centres(strength, view.depth, options)
@@ -98,10 +98,11 @@ def salient_windows(
 
 
 def corner_strength(appearance: Picture, side: int) -> Picture:
-    """Return the smaller eigenvalue (H, W) of the structure tensor of a picture, over the inner half of windows."""
+    """Return the smaller eigenvalue (H, W) of the structure tensor of a picture, summed over half a window."""
     from scipy.ndimage import sobel, uniform_filter
 
-    def twice(product: npt.NDArray[np.floating]) -> Picture:  # a pyramid: without a plateau its maximum is one pixel
+    def twice(product: npt.NDArray[np.floating]) -> Picture:
+        # two box filters make a pyramid: without a plateau its maximum is one pixel
         return np.asarray(uniform_filter(uniform_filter(product, side // 4 + 1), side // 4 + 1))
 
     gx, gy = sobel(appearance, axis=1) / 8, sobel(appearance, axis=0) / 8
@@ -110,7 +111,7 @@ def corner_strength(appearance: Picture, side: int) -> Picture:
 
 
 def window(appearance: Picture, counts: Mask, x: int, y: int, side: int) -> Template | None:
-    """Return the template about a pixel; None where it leaves the picture, or the model tells too little of it."""
+    """Return the template about a pixel; None where it leaves the picture or the model determines too little of it."""
     h = side // 2
     if min(x, y) < h or x + h >= appearance.shape[1] or y + h >= appearance.shape[0]:
         return None
@@ -122,9 +123,9 @@ def window(appearance: Picture, counts: Mask, x: int, y: int, side: int) -> Temp
 
 
 def _centres(strength: Picture, depth: Picture, options: SalientOptions) -> list[tuple[int, int, float]]:
-    """Return x, y and strength of the pixels of the part that are strongest within the spacing, strongest first.
+    """Return x, y and strength of the part's pixels that are strongest within the spacing, strongest first.
 
-    A corner of the outline is strongest just outside of it: the part's nearest pixel is taken.
+    At a corner of the outline the strength peaks just outside of the part: the part's nearest pixel is taken.
     """
     from scipy.ndimage import distance_transform_edt, maximum_filter
 
@@ -144,7 +145,7 @@ def _centres(strength: Picture, depth: Picture, options: SalientOptions) -> list
 
 
 def _gap(appearance: Picture, template: Template, x: int, y: int, options: SalientOptions) -> float:
-    """Return 1 less the best correlation of a window with the drawing near it, but not at its own place."""
+    """Return 1 minus the best correlation of a window with the drawing near it, its own place excepted."""
     if options.reach == 0:
         return 1.0
     far = int(options.reach) + template.size[0] // 2
@@ -154,7 +155,7 @@ def _gap(appearance: Picture, template: Template, x: int, y: int, options: Salie
 
 
 def _points(view: View, q: Array, right: float) -> Array:
-    """Return the points (N, 3) mm, camera frame, some px to the right of what whole pixels q (N, 2) see."""
+    """Return the points (N, 3) mm, camera frame, `right` px beside pixels q (N, 2), at the depth seen by these."""
     rays = view.camera.unproject(q + np.array([right, 0.0]))
     depth = view.depth[q[:, 1].astype(int), q[:, 0].astype(int)].astype(np.float64)
     return np.asarray(rays * (depth / rays[:, 2])[:, None])

@@ -1,9 +1,9 @@
-"""Area-based matching: windows of the part's drawing, as it looks from where it is thought to be, sought in the photos.
+"""Area-based matching: windows of the part, drawn at its presumed pose, are searched for in the photos.
 
-Every round draws the part at the pose so far, so that its windows come in the right rotation, scale and perspective;
-chooses the salient ones; finds each one's peaks of rotated correlation near where it is expected; and takes the pose
-that most of them agree on. Hidden features find nothing or something wrong, repeated ones several places: neither
-counts unless it agrees with the others.
+Each round draws the part at the latest pose, so that windows have the right rotation, scale and perspective; chooses
+the salient ones; finds the peaks of each one's correlation near its expected place; and takes the pose that most of
+them agree on. An occluded feature finds nothing or something wrong, a repeated one several places: neither counts
+unless it agrees with the others.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Renderer
 
-CERTAIN = 1e-2  # poses by chance: below it the agreement is believed
-LEAST_SHARE = 1 / 3  # of the features, and of the lines, that support a pose that is believed
-_NARROWER = 0.4  # the reach from round to round
+CERTAIN = 1e-2  # expected number of poses by chance below which an agreement is believed
+LEAST_SHARE = 1 / 3  # of the features, and of the lines, that must support a pose
+_NARROWER = 0.4  # ratio of the reach from round to round
 _LEAST_REACH = 8.0  # px
 
 
@@ -39,9 +39,9 @@ _LEAST_REACH = 8.0  # px
 class TemplateOptions:
     """How a part is matched by windows.
 
-    appearance: what is compared. reach: px around its expected place in which a feature is sought, in the first round;
-    turn: rad that it may be turned in the picture. peaks: places kept for each. tolerance: px within which features
-    agree on a pose, in the first round. rounds: of drawing and matching. salient: how windows are chosen.
+    appearance: what is compared. reach: px around its expected place in which a feature is searched for in the first
+    round; turn: the largest rotation in the picture, rad. peaks: candidates kept per feature. tolerance: px within
+    which features agree on a pose in the first round. rounds: of drawing and matching. salient: how windows are chosen.
     """
 
     appearance: Appearance = "lines"
@@ -74,11 +74,11 @@ PLAIN_TEMPLATES = TemplateOptions()
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Features:
-    """N windows that were sought: where the drawing had them, and every place that looks like them.
+    """N windows that were searched for: where the drawing has them, and all places in the photo that look like them.
 
     window (N, 2) px, the window's centre in the drawing; p_part, right (N, 3) mm as in `Windows`; photo (N,); gap (N,)
-    to what is near it in the drawing, 1 where not asked; peaks: N tables, in px of the photo; chosen (N,): which peak
-    the pose agrees with, -1 for none.
+    to what is near it in the drawing, 1 where not checked; peaks: N tables, in px of the photo; chosen (N,): which peak
+    agrees with the pose, -1 for none.
     """
 
     window: Array
@@ -102,12 +102,12 @@ class Features:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TemplateMatches:
-    """What matching windows says about a part's pose.
+    """The matches of a part's windows, and the pose that they give.
 
     Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: the one that most features
-    agree on, None where not even four do; by_chance: how many poses as well supported one may expect if all peaks lay
-    at random; close: the share of the visible lines at that pose with an edge of the photo on them, less what is by
-    chance (`edge_closeness`). features: of the last round, with their peak tables.
+    agree on, None where not even four do; by_chance: the expected number of equally well supported poses if all peaks
+    lay at random; close: the share of the visible lines at that pose that lie on edges of the photo, beyond chance
+    (`edge_closeness`). features: those of the last round, with their peak tables.
     """
 
     q: Array
@@ -121,14 +121,14 @@ class TemplateMatches:
 
     @property
     def found(self) -> bool:
-        """Return whether the pose is believed: not by chance, and neither features nor lines mostly contradict it."""
+        """Return whether the pose is believed: chance does not explain it, enough features and lines support it."""
         if self.pose is None or self.by_chance >= CERTAIN:
             return False
         return len(self.q) >= LEAST_SHARE * len(self.features) and self.close >= LEAST_SHARE
 
     @property
     def sigma(self) -> Array:
-        """Return the standard deviation (K,) px of a coordinate, both alike."""
+        """Return the standard deviation (K,) px of a coordinate, rms of x and y."""
         return np.asarray(np.sqrt(0.5 * np.einsum("nii->n", self.covariance)))
 
 
@@ -142,7 +142,7 @@ def match_templates(
 ) -> TemplateMatches:
     """Return the matches of a part's windows in photos, and the pose they agree on, from world_from_part `start`.
 
-    rng chooses the triples that are tried; by default always the same. Raises `MissingCore`.
+    rng: draws the triples that are tried; by default with a fixed seed. Raises `MissingCore`.
     """
     renderer = open_renderer(part.scene, threads=1)
     looks = [of_photo(photo.gray, options.appearance) for photo in photos]
@@ -156,12 +156,12 @@ def match_templates(
         again = _round(part, renderer, photos, looks, done.pose.world_from_part, now, rng)
         if again.pose is None:
             break
-        done = replace(again, by_chance=done.by_chance)  # of the search: afterwards it is known where to look
+        done = replace(again, by_chance=done.by_chance)  # of the first search: later rounds know where to look
     return done if done.pose is None else replace(done, close=_close(part, photos, done.pose.world_from_part))
 
 
 def _close(part: Part, photos: Sequence[Photo], pose: Rigid) -> float:
-    """Return how close the photos' edges are to the part's lines at a pose, all photos' lines together."""
+    """Return how close the part's lines at a pose lie to edges, over the lines of all photos together."""
     each = [edge_closeness(p.gray, part.lines.draw(p.camera, p.viewpoint.camera_from_world @ pose)) for p in photos]
     length = np.array([float(c.length.sum()) for c in each])
     return float(np.dot([c.total for c in each], length) / max(float(length.sum()), 1e-9))
@@ -174,7 +174,7 @@ def _narrowed(options: TemplateOptions) -> TemplateOptions:
         reach=max(_NARROWER * options.reach, _LEAST_REACH),
         turn=max(_NARROWER * options.turn, math.radians(4)),
         tolerance=max(0.5 * options.tolerance, 2.0),
-        salient=replace(options.salient, reach=0.0),  # what looks the same is out of reach by now
+        salient=replace(options.salient, reach=0.0),  # repetitions are out of reach by now
     )
 
 
@@ -187,7 +187,7 @@ def _round(
     options: TemplateOptions,
     rng: np.random.Generator,
 ) -> TemplateMatches:
-    """Return what one drawing of the part finds."""
+    """Return the matches of one drawing of the part, and their pose."""
     windows = [_windows(part, renderer, photo, pose, options) for photo in photos]
     photo = np.repeat(np.arange(len(photos)), [len(w) for w in windows]).astype(np.int32)
     q = np.concatenate([w.q for w in windows])

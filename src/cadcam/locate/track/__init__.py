@@ -1,1 +1,1 @@
-"""A part followed through pictures: its motion, the print on it, the log of where it was."""
+"""Tracking: a part followed through frames by its edges, its motion and its surface texture; the log of a run."""

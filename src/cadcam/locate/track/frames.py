@@ -1,4 +1,4 @@
-"""Pictures in their order, of one camera or of several that took theirs together: from folders, files and videos."""
+"""Frames in order, of one camera or of several that are synchronised: from folders, files and videos."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from cadcam.locate.photo import Photo
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """What the cameras saw at one moment: a photo each, the file or frame it is, and its fingerprint."""
+    """What the cameras saw at one moment: a photo each, the file or frame each came from, and its fingerprint."""
 
     index: int
     photos: tuple[Photo, ...]
@@ -33,13 +33,13 @@ class Frame:
 
     @classmethod
     def of(cls, index: int, *photos: Photo) -> Frame:
-        """Return the frame of photos that no file holds; their pixels are the fingerprint."""
+        """Return the frame of photos that are in no file; the fingerprints are of their pixels."""
         names = tuple(f"{photo.viewpoint.name} {index}" for photo in photos)
         return cls(index, photos, names, tuple(_fingerprint(photo.gray) for photo in photos))
 
 
 class Frames:
-    """The frames of sources, one for each viewpoint: iterate over it as often as needed, pictures are read on the way.
+    """The frames of sources, one source per viewpoint; may be iterated over repeatedly, pictures are read on the way.
 
     A source is a folder of pictures (in the order of the numbers in their names), a pattern such as left/*.png, a
     picture, or a video file. The n-th pictures of all sources were taken together.
@@ -58,7 +58,7 @@ class Frames:
         self.count = next(iter(counts.values()), None) or video.count_frames(self.sources[0])
 
     def __iter__(self) -> Iterator[Frame]:
-        """Yield the frames; `UnreadableFile` or `SizeMismatch` where a picture is not one of its camera."""
+        """Yield the frames. Raises `UnreadableFile`, or `SizeMismatch` where a picture is not of its camera's size."""
         streams = [_pictures(*pair) for pair in zip(self.sources, self._files, strict=True)]
         for index, shots in enumerate(zip_longest(*streams)):
             there = [shot for shot in shots if shot is not None]
@@ -76,7 +76,7 @@ def picture_files(source: str) -> list[str]:
         if not found:
             raise UnreadableFile(source, "is a folder without pictures", f"pictures end in {' '.join(READABLE)}")
     elif any(c in source for c in "*?[") and not Path(source).exists():
-        found = glob(source)  # noqa: PTH207 - a pattern with a folder in it, as a shell has them
+        found = glob(source)  # noqa: PTH207 - a pattern that includes folders, as in a shell
         if not found:
             raise UnreadableFile(source, "no file has such a name", "check the folder and the pattern")
     elif not Path(source).exists():
@@ -94,7 +94,7 @@ class _Shot:
 
 
 def _photo(shot: _Shot, viewpoint: Viewpoint) -> Photo:
-    """Return the photo; a size other than the camera's is an error that names the file."""
+    """Return the photo; if its size is not the camera's, raise an error that names the file."""
     try:
         return Photo(shot.gray, viewpoint)
     except SizeMismatch as error:
@@ -116,7 +116,7 @@ def _is_video(source: str) -> bool:
 
 
 def _natural(path: str) -> list[tuple[int, str]]:
-    """Return a key by which 9.png comes before 10.png."""
+    """Return a sort key by which 9.png comes before 10.png."""
     return [(int(text), "") if text.isdecimal() else (-1, text) for text in re.split(r"(\d+)", path)]
 
 

@@ -1,10 +1,10 @@
-"""Tracked frames on disk, line by line: a run that is killed loses no line, and goes on after the last whole one.
+"""The log of a tracking run, one line per frame: a killed run loses no finished line, and can be continued.
 
-The log is JSON lines. The first says what was tracked: {"format": "cadcam track", "version": 1, ...} with fingerprints
-of part, cameras, start and options; then a line a frame: {"frame", "files", "sha256", "found", "quality", "how",
-"reason", "pose", "filtered": null where the part was lost}. Poses are as `write_part_pose` writes them: "pose" by the
-frame's photos (with print that earlier frames showed where it was "followed"), "filtered" by all frames so far. A log
-is only continued with the same inputs.
+The log is JSON lines. The first describes the run: {"format": "cadcam track", "version": 2, ...} with fingerprints of
+part, cameras, start and options. Then comes one line per frame: {"frame", "files", "sha256", "found", "quality", "how",
+"reason", "pose", "filtered": null where the part was lost}. Poses are written as by `write_part_pose`: "pose" from the
+frame's photos (and, where "followed", from the texture of earlier frames), "filtered" from all frames so far. A log is
+only continued with the same inputs.
 """
 
 from __future__ import annotations
@@ -37,13 +37,13 @@ from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, Tracker
 
 FORMAT, VERSION = "cadcam track", 2
-_INPUTS = {  # entries of the head as a caller knows them
+_INPUTS = {  # entries of the first line, and what the caller knows them as
     "software": "version",
     "part_sha256": "part, unit or crease angle",
     "cameras_sha256": "camera",
     "freedom": "--freedom",
 }
-_SWITCHES = {"velocity": "--no-velocity", "texture": "--no-print"}  # entries that these turn off
+_SWITCHES = {"velocity": "--no-velocity", "texture": "--no-print"}  # entries that these options turn off
 _MAX_BYTES = 4_000_000_000
 _POSE = ("x_mm", "y_mm", "z_mm", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)))
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg")
@@ -60,11 +60,10 @@ def track_part_to_log(
     velocity: bool = True,
     texture: bool = True,
 ) -> Iterator[tuple[Frame, dict[str, Any]]]:
-    """Yield each frame with its line in the log, once that is on the disk; frames that were there already too.
+    """Yield each frame with its line in the log, once that is on disk; frames that the log already has come first.
 
-    Frames that the log has are read again, to see by their fingerprints that they are the same and to learn the print
-    that they show, but not located. The log says of itself with which inputs it was begun (`TrackLog.open`). Raises
-    `UnreadableFile` where a frame differs.
+    Those are read again, to check their fingerprints and to learn the texture that they show, but not located. The
+    log's first line states the inputs of its run (`TrackLog.open`). Raises `UnreadableFile` where a frame differs.
     """
     rest, there, steps = iter(frames), list(log.entries), log.steps()
     tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
@@ -83,7 +82,7 @@ def track_part_to_log(
 
 
 class TrackLog:
-    """A log that lines are added to; made by `open`."""
+    """A log that frames are appended to; made by `open`."""
 
     def __init__(
         self, path: str | os.PathLike[str], entries: list[dict[str, Any]], table: str | None, *, filtered: bool
@@ -103,11 +102,11 @@ class TrackLog:
         table: str | os.PathLike[str] | None = None,
         filtered: bool = False,
     ) -> TrackLog:
-        """Return the log at `path`, begun with `head` or continued where it was begun with the same (`head_of`).
+        """Return the log at `path`: a new one that begins with `head` (`head_of`), or one with the same head.
 
-        A last line that was cut off is removed; a log without frames is begun anew. table: a CSV file beside it, a
-        line a frame, written anew from the log, with the `filtered` poses or those of single frames.
-        Raises `UnreadableFile` where another run's results are there.
+        An incomplete last line is removed; a log without frames is begun anew. table: a CSV file, one line per frame,
+        rewritten from the log, with the `filtered` poses or else those of single frames. Raises `UnreadableFile` where
+        the file holds another run.
         """
         there = Path(path)
         entries = _continued(path, head) if there.exists() and there.stat().st_size else []
@@ -128,7 +127,7 @@ class TrackLog:
                 file.close()
 
     def append(self, tracked: TrackedFrame) -> dict[str, Any]:
-        """Add a frame; return its line once it is on the disk."""
+        """Append a frame; return its line once it is on disk."""
         entry = entry_of(tracked)
         _add(self._file, json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n")
         if self._table is not None:
@@ -137,7 +136,7 @@ class TrackLog:
         return entry
 
     def steps(self) -> list[LoggedFrame]:
-        """Return the frames that are there, without their photos, for `track_part` to continue from."""
+        """Return the frames in the log, without their photos, for `track_part` to continue from."""
         return [
             LoggedFrame(entry["frame"], _pose_of(self.path, entry) if entry["found"] else None, entry["how"])
             for entry in self.entries
@@ -145,7 +144,7 @@ class TrackLog:
 
 
 def entry_of(tracked: TrackedFrame) -> dict[str, Any]:
-    """Return the line of a frame."""
+    """Return the log line of a frame."""
     location = tracked.location
     return {
         "frame": tracked.frame.index,
@@ -169,7 +168,7 @@ def head_of(
     velocity: bool = True,
     texture: bool = True,
 ) -> dict[str, Any]:
-    """Return the first line of a log: what decides its results, apart from the pictures."""
+    """Return the first line of a log: everything except the pictures that determines the results."""
     mesh, edges = part.scene.mesh, part.scene.edges
     return {
         "format": FORMAT,
@@ -185,7 +184,7 @@ def head_of(
 
 
 def read_track_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
-    """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile` naming the line."""
+    """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile`, naming the line."""
     lines = read_text(path, max_bytes=_MAX_BYTES).text.splitlines()
     _check_head(path, _object(path, 1, lines[0]))
     entries = [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
@@ -197,13 +196,13 @@ def read_track_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
 
 
 def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the whole lines of a log after its head; a line that was cut off is cut from the file."""
+    """Return the complete lines of a log after its head; truncate the file after them."""
     data = Path(path).read_bytes()
     whole = data[: data.rfind(b"\n") + 1]
     lines = whole.decode(errors="replace").splitlines()
     there = _object(path, 1, lines[0]) if lines else {}
     _check_head(path, there)
-    if len(lines) == 1:  # of a run that failed at its first frame: perhaps by inputs that are other ones now
+    if len(lines) == 1:  # a run that failed at its first frame, perhaps by inputs that were mended since
         return []
     for key, value in json.loads(json.dumps(head)).items():
         if there.get(key) != value:
@@ -215,7 +214,7 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[
 
 
 def _differs(key: str, there: Any, now: Any) -> str:
-    """Return how an entry of a log's head differs from this run's, in its reader's words."""
+    """Return how an entry of a log's head differs from this run's, in terms that the user knows."""
     if key in _SWITCHES:
         return f"with{'out' if there else ''} {_SWITCHES[key]}"
     one, other = _brief(key, there), _brief(key, now)
@@ -224,7 +223,7 @@ def _differs(key: str, there: Any, now: Any) -> str:
 
 
 def _brief(key: str, value: Any) -> str:
-    """Return an entry of a log's head in a few words; "" where the words would not help."""
+    """Return an entry of a log's head in a few words, "" where that would not help."""
     if key == "start":
         return "none" if value is None else "at {:.4g}, {:.4g}, {:.4g} mm".format(*value["translation_mm"])
     if key in ("part_sha256", "software"):
@@ -248,7 +247,7 @@ def _pose_of(path: str, entry: dict[str, Any]) -> PoseEstimate:
 
 
 def _row(entry: dict[str, Any], filtered: bool) -> str:
-    """Return the line of a frame in the table; the pose of a lost frame is left out."""
+    """Return the table row of a frame, without the pose where the part was lost."""
     row = [entry["frame"], ";".join(entry["files"]), int(entry["found"]), entry["quality"], entry["how"]]
     if entry["found"]:
         pose = entry["filtered" if filtered else "pose"]
@@ -261,7 +260,7 @@ def _row(entry: dict[str, Any], filtered: bool) -> str:
 
 
 def _numbers(view: Viewpoint) -> Iterable[Any]:
-    """Return all numbers of a viewpoint that decide what is found."""
+    """Return all numbers of a viewpoint that determine what is found."""
     yield [*view.camera.size]
     yield view.camera.K
     yield [*view.camera.lens.parameters.values()]
@@ -293,7 +292,7 @@ def _write(path: str | os.PathLike[str], text: str) -> None:
 
 
 def _add(file: io.BufferedWriter, line: str) -> None:
-    """Add a line and wait until it is on the disk."""
+    """Append a line and wait until it is on disk."""
     file.write(line.encode())
     file.flush()
     os.fsync(file.fileno())

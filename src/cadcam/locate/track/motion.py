@@ -1,18 +1,18 @@
-"""How a part moves from frame to frame: where it will be, and where it is by all frames so far, with covariances.
+"""The motion of a part from frame to frame: predicted and filtered poses, with covariances.
 
-A Kalman filter on poses. The part keeps its velocity but for an acceleration that nobody knows:
+A Kalman filter on poses, with constant velocity but for a random acceleration:
 
     T' = T exp(v + w/2)     v' = v + w     w ~ N(0, s^2 I)         measured: Z = T exp(e), e ~ N(0, R)
 
-in the part's axes about its middle, turns times its radius so that all six are mm (errors on the right of the pose, as
-everywhere; J. Sola et al., "A micro Lie theory for state estimation in robotics", 2018). R is what a frame tells of
-itself. How unevenly the part moves, s, is not asked of the user: filters with several s run beside each other, each
-counts by how well it foretold the last frames, and what comes out is their mixture (D. T. Magill, "Optimal adaptive
+in the part's axes about its centre, with rotations times its radius so that all six are in mm (errors on the right of
+the pose, as everywhere; J. Sola et al., "A micro Lie theory for state estimation in robotics", 2018). R is the
+covariance that a frame states. The user need not know the acceleration s: filters with several s run in parallel, each
+is weighted by how well it predicted the last frames, and the result is their mixture (D. T. Magill, "Optimal adaptive
 estimation of sampled stochastic processes", IEEE Trans. Automatic Control 10, 1965).
 
-Much of what edges err by is the same in every frame: a chamfer, print along an edge, the lens. It does not average out.
-So the stated covariance is that of errors e = R^(1/2) u with one u in all frames: the pose is steadier than that
-of single frames, not surer.
+Much of the error of edges is the same in every frame: a chamfer, print along an edge, the lens. It does not average
+out. So the stated covariance is that of errors e = R^(1/2) u with one u for all frames: the filtered pose is smoother
+than those of single frames, but not stated to be more accurate.
 """
 
 from __future__ import annotations
@@ -26,21 +26,21 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_UNEVEN = np.geomspace(3e-4, 0.3, 7)  # s that are tried, radii of the part per frame^2
-_FIRST = 0.3  # sd of the velocity when nothing is known of it, radii per frame
-_REMEMBERED = 0.95  # of how well a filter foretold, from frame to frame
-_TINY = 1e-12  # share of the largest variance below which a direction was never free
+_UNEVEN = np.geomspace(3e-4, 0.3, 7)  # values of s tried, radii of the part per frame^2
+_FIRST = 0.3  # sd of an unknown velocity, radii per frame
+_REMEMBERED = 0.95  # decay of a filter's weight per frame: the memory of its earlier predictions
+_TINY = 1e-12  # share of the largest variance below which a direction was not free
 
 
 class MotionFilter:
-    """The motion of a part whose middle is `centre` (3,) mm and whose size is `radius` mm.
+    """The motion of a part whose centre is `centre` (3,) mm and whose size is `radius` mm.
 
-    velocity: whether it is expected to go on; else to stay, off by w in each frame.
+    velocity: whether the velocity persists; else the pose does, but for w in each frame.
     """
 
     def __init__(self, centre: Array, radius: float, *, velocity: bool = True) -> None:
         self._middle = Rigid(np.eye(3), centre)
-        self._scale = np.repeat([1.0, radius], 3)  # turns as mm
+        self._scale = np.repeat([1.0, radius], 3)  # rotations as mm at the radius
         self._s2 = (_UNEVEN[:, None, None] * radius) ** 2
         self._by_w = np.concatenate([0.5 * np.eye(6), np.eye(6)]) if velocity else np.eye(12, 6)
         self._F = np.eye(12) + (np.eye(12, k=6) if velocity else 0.0)
@@ -49,20 +49,20 @@ class MotionFilter:
         self._index: int | None = None
 
     def forget(self) -> None:
-        """Start anew, as after a loss; only how unevenly the part moves is kept."""
+        """Forget pose and velocity, as after a loss; the weights of the accelerations s are kept."""
         self._index = None
 
     def predicted(self, index: int) -> PoseEstimate | None:
-        """Return where a frame will show the part, None unless it was measured in the one before."""
+        """Return the pose expected in a frame, None unless the frame before it was measured."""
         if self._index is None or self._index != index - 1:
             return None
         T, P, _, _ = self._ahead()
         return self._mixed(T, P[:, :6, :6], self._last)
 
     def measured(self, index: int, pose: PoseEstimate) -> PoseEstimate:
-        """Take up where a frame showed the part; return where it is by all frames so far.
+        """Take in the pose measured in a frame; return the filtered one.
 
-        The calibration's share in the covariance is the frame's own: it is the same in all of them.
+        The calibration's part of the covariance is the frame's own, as it is the same in all frames.
         """
         Ad = self._scale[:, None] * self._middle.inv.adjoint()
         R, Z = Ad @ pose.from_noise @ Ad.T, pose.world_from_part @ self._middle
@@ -84,13 +84,13 @@ class MotionFilter:
         self._P = self._W + self._E @ self._E.swapaxes(1, 2)
 
     def _ahead(self) -> tuple[Rigid, Array, Array, Array]:
-        """Return one frame later: poses, covariances (K, 12, 12) by all and by w alone, roots (K, 12, 6) of e."""
+        """Return the next frame's poses, covariances (K, 12, 12) in all and from w alone, and roots (K, 12, 6) of e."""
         step = Rigid.exp(self._v / self._scale)
         T, F = self._T @ step, np.broadcast_to(self._F, self._P.shape).copy()
         F[:, :6, :6] = self._scale[:, None] * step.inv.adjoint() / self._scale
         by_w = self._by_w @ self._free
         Q, Ft = self._s2 * (by_w @ by_w.T), F.swapaxes(1, 2)
-        T = Rigid(so3.nearest(T.rotation), T.translation)  # in a chain of products rounding grows
+        T = Rigid(so3.nearest(T.rotation), T.translation)  # rounding accumulates in a chain of products
         return T, F @ self._P @ Ft + Q, F @ self._W @ Ft + Q, F @ self._E
 
     def _update(self, Z: Rigid, R: Array) -> None:
@@ -107,7 +107,7 @@ class MotionFilter:
         self._P = kept @ P @ kept.swapaxes(1, 2) + gain @ R @ gain.swapaxes(1, 2)
 
     def _mixed(self, T: Rigid, P: Array, like: PoseEstimate) -> PoseEstimate:
-        """Return the mixture of the filters' poses as one normal distribution: world_from_part."""
+        """Return the mixture of the filters' poses, world_from_part, as one normal distribution."""
         p = np.exp(self._log_p) / np.exp(self._log_p).sum()
         k = int(np.argmax(p))
         best = Rigid(T.rotation[k], T.translation[k])
@@ -122,7 +122,7 @@ class MotionFilter:
 
 
 def _inverse(S: Array) -> tuple[Array, Array]:
-    """Return the inverses (K, n, n) of covariances, and their log determinants, within the directions that are free."""
+    """Return the inverses (K, n, n) of covariances and their log determinants, within the free directions."""
     values, axes = np.linalg.eigh(S)
     free = values > _TINY * values[:, -1:]
     values = np.where(free, values, 1.0)
@@ -130,6 +130,6 @@ def _inverse(S: Array) -> tuple[Array, Array]:
 
 
 def _root(R: Array) -> Array:
-    """Return the symmetric root of a covariance that may be singular."""
+    """Return the symmetric square root of a covariance that may be singular."""
     values, axes = np.linalg.eigh(R)
     return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T)

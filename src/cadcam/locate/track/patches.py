@@ -1,13 +1,13 @@
-"""Patches of a part's faces as one photo shows them, and the pose at which another shows them alike.
+"""Patches of a part's faces taken from one photo, and the pose that aligns them with another.
 
-A patch is a small square of a photo taken off the part's faces, each sample at its place on the part. In another photo
-it has its own brightness and contrast there, for light changes as the part turns:
+A patch is a small square of a photo, each of its samples with its point on the part's surface. In another photo it has
+another brightness and contrast, because the lighting changes as the part turns:
 
-    I(q(p_i)) = a + b look_i + r_i        q(p): where the pose puts a place of the part, through the whole camera
+    I(q(p_i)) = a + b look_i + r_i        q(p): the projection of point p at the pose, lens included
 
-and the pose is the one at which r is least over all patches (B. Lucas, T. Kanade, "An iterative image registration
-technique", IJCAI 1981, over the motions of a rigid part), on a coarsely blurred photo first. Patches that do not
-correlate, hidden or changed, do not count. What patches disagree by tells the covariance: each errs as one.
+The pose minimises r over all patches (B. Lucas, T. Kanade, "An iterative image registration technique", IJCAI 1981,
+over rigid motions), first on a strongly blurred photo. Patches that do not correlate, because they are hidden or
+changed, are left out. The covariance follows from the residuals, with each patch as one correlated measurement.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ from cadcam.locate.match.salient import corner_strength
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Channel, Renderer, View
 
-LEAST = 10  # patches that tell a pose at least
-_EXTENT, _MARGIN = 320, 8  # px of the part where patches are compared, at most, and what is kept around it
+LEAST = 10  # fewest patches that determine a pose
+_EXTENT, _MARGIN = 320, 8  # largest size of the part in px at which patches are compared; margin kept around it
 _BLURS = (2.5, 1.0)  # px: coarse, fine
 _ROUNDS, _SETTLED_PX = (5, 6), (0.3, 0.02)
-_SAMPLES = np.stack(np.meshgrid(*[np.arange(-5.0, 6.0, 2.0)] * 2), axis=-1).reshape(-1, 2)  # px, of a patch
-_SPARSE = np.flatnonzero((np.abs(_SAMPLES) != 3).all(axis=1))  # those that are compared coarsely
-_APART, _MOST = 9, 80  # px between patches, and how many a photo gives at most
-_OVERLAP = (11 / _APART) ** 2  # by which neighbours that share pixels tell less than patches side by side
-_INSIDE = 6  # px that a patch's middle stays from the part's outline and from where it bends
-_BENT = 0.25  # by which unit normals of one face differ at most from pixel to pixel
-_STRUCTURE = 1.0  # slope of a patch in its weaker direction, in noises of a pixel: it can be followed
-_FACING = 0.2  # cosine of the view from which a face is looked at
-_ALIKE, _UNLIKE = 0.8, 0.5  # correlation of a patch that was found again, and of one that was not
-_SHARE = 0.5  # of the patches in view that must be found again
-_SHIFTS = np.stack(np.meshgrid(*[np.arange(-16.0, 17.0, 4.0)] * 2), axis=-1).reshape(-1, 1, 2)  # px, tried one by one
+_SAMPLES = np.stack(np.meshgrid(*[np.arange(-5.0, 6.0, 2.0)] * 2), axis=-1).reshape(-1, 2)  # px, the samples of a patch
+_SPARSE = np.flatnonzero((np.abs(_SAMPLES) != 3).all(axis=1))  # those compared at the coarse level
+_APART, _MOST = 9, 80  # px between patches; the most patches of one photo
+_OVERLAP = (11 / _APART) ** 2  # factor by which patches that share pixels carry less information than separate ones
+_INSIDE = 6  # px between a patch's centre and the outline or a bend of the surface
+_BENT = 0.25  # largest difference of unit normals between neighbouring pixels of one face
+_STRUCTURE = 1.0  # least slope in a patch's weaker direction, in sds of a pixel's noise, for it to be followed
+_FACING = 0.2  # least cosine between normal and viewing direction
+_ALIKE, _UNLIKE = 0.8, 0.5  # correlation of a patch that is found again; of one that is not
+_SHARE = 0.5  # least share of the patches in view that must be found again
+_SHIFTS = np.stack(np.meshgrid(*[np.arange(-16.0, 17.0, 4.0)] * 2), axis=-1).reshape(-1, 1, 2)  # px, tried in turn
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Canvas:
-    """The surroundings of the part in a photo, reduced where they are large, and the camera that would take them so.
+    """The part's surroundings in a photo, reduced in size where they are large, and the camera of the reduced picture.
 
-    layers: for each blur (H, W, 3): brightness, and its slopes along x and y. noise: of a pixel of the photo.
+    layers: for each blur (H, W, 3): brightness and its slopes along x and y. noise: sd of a pixel of the photo.
     """
 
     camera: Camera
@@ -59,7 +59,7 @@ class Canvas:
 
     @classmethod
     def of(cls, photo: Photo, corners: Array, camera_from_part: Rigid) -> Canvas | None:
-        """Return the canvas around a part's corners (N, 3) mm; None where hardly anything of it is in the photo."""
+        """Return the canvas around a part's corners (N, 3) mm; None where the photo hardly contains any of it."""
         q = photo.camera.project(camera_from_part @ corners)
         if not np.isfinite(q).all():
             return None
@@ -104,9 +104,9 @@ def _layers(gray: Picture, blur: float) -> Picture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Patches:
-    """P patches of n samples of a photo: p (P, n, 3) mm, normal (P, 3), both in part axes.
+    """P patches of n samples of a photo: p (P, n, 3) mm and normal (P, 3), both in part axes.
 
-    looks: brightness, coarsely blurred (P, m) at every other sample, finely (P, n) at all, of mean 0 and square sum 1.
+    looks: brightness, strongly blurred (P, m) at every other sample and finely (P, n) at all; of mean 0 and norm 1.
     """
 
     p: Array
@@ -118,12 +118,12 @@ class Patches:
 
     @classmethod
     def none(cls) -> Patches:
-        """Return no patches, as of a photo that does not show the part."""
+        """Return no patches, for a photo that does not show the part."""
         return cls(np.zeros((0, 1, 3)), np.zeros((0, 3)), (np.zeros((0, 1)), np.zeros((0, 1))))
 
     @classmethod
     def learned(cls, renderer: Renderer, canvas: Canvas, camera_from_part: Rigid) -> Patches:
-        """Return the patches of a photo that are worth following, at the pose that it was taken at."""
+        """Return the patches of a photo, taken at this pose, that can be followed."""
         view = renderer.render(canvas.camera, camera_from_part, channels=Channel.DEPTH | Channel.NORMAL)
         middle = _middles(canvas, view)
         q = middle[:, None] + _SAMPLES
@@ -137,19 +137,19 @@ class Patches:
         return cls(p[kept], facing[kept], (coarse, fine))
 
     def facing(self, camera_from_part: Rigid) -> Mask:
-        """Return which patches (P,) turn their face to the camera."""
+        """Return which patches (P,) face the camera."""
         sight = camera_from_part.origin - self.p[:, 0]
         facing: Mask = (sight * self.normal).sum(axis=1) > _FACING * np.linalg.norm(sight, axis=1)
         return facing
 
 
 def _levels(samples: Array) -> tuple[Array, Array]:
-    """Return what of samples (P, n, ...) is compared coarsely, and finely."""
+    """Return the samples (P, n, ...) of the coarse and of the fine level."""
     return samples[:, _SPARSE], samples
 
 
 def _middles(canvas: Canvas, view: View) -> npt.NDArray[np.int64]:
-    """Return the pixels (P, 2) that patches are best taken around: on one face, with structure in all directions."""
+    """Return the pixels (P, 2) to centre patches on: within one face, with structure in all directions."""
     from scipy.ndimage import distance_transform_edt, maximum_filter, minimum_filter
 
     bends = [np.ptp([f(view.normal[..., k], 3) for f in (minimum_filter, maximum_filter)], axis=0) for k in range(3)]
@@ -168,7 +168,7 @@ def _middles(canvas: Canvas, view: View) -> npt.NDArray[np.int64]:
 
 
 def _surface(camera: Camera, view: View, q: Array) -> Array:
-    """Return the points (P, n, 3) mm, camera frame, that a view sees at whole pixels q (P, n, 2); nan where none."""
+    """Return the points (P, n, 3) mm, camera frame, seen at whole pixels q (P, n, 2); nan where none is."""
     x, y = np.moveaxis(q.astype(np.int64), 2, 0)
     inside = (x >= 0) & (y >= 0) & (x < camera.width) & (y < camera.height)
     depth = view.depth[np.where(inside, y, 0), np.where(inside, x, 0)].astype(np.float64)
@@ -178,7 +178,7 @@ def _surface(camera: Camera, view: View, q: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alignment:
-    """The pose world_from_part at which patches look as they did, its covariance (6, 6), and how many do."""
+    """The pose world_from_part that aligns patches with a photo, its covariance (6, 6), and how many correlate."""
 
     world_from_part: Rigid
     covariance: Array
@@ -192,7 +192,7 @@ def aligned(
     start: Rigid,
     freedom: Freedom,
 ) -> Alignment | None:
-    """Return where patches are found again near a start, some px off; None where too few are."""
+    """Return the pose near a start, some px off, at which patches are found again; None where too few are."""
     seen = [
         _Seen(one, canvas, photo.viewpoint.camera_from_world)
         for one, canvas, photo in zip(patches, canvases, photos, strict=True)
@@ -205,7 +205,7 @@ def aligned(
 
 
 class _Seen(NamedTuple):
-    """Patches of a photo, another photo by the same camera, and camera_from_world."""
+    """Patches of one photo, another photo by the same camera, and camera_from_world."""
 
     patches: Patches
     canvas: Canvas
@@ -213,9 +213,9 @@ class _Seen(NamedTuple):
 
 
 class _Rows(NamedTuple):
-    """What P patches in view leave over, r (P, n), its Jacobian J (P, n, 6) by the twist, and how alike (P,) they are.
+    """Residuals r (P, n) of P patches in view, their Jacobian J (P, n, 6) by the twist, and correlations alike (P,).
 
-    by_px (P, 2, 6): how the twist moves the first sample of each in the picture.
+    by_px (P, 2, 6): derivative of the first sample's pixel by the twist.
     """
 
     r: Array
@@ -225,7 +225,7 @@ class _Rows(NamedTuple):
 
 
 class _Step(NamedTuple):
-    """A step of Gauss-Newton: where it leads, how far (px) at most, its covariance, and how alike patches were."""
+    """A Gauss-Newton step: the new pose, the largest shift (px), the covariance, and the patches' correlations."""
 
     pose: Rigid
     moved_px: float
@@ -234,7 +234,7 @@ class _Step(NamedTuple):
 
 
 def _settled(seen: Sequence[_Seen], pose: Rigid, freedom: Freedom) -> Alignment | None:
-    """Return where Gauss-Newton ends, coarse and then fine."""
+    """Return where Gauss-Newton converges, on the coarse and then on the fine level."""
     step = _Step(pose, np.inf, np.zeros((6, 6)), np.zeros(0))
     for level, (rounds, settled) in enumerate(zip(_ROUNDS, _SETTLED_PX, strict=True)):
         for _ in range(rounds):
@@ -249,7 +249,7 @@ def _settled(seen: Sequence[_Seen], pose: Rigid, freedom: Freedom) -> Alignment 
 
 
 def _stepped(seen: Sequence[_Seen], pose: Rigid, B: Array, level: int) -> _Step | None:
-    """Return the next step in the basis B; None where too few patches look alike."""
+    """Return the next step in the basis B; None where too few patches correlate."""
     rows = [_rows(*one, pose, level) for one in seen]
     r, J, alike, by_px = (np.concatenate([one[k] for one in rows]) for k in range(4))
     w = _weights(r, alike)
@@ -266,14 +266,14 @@ def _stepped(seen: Sequence[_Seen], pose: Rigid, B: Array, level: int) -> _Step 
 
 
 def _weights(r: Array, alike: Array) -> Array:
-    """Return how far patches (P,) count: by what they leave over, and not at all where they look otherwise."""
+    """Return the weights of patches (P,), from their residuals; 0 for those that do not correlate."""
     own = np.mean(r**2, axis=1)
     counts = np.clip((alike - _UNLIKE) / (_ALIKE - _UNLIKE), 0.0, 1.0)
     return np.asarray(counts / (own + (np.median(own) if len(own) else 0.0) + 1e-12))
 
 
 def _rows(patches: Patches, canvas: Canvas, place: Rigid, pose: Rigid, level: int) -> _Rows:
-    """Return what the patches in view say; a and b of each are eliminated: all is taken across 1 and the look."""
+    """Return residuals and Jacobian of the patches in view, with each one's a and b eliminated by projection."""
     camera_from_part = place @ pose
     facing, every = patches.facing(camera_from_part), _levels(patches.p)[level]
     n, p = every.shape[1], every[facing].reshape(-1, 3)
@@ -294,7 +294,7 @@ def _rows(patches: Patches, canvas: Canvas, place: Rigid, pose: Rigid, level: in
 
 
 def _shifted(seen: _Seen, start: Rigid) -> Rigid:
-    """Return the start shifted across the view to where most of the patches look alike on the coarse canvas."""
+    """Return the start shifted parallel to the image plane to where most patches correlate at the coarse level."""
     patches, canvas, place = seen
     camera_from_part = place @ start
     p = camera_from_part @ _levels(patches.p)[0]

@@ -1,15 +1,15 @@
-"""What a part's faces show that its model lacks, print, grain or dirt: learned from frames, followed in later ones.
+"""Surface texture that the model lacks (print, grain, dirt): learned from frames, followed in later ones.
 
-Where the part was found, patches of the photos are taken off its faces: a keyframe. Later frames are aligned with the
-keyframe that was seen most alike (`locate.track.patches`). That tells how the part moved since to a small part of what
-edges tell, but not where it was then. So it is evidence beside the edges of each frame, and these hold it where it is
+Where the part was found, patches of its faces are taken from the photos: a keyframe. Later frames are aligned with the
+keyframe of the most similar view (`locate.track.patches`). That determines the motion since the keyframe far more
+precisely than edges do, but not the pose then. So it is used as evidence beside each frame's edges, which prevent drift
 (L. Vacchetti, V. Lepetit, P. Fua, "Stable real-time 3D tracking using online and offline information", PAMI 26, 2004).
 
-A keyframe's pose is mended by what the edges of each frame that follows it say, and counts as so many frames' edges, up
-to `_FRAMES`: what they err by at random averages out, what changes with the view is forgotten. What they err by in all
-frames alike does not average out, so the stated covariance does not shrink with the frames (as in
-`locate.track.motion`). All of it follows from the frames' photos and the poses that were found, so a run that was cut
-off can go through them again and be as if there had been no break.
+The edges of each frame that follows a keyframe correct its pose, which counts as that many frames' edges, up to
+`_FRAMES`: random errors of edges average out, and those that change with the view are forgotten. Errors that all frames
+share do not average out, so the stated covariance does not shrink with the number of frames (as in
+`locate.track.motion`). The state follows from the frames' photos and poses alone, so an interrupted run can replay them
+and continue as if there had been no break.
 """
 
 from __future__ import annotations
@@ -30,20 +30,20 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.track.patches import LEAST, Canvas, Patches, aligned
 from cadcam.render.view import Renderer
 
-_TURN, _SCALE = math.radians(12.0), 0.12  # by which a view differs from its keyframe's before one more is learned
-_KEPT = 12  # keyframes
-_PATIENCE = 2  # frames in which none is found again, after which all are given up
-_MEMORY, _DENIED = 0.8, 25.0  # of how edges pull, from frame to frame; chi^2 of six parameters that denies the print
-_FRAMES = 4.0  # that a keyframe counts as at most
+_TURN, _SCALE = math.radians(12.0), 0.12  # change of view, rotation and scale, from which another keyframe is learned
+_KEPT = 12  # most keyframes
+_PATIENCE = 2  # frames in a row without any patch found again, after which all keyframes are dropped
+_MEMORY, _DENIED = 0.8, 25.0  # decay per frame of the mean correction by edges; chi^2 that refutes the keyframe
+_FRAMES = 4.0  # most frames that a keyframe counts as
 _NEVER_FREE = 1e-9  # share of the largest variance below which a direction is not free
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Followed:
-    """Where a keyframe's patches are in a frame, as evidence of the pose, and how many of them were found again.
+    """The pose at which a keyframe's patches are found in a frame, as evidence, and how many of them were.
 
-    number: of the keyframe. by_one_frame (6, 6): covariance of its pose by the edges of one; alone (6, 6): of the
-    alignment.
+    number: of the keyframe. by_one_frame (6, 6): covariance of its pose from the edges of one frame; alone (6, 6): of
+    the alignment.
     """
 
     evidence: PoseEvidence
@@ -53,10 +53,10 @@ class Followed:
     found: int
 
     def fused(self, fitted: Array) -> Array:
-        """Return the covariance (6, 6) of a pose fitted to this and to edges, `fitted` were they independent.
+        """Return the covariance (6, 6) of a pose fitted to this and to edges; `fitted`: if these were independent.
 
-        They are not: what a frame's edges err by, the keyframe's erred by too. So errors are e = R^(1/2) u with one u,
-        (I - K) of it from the keyframe and K from the frame's own edges, whose share K is.
+        They are not: the errors of a frame's edges are also the keyframe's. So errors are e = R^(1/2) u with one u, of
+        which (I - K) comes from the keyframe and K, the weight of the frame's own edges, from these.
         """
         scale = np.repeat([1.0, self.evidence.radius], 3)
         C, R, S, P = (
@@ -70,10 +70,10 @@ class Followed:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Keyframe:
-    """Patches of each photo, what the photos were seen from, and where: camera_from_part.
+    """Patches of each photo of a frame, and the poses camera_from_part at which it was taken.
 
-    off: by which later frames mended the pose; by_one_frame (6, 6): its covariance by one frame's edges; frames: how
-    many of them the pose counts as.
+    off: the correction of the pose by later frames; by_one_frame (6, 6): covariance of the pose from one frame's edges;
+    frames: how many frames the pose counts as.
     """
 
     patches: tuple[Patches, ...]
@@ -84,12 +84,12 @@ class _Keyframe:
 
     @property
     def covariance(self) -> Array:
-        """Return the covariance (6, 6) that it is weighed by."""
+        """Return the covariance (6, 6) that the keyframe is weighted by."""
         return self.by_one_frame / self.frames
 
 
 class Texture:
-    """The keyframes of a part that is followed."""
+    """The keyframes of a tracked part."""
 
     def __init__(self, part: Part) -> None:
         self._scene = part.scene
@@ -100,13 +100,13 @@ class Texture:
         self.forget()
 
     def forget(self) -> None:
-        """Start anew, as after a loss."""
+        """Drop all keyframes, as after a loss."""
         self._keyframes: list[_Keyframe] = []
         self._misses = 0
         self._pull, self._pulls = np.zeros(6), 0.0
 
     def follow(self, photos: Sequence[Photo], start: Rigid, freedom: Freedom) -> Followed | None:
-        """Return where print puts the part, from a start some px off; None where the print is not found again."""
+        """Return the pose by the texture, from a start some px off; None where it is not found again."""
         if not self._keyframes:
             return None
         views = _views(photos, start)
@@ -120,7 +120,7 @@ class Texture:
         return Followed(evidence, number, keyframe.by_one_frame, found.covariance, found.found)
 
     def keep(self, photos: Sequence[Photo], pose: PoseEstimate, followed: Followed | None) -> None:
-        """Take up where a frame showed the part, and by which keyframe that was followed, if by any."""
+        """Take in the pose found in a frame, and the keyframe that was followed, if any."""
         if followed is None:
             self._misses += 1
             if not self._keyframes or self._misses > _PATIENCE:
@@ -138,7 +138,7 @@ class Texture:
             self._learn(photos, pose, mended.frames)
 
     def _slides(self, followed: Followed, pose: PoseEstimate) -> bool:
-        """Return whether edges keep pulling the pose away to one side, as where print slides over a part."""
+        """Return whether edges keep pulling the pose to the same side, as when a texture slides over the part."""
         there, scale = followed.evidence, np.repeat([1.0, self._radius], 3)
         off = scale * (there.world_from_part.inv @ pose.world_from_part).log()
         sigmas = _root(_inverse(scale[:, None] * there.covariance * scale)) @ off
@@ -146,7 +146,7 @@ class Texture:
         return bool(self._pull @ self._pull > _DENIED * self._pulls)
 
     def _mended(self, keyframe: _Keyframe, followed: Followed, pose: PoseEstimate) -> _Keyframe:
-        """Return the keyframe moved by its share of what edges moved the pose by."""
+        """Return the keyframe corrected by its share of the shift between the followed and the final pose."""
         scale = np.repeat([1.0, self._radius], 3)
         own, whole = (scale[:, None] * A * scale for A in (keyframe.covariance, followed.evidence.covariance))
         moved = (followed.evidence.world_from_part.inv @ pose.world_from_part).log()
@@ -177,7 +177,7 @@ class Texture:
         return [Canvas.of(photo, self._corners, view) for photo, view in zip(photos, views, strict=True)]
 
     def _difference(self, one: Sequence[Rigid], other: Sequence[Rigid]) -> float:
-        """Return how differently photos show the part, from 1 on worth a keyframe; roll in the picture is ignored."""
+        """Return how different two views of the part are, 1: worth a keyframe. Roll in the picture is ignored."""
         a, b = (np.array([view.origin - self._middle for view in views]) for views in (one, other))
         far = np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)
         turned = np.arccos(np.clip((a * b).sum(axis=1) / (far[0] * far[1]), -1, 1))
@@ -189,11 +189,11 @@ def _views(photos: Sequence[Photo], world_from_part: Rigid) -> list[Rigid]:
 
 
 def _inverse(A: Array) -> Array:
-    """Return the inverse of a covariance within the directions that are free."""
+    """Return the inverse of a covariance within the free directions."""
     return np.asarray(np.linalg.pinv(A, rcond=_NEVER_FREE, hermitian=True))
 
 
 def _root(A: Array) -> Array:
-    """Return the symmetric root; what rounding made negative counts as zero."""
+    """Return the symmetric square root; eigenvalues made negative by rounding count as zero."""
     values, axes = np.linalg.eigh(A)
     return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T)

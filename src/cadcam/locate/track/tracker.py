@@ -1,8 +1,8 @@
-"""A part followed through pictures: its print and its motion foretell where it is; what is lost is looked for again.
+"""A part tracked through frames: its texture and its motion predict the pose; a lost part is searched for again.
 
-A frame is searched only as far around the foretold lines as their covariance says: what lies farther, print or a shadow
-beside an edge, cannot pull the part away. Where the part's faces show more than the model knows of
-(`locate.track.texture`), that tells the pose together with the edges.
+A frame is searched only as far around the predicted lines as their covariance says: farther edges, as of print or of a
+shadow, cannot pull the part away. Where the part's faces have texture that the model lacks (`locate.track.texture`), it
+determines the pose together with the edges.
 """
 
 from __future__ import annotations
@@ -27,27 +27,27 @@ from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
 
-_PATIENCE = 8  # frames between two searches without a start, once a part has been gone for long
-_SIGMAS, _BESIDE = 3.0, 1.0  # how far around foretold lines the photo's are looked for: sds, and px for lines of paint
+_PATIENCE = 8  # frames between two searches without a start, once a part has been lost for long
+_SIGMAS, _BESIDE = 3.0, 1.0  # search range around predicted lines: sds, and px added for painted lines
 _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
-_FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45  # so far from its last place a part must be clear, else it is this
-_ANYWHERE = ("followed", "searched")  # ways that do not lean on the last place
-_FORETOLD = -2  # constraints that a place foretold to some px gives back: a fit anywhere else would not count
-_BETTER = 0.2  # quality by which edges alone show that print has left the part
-_HELD = 0.3  # quality by its edges of a part that print holds
-_FOLLOWED = -5  # the same of a place that print tells: edges are met there that no fit laid onto them
+# A pose farther than this from the last one needs a quality of _CLEAR to be believed, and else gets _UNCERTAIN.
+_FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45
+_ANYWHERE = ("followed", "searched")  # ways of finding the part that do not depend on the last pose
+_FORETOLD = -2  # constraints credited to a pose predicted to some px: a fit anywhere else would not have been accepted
+_BETTER = 0.2  # quality by which a fit to edges alone must be better to show that the texture has left the part
+_HELD = 0.3  # least quality by its edges of a part that is held by its texture
+_FOLLOWED = -5  # the same for a pose by texture: edges agree there that were not used to fit it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrackedFrame:
-    """Where the part was in one frame.
+    """The pose of the part in one frame.
 
-    location: by this frame's photos; where it was "followed", with print as earlier frames showed it. filtered: by all
-    frames so far (`locate.track.motion`), steadier and better where a frame shows little, but late by a share of what
-    the motion changed; None where the part was lost. how: "followed" (where the print on it led), "predicted" (near
-    where the motion led), "kept" (around the last pose), "recovered" (searched around the last pose, or around the
-    start), "searched" (without any start), "lost". Of a lost frame the location is the best that was there; its `found`
-    is False.
+    location: from this frame's photos and, where "followed", the texture learned in earlier frames. filtered: from all
+    frames so far (`locate.track.motion`), steadier, and better where a frame shows little, but lagging behind when the
+    motion changes; None where the part was lost. how: "followed" (by its texture), "predicted" (near the pose predicted
+    from its motion), "kept" (around the last pose), "recovered" (searched for around the last pose or the start),
+    "searched" (without any start), "lost": the location is then the best candidate, with `found` False.
     """
 
     frame: Frame
@@ -63,9 +63,9 @@ class TrackedFrame:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LoggedFrame:
-    """A frame of an earlier run: its index, where it showed the part (unfiltered; None where that was lost), and how.
+    """A frame of an earlier run: its index, the pose found (unfiltered; None where the part was lost), and how.
 
-    photos: what it showed; without them the print on the part is learned anew.
+    photos: of the frame; without them the texture of the part is learned anew.
     """
 
     index: int
@@ -84,15 +84,15 @@ def track_part(
     texture: bool = True,
     history: Iterable[LoggedFrame] = (),
 ) -> Iterator[TrackedFrame]:
-    """Yield where the part is in each frame, one by one as they are asked for.
+    """Yield the pose of the part in each frame, one by one as they are asked for.
 
-    start: world_from_part (mm) in the first frame, roughly; without it the part is searched for. A frame is looked at
-    where the print on the part leads (`texture`), or near where the motion so far does (`velocity`: at constant
-    velocity; else where it was). Where that does not find the part, it is searched for around its last pose, then
-    without a start (not where its motion is restricted); a part that stays away is searched for less and less often. Of
-    poses that the part's symmetry allows, the one nearest to the last is taken.
-    history: frames of a run that this one continues, as if there had been no break. A frame without contrast is a loss.
-    Raises `NothingInView` where the start puts the part outside of the first photos.
+    start: rough world_from_part (mm) in the first frame; without it the part is searched for. In each frame it is
+    looked for where its texture predicts it (`texture`), or near where its motion does (`velocity`: at constant
+    velocity; else where it was). Where that fails it is searched for around its last pose, then without a start (unless
+    `freedom` restricts its motion), less and less often the longer it is lost. Of the poses that are equivalent by the
+    part's symmetry, the one nearest to the last is taken.
+    history: frames of a run that this one continues as if there had been no break. In a frame without contrast the part
+    is lost. Raises `NothingInView` where the start puts the part outside of the first photos.
     """
     tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
     for step in history:
@@ -102,7 +102,7 @@ def track_part(
 
 
 class Tracker:
-    """Follows a part frame by frame, as `track_part` does with the same arguments."""
+    """Tracks a part frame by frame; arguments as for `track_part`."""
 
     def __init__(
         self,
@@ -120,25 +120,25 @@ class Tracker:
         self._texture = Texture(part) if texture else None
 
     def next(self, frame: Frame) -> TrackedFrame:
-        """Return where the part is in the next frame."""
+        """Return the pose of the part in the next frame."""
         followed = self._followed(frame.index, frame.photos)
         how, location = _located(self._part, frame.photos, self._memory, self._freedom, frame.index, followed)
         step = LoggedFrame(frame.index, location.pose if location.found else None, how, frame.photos)
         return TrackedFrame(frame, location, how, self._keep(step, followed))
 
     def recall(self, step: LoggedFrame) -> None:
-        """Take up a frame of an earlier run in the place of tracking it."""
+        """Take in a frame of an earlier run instead of tracking it."""
         self._keep(step, None if step.pose is None else self._followed(step.index, step.photos))
 
     def _followed(self, index: int, photos: tuple[Photo, ...]) -> Followed | None:
-        """Return where the print on the part leads, None unless the part was found in the frame before."""
+        """Return the pose by the part's texture, None unless the part was found in the frame before."""
         predicted = self._memory.predicted(index)
         if self._texture is None or predicted is None or not photos:
             return None
         return self._texture.follow(photos, predicted.world_from_part, self._freedom)
 
     def _keep(self, step: LoggedFrame, followed: Followed | None) -> PoseEstimate | None:
-        """Take up a frame; return where the part is by all frames so far, None where it was lost."""
+        """Take in a frame; return the filtered pose, None where the part was lost."""
         if self._texture is not None and step.photos:
             misled = followed is not None and step.how != "followed"
             if step.pose is None or misled:
@@ -149,7 +149,7 @@ class Tracker:
 
 
 class _Memory:
-    """What is known of the part's motion, and for how long it has been lost."""
+    """The last pose, the motion of the part, and for how long it has been lost."""
 
     def __init__(self, corners: Array, start: Rigid | None, velocity: bool) -> None:
         self.last = start
@@ -161,11 +161,11 @@ class _Memory:
 
     @property
     def begins(self) -> bool:
-        """Return whether no frame has been seen yet."""
+        """Return whether no frame has been taken in yet."""
         return self._found_in is None and not self.misses
 
     def keep(self, index: int, pose: PoseEstimate | None) -> PoseEstimate | None:
-        """Take up a frame; return where the part is by all frames so far, None where it was lost."""
+        """Take in a frame; return the filtered pose, None where the part was lost."""
         if pose is None:
             self.misses += 1
             self._motion.forget()
@@ -174,7 +174,7 @@ class _Memory:
         return self._motion.measured(index, pose)
 
     def predicted(self, index: int) -> PoseEstimate | None:
-        """Return where the motion leads, None unless the part was found in the frame before."""
+        """Return the pose predicted by the motion, None unless the part was found in the frame before."""
         return self._motion.predicted(index)
 
     def tracking(self, index: int) -> bool:
@@ -182,22 +182,22 @@ class _Memory:
         return self._found_in == index - 1
 
     def reach_px(self, predicted: PoseEstimate, photos: Sequence[Photo]) -> float:
-        """Return how far from a foretold pose's lines the photos' may lie."""
+        """Return how far (px) from the lines of a predicted pose edges are searched for."""
         spread = max(_spread_px(self._corners, predicted, photo) for photo in photos)
         return float(np.clip(_SIGMAS * spread + _BESIDE, _LEAST_PX, _MOST_PX))
 
     def left(self, pose: PoseEstimate, photos: Sequence[Photo]) -> bool:
-        """Return whether a pose is far, in all photos, from where the part was last found."""
+        """Return whether a pose is far, in all photos, from the last one found."""
         if self._found_in is None or self.last is None:
             return False
         return all(_moved_px(self._corners, self.last, pose.world_from_part, photo) > _FAR_PX for photo in photos)
 
     def search_is_due(self) -> bool:
-        """Return whether to search without a start: after 2, 4, 8, 16, 24 ... misses; each has a chance to be wrong."""
+        """Return whether to search without a start: after 2, 4, 8, 16, 24 ... misses, as each search may err."""
         return self.misses > 1 and (self.misses % _PATIENCE == 0 or self.misses & (self.misses - 1) == 0)
 
     def nearest(self, location: Location) -> Location:
-        """Return the found pose, this or an alternative of it, that is nearest to the last one."""
+        """Return whichever of the found pose and its alternatives is nearest to the last pose."""
         if self.last is None:
             return location
         was = self.last @ self._corners
@@ -208,14 +208,14 @@ class _Memory:
 def _located(
     part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
 ) -> tuple[str, Location]:
-    """Return how and where the part was found, by the cheapest way that finds it; else the best of what was tried."""
+    """Return how and where the part was found, by the cheapest way that finds it; else the best candidate."""
     where = memory.last or Rigid()
     tried = [Location.nowhere(where, "not looked for")]
     for how, attempt in _ways(part, photos, memory, freedom, index, followed):
         try:
             location = attempt()
         except NothingInView as error:
-            if memory.begins:  # the caller's start, not ours
+            if memory.begins:  # the start was the caller's
                 raise
             tried[0] = Location.nowhere(where, str(error))
             continue
@@ -235,7 +235,7 @@ def _located(
 def _ways(
     part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
 ) -> Iterator[tuple[str, Callable[[], Location]]]:
-    """Yield the ways to find the part, cheapest first."""
+    """Yield the ways of finding the part, cheapest first."""
     last, predicted = memory.last, memory.predicted(index)
     if followed is not None:
         yield "followed", lambda: _by_print(part, photos, followed, memory, freedom)
@@ -252,7 +252,7 @@ def _ways(
 def _foretold(
     part: Part, photos: tuple[Photo, ...], predicted: PoseEstimate, reach_px: float, freedom: Freedom
 ) -> Location:
-    """Return what is found close to a predicted pose, and nothing farther away."""
+    """Return what is found close to a predicted pose, without searching farther."""
     options = replace(EDGES, search_px=reach_px)
     given = _FORETOLD if reach_px < _MOST_PX else 0
     return refine_pose(
@@ -261,9 +261,9 @@ def _foretold(
 
 
 def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom) -> Location:
-    """Return the pose that print and the lines near it give together.
+    """Return the pose from texture and nearby edges together.
 
-    That print is found again says that the part is still what was found; then edges must not deny it, no more.
+    Texture that is found again shows that this is still the part; so the edges need only not contradict it.
     """
     there = followed.evidence
     reach_px = memory.reach_px(PoseEstimate(there.world_from_part, there.covariance), photos)
@@ -290,7 +290,7 @@ def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory:
 
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
-    """Return the largest distance (px) between the corners (N, 3) mm at two poses, of those that a photo images."""
+    """Return the largest distance (px) between a corner's (N, 3) mm images at two poses, of those in the photo."""
     place = photo.viewpoint.camera_from_world
     apart = np.linalg.norm(
         np.subtract(*(photo.camera.project((place @ pose) @ corners) for pose in (one, other))), axis=1
@@ -299,7 +299,7 @@ def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
 
 
 def _spread_px(corners: Array, pose: PoseEstimate, photo: Photo) -> float:
-    """Return the largest sd (px) of the corners (N, 3) mm in a photo, of those that it can see."""
+    """Return the largest sd (px) of the images of the corners (N, 3) mm; inf where not all are in the photo."""
     camera_from_part = photo.viewpoint.camera_from_world @ pose.world_from_part
     _, J = photo.camera.project_with_jacobian(camera_from_part @ corners)
     J = J[np.isfinite(J).all(axis=(1, 2))] @ camera_from_part.rotation

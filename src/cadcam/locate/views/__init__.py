@@ -1,1 +1,1 @@
-"""What a part looks like from every direction, in which poses the same, and from where it may be seen."""
+"""A part's views: what it shows from every direction, in which poses it looks alike, and which views to expect."""

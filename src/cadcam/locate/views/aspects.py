@@ -1,9 +1,9 @@
-"""The aspects of a part: which of its edges it shows, from every side.
+"""The aspects of a part: which of its edges are visible from each direction.
 
 The thesis (section 3.4.1.1) weighs aspect graphs, whose nodes are topologically equal views, and asks for "recoverable
-aspects" instead. Here an aspect is one direction of view out of an even net over the sphere, with the edges that are
-visible from there, sampled in space. It is computed exactly (hidden lines removed in object space) when first asked for
-and kept: a photo near a known pose needs a few of them, a search over the sphere all.
+aspects" instead. Here an aspect is one viewing direction of an even net over the sphere, with the edges visible from
+there, sampled in space. It is computed on first use and kept: a photo near a known pose needs a few of them, a search
+over the whole sphere needs all.
 """
 
 from __future__ import annotations
@@ -23,19 +23,20 @@ from cadcam.render.view import Scene
 
 DIRECTIONS = 400
 _GOLDEN = 0.6180339887498949
-# Distances in radii at which aspects are made, a geometric series: from farther than the last a part shows the same.
+# Distances, in radii of the part, at which aspects are made: a geometric series. Beyond the last one perspective hardly
+# changes what is visible.
 _NEAREST, _FARTHEST, _STEP = 1.3, 5.2, 2.0
-_CELLS = 32  # along a side of the cube that finds the nearest direction
+_CELLS = 32  # along each edge of the cube map that looks up the nearest direction
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aspect:
-    """What a part shows to an eye: samples of its visible edges, in an order whose beginnings are spread as the whole.
+    """Samples of the edges that are visible from one viewpoint, ordered so that any first n are spread evenly.
 
-    direction (3,) unit, from the part's middle to the eye, and distance (mm) in the part frame. places (N,) structured
-    (`native.fields.PLACE`): p (3,) mm and unit tangent (3,) in the part frame, weight. chain (N,) feature chain (edge),
-    -1 on contours; line (N,) numbers from 0 the edges and contours on which places lie. length: of all visible edges in
-    units of the part's diameter, as the eye sees them.
+    direction (3,): unit vector from the part's centre to the eye, and distance (mm), in the part frame. places (N,),
+    structured (`native.fields.PLACE`): p (3,) mm and unit tangent (3,) in the part frame, weight. chain (N,): feature
+    chain (edge), -1 on contours; line (N,): consecutive numbers, from 0, of the edges and contours that the samples lie
+    on. length: of all visible edges as seen from there, in units of the part's diameter.
     """
 
     direction: Array
@@ -52,9 +53,9 @@ class Aspect:
 
 
 class Aspects:
-    """The aspects of one part over an even net of directions, made when first asked for and kept.
+    """The aspects of one part over an even net of directions, computed on first use and kept.
 
-    net (V, 3): unit directions from the part's middle to the eye, about 10 degrees apart.
+    net (V, 3): unit directions from the part's centre to the eye, about 10 degrees apart.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -67,39 +68,39 @@ class Aspects:
 
     @property
     def made(self) -> Mapping[tuple[int, int], Aspect]:
-        """The aspects made so far, by numbers of direction and of distance."""
+        """The aspects computed so far, by index of direction and index of distance."""
         return MappingProxyType(self._made)
 
     def take(self, made: Mapping[tuple[int, int], Aspect]) -> None:
-        """Take aspects that were made of this part before."""
+        """Add aspects of this part that were computed earlier."""
         self._made.update(made)
 
     def nearest(self, eyes: Array) -> tuple[Ids, Ids]:
-        """Return the numbers (N,) of net direction and of distance that are nearest to eyes (N, 3) mm, part frame."""
+        """Return the indices (N,) of the net direction and the distance nearest to eyes (N, 3) mm in the part frame."""
         sight = eyes - self.centre
         return self._table[_cube_cell(sight)], self.step_of(np.sqrt(np.einsum("ij,ij->i", sight, sight)))
 
     @cached_property
     def _table(self) -> Ids:
-        """The net direction nearest to the middle of each cell of the cube: off by less than one cell, 3 degrees."""
+        """The net direction nearest to the centre of each cell of the cube map: wrong by less than a cell, 3 deg."""
         return np.asarray(np.argmax(_cube_middles() @ self.net.T, axis=1), np.int32)
 
     def step_of(self, distance: Array) -> Ids:
-        """Return the numbers (N,) of the distances that are nearest to distances (N,) mm."""
+        """Return the indices (N,) of the tabulated distances that are nearest to distances (N,) mm."""
         ratio = np.clip(distance / self.radius, _NEAREST, _FARTHEST)
         return np.rint(np.log(ratio / _NEAREST) / math.log(_STEP)).astype(np.int32)
 
     def aspect(self, direction: int, step: int) -> Aspect:
-        """Return the aspect of a number of direction and of distance."""
+        """Return the aspect with these indices of direction and distance."""
         key = (int(direction), int(step))
         if key not in self._made:
             self.make([key])
         return self._made[key]
 
     def make(self, keys: Iterable[tuple[int, int]], made: Callable[[], None] = lambda: None) -> None:
-        """Make those aspects, by numbers of direction and of distance, that are not made yet; call `made` after each.
+        """Compute the aspects of these (direction, distance) indices that are missing; call `made` after each.
 
-        Many at once are made faster.
+        One call for many is faster than many calls.
         """
         todo = dict.fromkeys(key for key in keys if key not in self._made)
         for step in dict.fromkeys(step for _, step in todo):
@@ -124,7 +125,7 @@ def sphere_net(n: int) -> Array:
 
 
 def _cube_cell(sight: Array) -> npt.NDArray[np.int64]:
-    """Return in which cell of a cube's sides, each _CELLS x _CELLS, directions (N, 3) fall."""
+    """Return the index (N,) of the cube-map cell, of _CELLS x _CELLS a face, that each direction (N, 3) falls into."""
     size = np.abs(sight)
     major = np.argmax(size, axis=1)
     at = np.arange(len(sight))
@@ -137,7 +138,7 @@ def _cube_cell(sight: Array) -> npt.NDArray[np.int64]:
 
 
 def _cube_middles() -> Array:
-    """Return the direction (6 * _CELLS ** 2, 3) of the middle of each cell, in the order of `_cube_cell`."""
+    """Return the direction (6 * _CELLS**2, 3) of each cell's centre, indexed as by `_cube_cell`."""
     middle = (np.arange(_CELLS) + 0.5) / _CELLS * 2 - 1
     u, v = (a.ravel() for a in np.meshgrid(middle, middle, indexing="ij"))
     sides = []

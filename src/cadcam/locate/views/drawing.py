@@ -1,8 +1,8 @@
-"""What a part shows to eyes around it, drawn quickly: places on its visible edges, evenly spread in small pictures.
+"""The visible edges of a part from many viewpoints, quickly: samples spread evenly over small rendered pictures.
 
-A search needs to know where edges are to a few thousandths of the part's size, but from hundreds of eyes. So pictures
-are rendered, whose own depth decides what is hidden (`render.lines.seen`), and places are chosen for many at once.
-What lies a pixel or two behind a border, such as the far side of a thin plate, may count as seen.
+A search needs edges only to a few thousandths of the part's size, but from hundreds of viewpoints. So small pictures
+are rendered, their depth buffer decides which edges are hidden (`render.lines.seen`), and samples are chosen for many
+pictures at once. What lies a pixel or two behind an outline, as the far edge of a thin plate, may count as visible.
 """
 
 from __future__ import annotations
@@ -26,17 +26,17 @@ from cadcam.render.lines.seen import SeenEdges, drawable_edges
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Channel, Scene
 
-PLACES = 320  # samples of what an eye sees
-SIZE, FILLED = 400, 0.9  # px of a picture's side, and the share that the part takes: as large as `approach` has it
-_TOGETHER = 16  # pictures in which places are chosen at once
-_SHORTEST = 0.004  # of the picture: lines of which less is visible are not worth a place
-_BEND_PX = 0.1  # by how much a line may pass points of it that are left out
+PLACES = 320  # samples of the visible edges of one view
+SIZE, FILLED = 400, 0.9  # picture size, px, and the share of it that the part fills: the scale `approach` works at
+_BATCH = 16  # pictures for which samples are chosen at once
+_SHORTEST = 0.004  # of the picture size: lines with a shorter visible length get no sample
+_BEND_PX = 0.1  # tolerance to which a polyline may be simplified
 _GOLDEN = 0.6180339887498949
-_RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * _GOLDEN)[0]))  # any first n of them are spread evenly
+_RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * _GOLDEN)[0]))  # any first n are spread evenly
 
 
 class ShownEdges(NamedTuple):
-    """What an eye sees: places, chain and line (N,) as an `Aspect` has them, and the length of all lines in px."""
+    """The edges visible in one view: places, chain and line (N,) as in `Aspect`, and the total length in px."""
 
     places: npt.NDArray[np.void]
     chain: Ids
@@ -45,7 +45,7 @@ class ShownEdges(NamedTuple):
 
 
 class Drawer:
-    """Draws what a part within a ball shows to an eye; what does not depend on the eye is computed once."""
+    """Draws views of a part inside a ball; what does not depend on the viewpoint is computed once."""
 
     def __init__(self, scene: Scene, centre: Array, radius: float) -> None:
         mesh, every = scene.mesh, drawable_edges(scene)
@@ -53,13 +53,13 @@ class Drawer:
         self._renderer = RasterRenderer(scene, backs=False, solid=every.solid)
         self._seen = SeenEdges(scene, every)
         self._segments, self._features = every.segments, len(scene.edges)
-        self._contours = int(scene.edges.chain.max(initial=-1)) + 1  # from where on lines are numbered that are none
+        self._contours = int(scene.edges.chain.max(initial=-1)) + 1  # line numbers from here on are contours
         self._vertices, self._parts = mesh.vertices, len(mesh.part_names)
         self._points = np.zeros(len(mesh.vertices), np.int64)
         self._points[mesh.faces.ravel()] = corner_points(mesh).ravel()
 
     def draw(self, directions: Array, distance: float) -> Iterator[ShownEdges]:
-        """Yield what eyes see in unit directions (N, 3) from the ball's middle, all at one distance (mm) from it."""
+        """Yield the views from unit directions (N, 3) seen from the ball's centre, all at one distance (mm) from it."""
         focal = FILLED * SIZE / 2 * math.sqrt(distance**2 - self._radius**2) / self._radius
         camera = Camera.from_focal((SIZE, SIZE), focal)
         poses = [self._pose(towards, distance) for towards in directions]
@@ -68,7 +68,7 @@ class Drawer:
         for view in self._renderer.render_batch(camera, poses, channels=Channel.DEPTH | Channel.NORMAL):
             seen.append(self._seen.stretches(view, shortest_px=0.0, bend_px=_BEND_PX))
             depths.append(view.camera_from_world.matrix[2])
-            if len(seen) == _TOGETHER:
+            if len(seen) == _BATCH:
                 yield from self._chosen(seen, np.stack(depths))
                 seen, depths = [], []
         if seen:
@@ -79,7 +79,7 @@ class Drawer:
         return Rigid.look_at(self._centre + distance * towards, self._centre, up=up)
 
     def _chosen(self, seen: Sequence[SeenLines], depth: Array) -> Iterator[ShownEdges]:
-        """Yield what is shown of the lines of some pictures; depth (pictures, 4): rows that give z of a point."""
+        """Yield the sampled lines of some pictures; depth (pictures, 4): the third row of each camera_from_part."""
         steps = _Steps.of(seen)
         line = self._numbers(steps)
         n = int(line.max(initial=0)) + 1
@@ -93,7 +93,7 @@ class Drawer:
             yield self._shown(steps.select(own), line[own], row)
 
     def _shown(self, steps: _Steps, line: Longs, depth: Array) -> ShownEdges:
-        """Return what is shown of the lines of one picture, each line's steps together."""
+        """Return samples of the lines of one picture; the pieces of a line must be consecutive."""
         if not len(line):
             return ShownEdges(np.zeros(0, PLACE), np.zeros(0, np.int32), np.zeros(0, np.int32), 0.0)
         ends = np.concatenate([[0.0], np.cumsum(steps.length)])
@@ -111,7 +111,7 @@ class Drawer:
         return ShownEdges(places, chain, numbers, float(ends[-1]))
 
     def _numbers(self, steps: _Steps) -> Longs:
-        """Return the number (N,) of the line that each step is on: its chain, or beyond those its contour."""
+        """Return the number (N,) of the line that each piece is on: its chain or, after all chains, its contour."""
         line = self._segments.chain[steps.edge].astype(np.int64)
         contour = np.flatnonzero(steps.edge >= self._features)
         if len(contour):

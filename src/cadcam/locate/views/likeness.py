@@ -1,8 +1,8 @@
 """What a part is nearly like: itself elsewhere, as one bay of a lattice is like the next, or its mirror image.
 
-Where most of a part is symmetric, a pose in which the rest is on the wrong side fits nearly as well as the right one,
-and so does the mirror image: the part of the other hand, or a photo that was mirrored on its way. Which of them a photo
-shows only the other edges tell.
+Where most of a part is symmetric, a pose with the rest on the wrong side fits nearly as well as the right one. So does
+the mirror image: the part of the opposite hand, or a photo that was mirrored somewhere on its way. Only the edges that
+the two readings do not share can tell which one a photo shows.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.view import Scene
 
-_EXACT, _CORNERS = 1e-3, 4  # of the radius: how near corners meet; how many tell a shift exactly
-_CLOSE = 0.01  # of the part's radius: how near to each other edges meet
-_COARSE = 0.03  # of it, in which shifts are counted
-_POINTS, _DENSE, _LAID = 400, 8_000, 120  # on the edges: that are compared, that they lie on, that tell the shift
-_FEW = 50  # of the points that tell whether a shift is worth a closer look
-_SHIFTS = 8  # that are tried of each turn, twice: on a lattice those by one bay are behind many by no bay at all
-_LEAST, _SAME = 0.45, 0.995  # share of the edges that meets: of less nothing is taken for it, of more nothing differs
-_MOST = {False: 12, True: 4}  # likenesses that are kept, of the part and of its mirror image
-_APART = 0.05  # of the part's radius: motions of which one moves no point so much farther than another are one
+_EXACT, _CORNERS = 1e-3, 4  # tolerance for coinciding corners, in radii; corners needed for an exact shift
+_CLOSE = 0.01  # tolerance for coinciding edges, in radii of the part
+_COARSE = 0.03  # bin width of the shift histogram, in radii
+_POINTS, _DENSE, _LAID = 400, 8_000, 120  # edge points: compared; of the target; used to vote for shifts
+_FEW = 50  # points of a quick test whether a shift deserves a closer look
+_SHIFTS = 8  # shifts tried per rotation, twice: on a lattice those by one bay rank behind many by none
+_LEAST, _SAME = 0.45, 0.995  # coinciding share of the edges: below it no likeness; above it no visible difference
+_MOST = {False: 12, True: 4}  # likenesses kept: of the part, of its mirror image
+_APART = 0.05  # radii: two motions are one if they differ by less at every point
 _ALONG = np.cos(np.radians(3.0))  # edges this near to a direction run along it
 _QUARTERS = [
     R
@@ -48,7 +48,7 @@ def mirror_image(scene: Scene) -> Scene:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Likeness:
-    """A motion part_from_part, or part_from_mirrored, after which this share of the edges lies on edges of the part."""
+    """A motion part_from_part, or part_from_mirrored, that lays this share of the edges on edges of the part."""
 
     motion: Rigid
     mirrored: bool
@@ -58,9 +58,9 @@ class Likeness:
 def likenesses(mesh: Mesh, edges: FeatureEdges, image: Mesh) -> list[Likeness]:
     """Return the motions that lay a part of a mesh, or its mirror image, nearly on itself, best first.
 
-    Where it looks the same, as symmetric parts do, nothing tells; such motions are left out, and a part that is its own
-    mirror image has none of these. Tried are quarter turns about the directions in which most edges run, each with the
-    shifts after which most points meet.
+    Exact symmetries are left out, as no photo can distinguish them; a part that is its own mirror image has no mirrored
+    likeness. Quarter turns about the directions in which most edges run are tried, each with the shifts that bring most
+    points into coincidence.
     """
     points = even_points(mesh, edges, _POINTS)
     if not len(points):
@@ -75,7 +75,7 @@ def likenesses(mesh: Mesh, edges: FeatureEdges, image: Mesh) -> list[Likeness]:
 
 
 class _Target:
-    """The edges that others are laid on."""
+    """The edges onto which others are laid."""
 
     def __init__(self, mesh: Mesh, edges: FeatureEdges, points: Array) -> None:
         from scipy.spatial import cKDTree
@@ -103,15 +103,15 @@ class _Target:
         return [self._sharpened(one, corners) for one in kept]
 
     def _sharpened(self, like: Likeness, corners: Array) -> Likeness:
-        """Return a likeness shifted to where most corners (n, 3) lie on corners, if some do.
+        """Return a likeness whose shift is refined to lay most corners (n, 3) on corners, if some coincide.
 
-        Edges tell a shift to about the thickness of the plates. A picture may show a few bays, where that is much.
+        Edges determine a shift only to about the plates' thickness. In a picture of a few bays that is a large error.
         """
         from scipy.spatial import cKDTree
 
         if not len(corners) or not len(self.corners):
             return like
-        some = corners[:: max(1, len(corners) // _POINTS)]  # each of them among all: large models have thousands
+        some = corners[:: max(1, len(corners) // _POINTS)]  # compared with all corners: large models have thousands
         moved, near = like.motion @ some, 2 * _CLOSE * self.radius
         pairs = self.corner_tree.query_ball_point(moved, near)
         by = np.concatenate([self.corners[k] - p for k, p in zip(pairs, moved, strict=True)])
@@ -130,13 +130,13 @@ class _Target:
         return _COARSE * self.radius
 
     def _may_lie(self, points: Array) -> bool:
-        """Return whether enough of some points (n, 3) lie about the edges to be worth settling."""
+        """Return whether enough of these points (n, 3) lie near edges for the shift to be worth refining."""
         few = points[:: len(points) // _FEW]
         near = self.tree.query(few, distance_upper_bound=2 * self._coarse)[0]
         return bool(np.mean(np.isfinite(near)) >= _LEAST)
 
     def _settled(self, turned: Array, turn: Array, shift: Array, mirrored: bool) -> Likeness:
-        """Return points (n, 3) moved to where most of them lie on these edges."""
+        """Return the likeness whose shift lays most of the turned points (n, 3) on these edges."""
         for within in (_COARSE, _CLOSE, _CLOSE):
             apart, nearest = self.tree.query(turned + shift, distance_upper_bound=2 * within * self.radius)
             close = np.isfinite(apart)
@@ -146,13 +146,13 @@ class _Target:
         return Likeness(Rigid(turn, shift), mirrored, float(np.mean(np.isfinite(near))))
 
     def _apart(self, one: Rigid, other: Rigid) -> float:
-        """Return how far two motions move points apart."""
+        """Return the largest distance between a point's images under two motions."""
         few = self.points[:: len(self.points) // 20]
         return float(np.linalg.norm(one @ few - other @ few, axis=1).max())
 
 
 def _shifts(p: Array, q: Array, step: float) -> list[Array]:
-    """Return shifts (3,) that bring many points p (n, 3) near points q (m, 3), most first, good to about a step."""
+    """Return shifts (3,) that bring most points p (n, 3) near points q (m, 3), best first, accurate to about `step`."""
     if not len(p):
         return []
     few, others = (a[:: max(1, len(a) // _LAID)] for a in (p, q))
@@ -183,13 +183,13 @@ def even_points(mesh: Mesh, edges: FeatureEdges, n: int) -> Array:
 
 
 def _corners(mesh: Mesh, edges: FeatureEdges) -> Array:
-    """Return the corners (n, 3) at which long edges end: no shift of a line along itself brings these together."""
+    """Return the corners (n, 3) where long edges end: unlike points on a line, they fix the shift along it."""
     long = edges.lengths(mesh) > _COARSE * float(np.linalg.norm(mesh.size_mm))
     return np.asarray(mesh.vertices[np.unique(edges.vertices[long])])
 
 
 def _directions(mesh: Mesh, edges: FeatureEdges) -> Array:
-    """Return three directions (3, 3), as columns: that in which most edges run, the next across it, the third."""
+    """Return an orthonormal frame (3, 3), as columns: the main direction of the edges, the next, and their normal."""
     a, b = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
     length = np.linalg.norm(b - a, axis=1)
     way = (b - a) / np.maximum(length, 1e-300)[:, None]
@@ -202,6 +202,6 @@ def _directions(mesh: Mesh, edges: FeatureEdges) -> Array:
 
 
 def _mostly(way: Array, length: Array) -> Array:
-    """Return the direction (3,) of these (n, 3) along which most length runs."""
+    """Return that of the directions (n, 3) along which the greatest length runs."""
     tried = way[np.argsort(-length, kind="stable")[:_LAID]]
     return np.asarray(tried[int(np.argmax((np.abs(tried @ way.T) > _ALONG) @ length))])

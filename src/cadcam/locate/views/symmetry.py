@@ -1,4 +1,4 @@
-"""In which poses a part looks the same: the rotations that map its edges onto themselves, and the axis it turned on."""
+"""The poses in which a part looks the same: its symmetries, and the axis of a part of revolution."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 _SAMPLES = 400
-_FEW = 24  # shares in which points are asked about
-_MOST = 64  # points that are tried in place of another
-_SAME = 2e-3  # of the part's radius: a rotation that leaves the edges this near to each other is a symmetry
-_ROUND = np.radians(30.0)  # corners of a circle are no farther apart: with longer sides they would be edges
-_APART = 0.01  # rad: rotations nearer to each other are one, known to within _SAME
+_FEW = 24  # portions in which points are tested
+_MOST = 64  # points tried as the image of one
+_SAME = 2e-3  # radii: a rotation that maps the edges onto themselves to this tolerance is a symmetry
+_ROUND = np.radians(30.0)  # largest angle between the corners of a faceted circle: beyond it they are edges
+_APART = 0.01  # rad: rotations that differ by less are one, determined to within _SAME
 
 
 def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     """Return the motions `part_from_part` that bring the part's edges onto themselves, the identity first.
 
-    Found by trying: two points of the edges far from their middle may only go to points as far from it and as far from
-    each other. A round part comes back with as many turns as its circles have sides.
+    Found by trial: two edge points far from the centroid may only map to points at the same distances from it and from
+    each other. A part of revolution yields as many rotations as its faceted circles have sides.
     """
     from scipy.spatial import cKDTree
 
@@ -40,7 +40,7 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     tree = cKDTree(rays)
     spacing = float(np.max(np.asarray(tree.query(rays, k=2)[0])[:, 1])) + tolerance
     lines = cKDTree(_dense(mesh, edges, tolerance) - centre)
-    some = [rays[k::_FEW] for k in range(_FEW)]  # each from all over the part: most candidates fail with the first
+    some = [rays[k::_FEW] for k in range(_FEW)]  # each spread over the part: most candidates fail on the first
     found = [np.eye(3)]
     for R in _candidates(corners, tolerance):
         if any(np.abs(R - known).max() < _APART for known in found):
@@ -51,15 +51,15 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
 
 
 def _within(tree: cKDTree, points: Array, reach: float) -> bool:
-    """Return whether each of points (N, 3) has one of the tree nearer than `reach`."""
+    """Return whether every one of the points (N, 3) has a point of the tree within `reach`."""
     return bool(np.isfinite(tree.query(points, distance_upper_bound=reach)[0]).all())
 
 
 def spin_of(mesh: Mesh, edges: FeatureEdges) -> Array | None:
-    """Return the twist (6,) of a part of revolution's turn about its axis, mm and rad in its frame; None for others.
+    """Return the twist (6,) of a rotation about a part of revolution's axis, mm and rad in its frame; else None.
 
-    All corners lie on circles about the axis, all around, and all edges run along these. That the circles have corners
-    is the model's doing; no photo tells how far the part is turned.
+    All corners must lie on circles about the axis, all around, and all edges run along these. The circles have corners
+    only in the faceted model; no photo tells how far the part is turned about the axis.
     """
     T = mesh.vertices[mesh.faces]
     area = mesh.face_areas
@@ -77,7 +77,7 @@ def spin_of(mesh: Mesh, edges: FeatureEdges) -> Array | None:
 
 
 def _turned(p: Array, axis: Array, used: Ids, edges: Ids) -> bool:
-    """Return whether points (V, 3), those that are used, and edges between them (S, 2) are those of a turned part."""
+    """Return whether the used points (V, 3) and the edges between them (S, 2) are those of a part of revolution."""
     across = np.linalg.svd(axis[None])[2][1:]
     height, (x, y) = p @ axis, across @ p.T
     radius = np.hypot(x, y)
@@ -99,7 +99,7 @@ def _turned(p: Array, axis: Array, used: Ids, edges: Ids) -> bool:
 
 
 def _clusters(values: Array, tolerance: float) -> Ids:
-    """Return the number of the cluster of each value: between two of them there is more than the tolerance."""
+    """Return each value's cluster number; clusters are separated by gaps larger than the tolerance."""
     order = np.argsort(values)
     out = np.zeros(len(values), np.int32)
     out[order] = np.cumsum(np.diff(values[order], prepend=values[order[:1]]) > tolerance)
@@ -129,7 +129,7 @@ def _frame(a: Array, b: Array) -> Array:
 
 
 def _along(mesh: Mesh, edges: FeatureEdges) -> Array:
-    """Return about _SAMPLES points (N, 3) on the edges and all their ends."""
+    """Return about _SAMPLES points (N, 3) on the edges, with all end points."""
     a, b = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
     length = np.linalg.norm(b - a, axis=1)
     return _points(a, b, np.maximum(np.ceil(length / max(length.sum(), 1e-300) * _SAMPLES), 1).astype(int))
@@ -143,7 +143,7 @@ def _dense(mesh: Mesh, edges: FeatureEdges, step: float) -> Array:
 
 
 def _points(a: Array, b: Array, n: np.ndarray) -> Array:
-    """Return the ends and the middles of n equal pieces of each segment."""
+    """Return the end points of each segment and the midpoints of n equal pieces of it."""
     k = np.repeat(np.arange(len(n)), n)
     t = (np.arange(len(k)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[k]
     return np.concatenate([a[k] + t[:, None] * (b[k] - a[k]), a, b])

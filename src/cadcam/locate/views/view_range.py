@@ -1,4 +1,4 @@
-"""From where a part may be seen, as the user declares it."""
+"""The viewpoints from which a part may be seen, as the user declares them."""
 
 from __future__ import annotations
 
@@ -13,12 +13,12 @@ from cadcam.errors import BadValue
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ViewRange:
-    """From where a part may be seen: directions, turns in the picture, distances.
+    """The viewpoints from which a part may be seen: directions, rolls in the picture, distances.
 
-    axis (3,): in the part frame, from the part's middle to the camera; views up to half_angle_deg away from it count.
-    up (3,): a direction of the part that may stand at most roll_deg from upright in the picture. distance_mm: least and
-    greatest distance of the part's middle from the camera; by default as far as the part's size is 0.2 to 1.2 of the
-    photo's shorter side.
+    axis (3,): from the part's centre to the camera, in the part frame; views within half_angle_deg of it are allowed.
+    up (3,): a direction of the part that is at most roll_deg from upright in the picture. distance_mm: least and
+    greatest distance of the part's centre from the camera; by default those at which the part's size is 0.2 to 1.2 of
+    the photo's shorter side.
     """
 
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
@@ -41,11 +41,11 @@ class ViewRange:
 
     @classmethod
     def above(cls, *, within_deg: float = 80.0, distance_mm: tuple[float, float] | None = None) -> ViewRange:
-        """Return the views of a part that lies or stands as modelled, its z axis up: from above, any turn."""
+        """Return the views from above, at any roll, of a part that lies or stands as modelled, its z axis up."""
         return cls(half_angle_deg=within_deg, distance_mm=distance_mm)
 
     def allows(self, directions: Floats) -> Mask:
-        """Return which directions (N, 3), unit, from the part's middle to the camera are in range."""
+        """Return which unit directions (N, 3) from the part's centre to the camera are in range."""
         cosine = np.asarray(directions, dtype=np.float64) @ self.axis
         return np.asarray(cosine >= math.cos(math.radians(min(self.half_angle_deg, 180.0))) - 1e-9)
 
