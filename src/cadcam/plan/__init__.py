@@ -1,1 +1,1 @@
-"""Before there is a factory: what cameras at which places will measure, how well, and which of them to buy."""
+"""Planning before anything is installed: which cameras to mount where, and how well they will measure."""

@@ -1,7 +1,7 @@
 """Coverage: how many cameras see each piece of the part's surface, and how well a point on it would be measured.
 
-A piece is treated as a point feature there with the surface's normal: seen, found and measured by the same rules, so
-that the picture says of the whole surface what the tables say of the features. Both are painted on the part.
+A piece is treated as a point feature at its centre with the surface's normal: seen, found and measured by the same
+rules, so that the picture shows for the whole surface what the tables say of the features.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ from cadcam.plan.sight.visibility import Visibility, seen_from
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.render.view import Scene
 
-_PIECE = 1 / 45  # of the part's diagonal: longest side of a piece that is painted
-_MOST = 400_000  # pieces
+_PIECE = 1 / 45  # longest side of a painted piece, as a share of the part's diagonal
+_MOST = 400_000  # most pieces
 _AT_ONCE = 20_000
-# dark blue to yellow, told apart in grey and by people with any colour vision; grey for what no camera sees
+# dark blue to yellow, distinct in grey and with any colour vision; grey for what no camera sees
 COLORS = np.array(
     [
         [0.55, 0.55, 0.55],
@@ -37,12 +37,12 @@ COLORS = np.array(
         [0.98, 0.90, 0.30],
     ]
 )
-_STEPS = np.outer(10.0 ** np.arange(-4, 4), [1.0, 2.0, 5.0]).ravel()  # mm: where colours of U may change
+_STEPS = np.outer(10.0 ** np.arange(-4, 4), [1.0, 2.0, 5.0]).ravel()  # mm, boundaries between the colours of U
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Painting:
-    """A colour for each piece of the part: level (F,) numbers of colours (C, 3); words (C) for these."""
+    """A colour for each piece of the part: level (F,) is its index in colors (C, 3); words (C): their meaning."""
 
     title: str
     mesh: Mesh
@@ -61,16 +61,16 @@ class Painting:
         parts = len(self.mesh.part_names)
         colors = np.concatenate([np.ones((parts, 3)), self.colors]).astype(np.float32)
         none = np.zeros((0, 2), np.int32)
-        edges = FeatureEdges(none, none, none[:, 0], none[:, 0], none[:, 0])  # those of pieces mean nothing
+        edges = FeatureEdges(none, none, none[:, 0], none[:, 0], none[:, 0])  # the edges between pieces are not drawn
         return Scene(self.mesh, edges, colors, (parts + self.level).astype(np.int32))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SurfaceCoverage:
-    """Pieces of the part's surface (its own frame), each in the pose that shows or measures it worst.
+    """Pieces of the part's surface (its own frame), each in the pose in which it is seen or measured worst.
 
-    cameras (F,): how many see it. U (F,) mm: k sigma of a point there along the direction that is known worst; NaN
-    where it cannot be measured in every pose, or where no sigma_px of such a point is stated. k: coverage factor.
+    cameras (F,): how many see it. U (F,) mm: k sigma of a point there in its worst direction; NaN where it cannot be
+    measured in every pose, or where no sigma_px of such a point is stated. k: coverage factor.
     """
 
     mesh: Mesh
@@ -110,8 +110,8 @@ class SurfaceCoverage:
 def coverage(layout: Layout, pieces: Mesh | None = None, *, step: Step = nothing) -> SurfaceCoverage:
     """Return how the chosen cameras cover the part.
 
-    Pieces of about one place and normal that the same cameras see share the U of one of them: it varies slowly.
-    pieces: the part `divided` already. step is called `coverage_steps` times on the way.
+    Pieces of similar place and normal that the same cameras see share the U of one of them: it varies slowly.
+    pieces: the part already `divided`. step is called `coverage_steps` times on the way.
     """
     mesh = divided(layout.survey.scene.part) if pieces is None else pieces
     middle, normal = mesh.vertices[mesh.faces].mean(axis=1), mesh.face_normals
@@ -129,7 +129,7 @@ def coverage(layout: Layout, pieces: Mesh | None = None, *, step: Step = nothing
 
 
 def coverage_steps(layout: Layout, pieces: Mesh) -> int:
-    """Return how often `coverage` of these pieces calls its step."""
+    """Return how often `coverage` calls its step for these pieces."""
     return len(layout.survey.poses) * len(_portions(pieces.n_faces))
 
 
@@ -147,7 +147,7 @@ def _seen(layout: Layout, pose: Rigid, p: Array, normal: Array, step: Step) -> M
 
 
 def _sigma(layout: Layout, pose: Rigid, p: Array, normal: Array, seen: Mask, where: Longs) -> Array:
-    """Return the worst sigma (n,) mm of points that two cameras or more see, else NaN; one for each `where`."""
+    """Return the worst sigma (n,) mm of points that at least two cameras see, else NaN, computed once per `where`."""
     out, rows = np.full(len(p), np.nan), np.flatnonzero(seen.sum(axis=0) >= 2)
     _, first, of = np.unique(np.column_stack([where, seen.T])[rows], axis=0, return_index=True, return_inverse=True)
     one = rows[first]
@@ -169,7 +169,7 @@ def _visibility(layout: Layout, pose: Rigid, p: Array, normal: Array) -> list[Vi
 
 
 def divided(mesh: Mesh) -> Mesh:
-    """Return the mesh with its large faces cut into pieces, halving their longest sides."""
+    """Return the mesh with its large faces cut into pieces by halving their longest sides."""
     limit = _PIECE * float(np.linalg.norm(mesh.size_mm))
     corners, of = mesh.vertices[mesh.faces], np.arange(mesh.n_faces)
     done: list[Array] = []

@@ -1,4 +1,4 @@
-"""The layout of a scene: which cameras to take, what they will measure, why these."""
+"""The layout of a scene: which cameras to take, what they will measure, and why these."""
 
 from __future__ import annotations
 
@@ -25,14 +25,14 @@ Step = Callable[[], None]
 
 
 def nothing() -> None:
-    """Do nothing: the step of whoever shows none."""
+    """Do nothing: the default progress step."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CandidateSurvey:
-    """All candidates of a scene with what each sees: made once, asked many times.
+    """All candidates of a scene with what each sees: computed once, queried many times.
 
-    left_out: candidates of zones that would stand inside of something, with what.
+    left_out: candidates of zones that would stand inside of something, with what that is.
     """
 
     scene: LayoutScene
@@ -50,7 +50,7 @@ class CandidateSurvey:
         return tuple(self.scene.poses.values())
 
     def kept(self, names: Sequence[str] = ()) -> tuple[int, ...]:
-        """Return the numbers of the candidates that are there already and of those named; `UnknownName`."""
+        """Return the indices of the candidates that are fixed and of those named. Raises `UnknownName`."""
         every = [c.name for c in self.candidates]
         for name in names:
             if name not in every:
@@ -70,7 +70,7 @@ class CandidateSurvey:
 
 @dataclass(frozen=True, slots=True)
 class Role:
-    """What a chosen camera is there for: how many features it sees in all poses, and what is lost without it.
+    """What a chosen camera contributes: how many features it sees in all poses, and what is lost without it.
 
     without: the score of the set without it; only_it: limits that are measured in all poses only because of it.
     """
@@ -84,8 +84,8 @@ class Role:
 class Layout:
     """The chosen cameras of a scene, what they measure, and how they were found.
 
-    chosen: numbers of candidates, the fixed ones first. all_of_them: the score with every candidate at once, which no
-    choice can beat. growth: the score by number of cameras around the chosen one.
+    chosen: indices of candidates, the fixed ones first. all_of_them: the score with every candidate at once, an upper
+    bound of any choice. growth: the score by number of cameras, around the number chosen.
     """
 
     survey: CandidateSurvey
@@ -151,11 +151,11 @@ def survey(scene: LayoutScene, *, step: Step = nothing) -> CandidateSurvey:
 def plan_layout(
     scene: LayoutScene | CandidateSurvey, k: int | None = None, *, keep: Sequence[str] = (), step: Step = nothing
 ) -> Layout:
-    """Return the best k cameras (default: what the scene says) beside the fixed ones, and what they measure.
+    """Return the best k cameras (default: the scene's number) beside the fixed ones, and what they measure.
 
-    keep: names of candidates that are taken as fixed too.
-    The worst limit's test uncertainty ratio decides, over all poses. The search takes each camera's errors for its own;
-    what is stated of the chosen ones knows which they share. Raises as `survey`.
+    keep: names of candidates that are treated as fixed. The criterion is the worst limit's test uncertainty ratio
+    over all poses. The search treats each camera's errors as its own; the statement about the chosen set accounts for
+    shared ones. Raises as `survey`.
     """
     seen = survey(scene, step=step) if isinstance(scene, LayoutScene) else scene
     fixed, problem = seen.kept(keep), seen.problem
@@ -182,7 +182,7 @@ def plan_layout(
 
 
 def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candidate, Score]]:
-    """Return the other candidates with the score that each would bring to the cameras `have`, the best first."""
+    """Return the other candidates with the score that each would bring when added to the cameras `have`, best first."""
     order = ranked(seen.problem, have, range(len(seen.candidates)))
     return [(seen.candidates[i], score) for i, score in order]
 
@@ -245,7 +245,7 @@ def _refuse_unseen(scene: LayoutScene, visibility: Sequence[Visibility]) -> None
 
 
 def _plane_sigmas(scene: LayoutScene) -> Array:
-    """Return the sigma (F,) mm of each known plane's height: its own, and how well the part lies in its pose."""
+    """Return the sigma (F,) mm of each known plane's height: its own, combined with the part's placement."""
     middle = scene.part.bounds.mean(axis=0)
     out = np.full(len(scene.features), np.nan)
     for i, feature in enumerate(scene.features):

@@ -1,4 +1,4 @@
-"""What if: the chosen cameras with another lens, distance, noise or calibration, or one of them lost."""
+"""What if: the chosen cameras with another lens, distance, noise or calibration, or with one of them lost."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class WhatIf:
 
 
 def what_if(layout: Layout, *, step: Callable[[], None] = lambda: None) -> tuple[WhatIf, ...]:
-    """Return the table, the layout as planned first. The cameras stay where they are, but where distance is changed."""
+    """Return the table, the layout as planned first. The cameras stay in place unless the distance is changed."""
     scene = layout.survey.scene
     out = [_said(layout, "as planned", layout.assessment)]
     if len(layout.chosen) > 1:
@@ -53,7 +53,7 @@ def what_if(layout: Layout, *, step: Callable[[], None] = lambda: None) -> tuple
 
 
 def _changes(scene: LayoutScene, cameras: Sequence[Candidate]) -> Iterator[tuple[str, LayoutScene, float]]:
-    """Yield each change in words, the scene with it, and by how much the cameras are farther from their aims."""
+    """Yield each change in words, the scene with it, and the relative change of the cameras' distances."""
     used = {c.type.name for c in cameras}
     for word, index in (("shorter", -1), ("longer", 0)):
         types = {name: _other_lens(kind, index) if name in used else kind for name, kind in scene.cameras.items()}

@@ -1,9 +1,8 @@
-"""What is asked of features, as quadratic forms of their covariance: the limits in one list, over all poses.
+"""The limits of all features in one list, as quadratic forms of the features' covariance, over all poses.
 
-A limit of a position is judged by the worst direction in which the feature can be displaced at all (not along a
-straight edge; not along the normal of a known plane, where its height is given and not measured), or along the
-direction that it names; a limit of an angle by the worst turn of the edge. With U = k sigma, the test uncertainty ratio
-is limit/U.
+A limit of a position is judged in the worst direction in which the feature can be displaced (not along a straight
+edge; not along the normal of a known plane, where the height is given and not measured), or in the direction that it
+names; a limit of an angle by the worst rotation of the edge. With U = k sigma, the test uncertainty ratio is limit/U.
 """
 
 from __future__ import annotations
@@ -18,14 +17,14 @@ from cadcam.geometry.plane import axes_across
 from cadcam.plan.scene.feature import LayoutFeature
 from cadcam.verify.tolerances.tolerance import Limit, Quantity
 
-_FREE = 1.0  # information, in units of a limit, along a straight edge: nothing is asked of it there
+_FREE = 1.0  # information along a straight edge, in units of a limit: arbitrary, as nothing is judged along it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Asked:
-    """L limits: whose (L,), the limits, and the basis (L, 3, 3) whose columns span what is judged, zero beyond.
+    """L limits: feature of each (L,), the limits, and bases (L, 3, 3) whose columns span what is judged, else zero.
 
-    turns (L,): whether it is the edge's slope that is judged. prior (L, 3, 3): what is known without a camera, 1/mm^2.
+    turns (L,): whether the limit is one of the edge's slope. prior (L, 3, 3): what is known without a camera, 1/mm^2.
     """
 
     feature: Longs
@@ -36,7 +35,7 @@ class Asked:
 
     @classmethod
     def of_positions(cls, n: int) -> Asked:
-        """Return the position of each of n features, in its worst direction; limits of 1 mm that nobody judges by."""
+        """Return the position of each of n features, in its worst direction, with a nominal limit of 1 mm."""
         limits = (Limit(Quantity.POSITION, 1.0),) * n
         return cls(np.arange(n), limits, np.tile(np.eye(3), (n, 1, 1)), np.zeros(n, bool), np.zeros((n, 3, 3)))
 
@@ -54,12 +53,12 @@ class Asked:
         return np.array([limit.k for limit in self.limits])
 
     def scaled(self, information: Array) -> Array:
-        """Return information (..., L, 3, 3) in units of each limit, with what is known before, and along edges."""
+        """Return information (..., L, 3, 3) in units of each limit, prior knowledge added."""
         return np.asarray((information + self.known) * (self.value**2)[:, None, None])
 
     @property
     def known(self) -> Array:
-        """Return what is known without a camera (L, 3, 3), and along straight edges what leaves nothing singular."""
+        """Return the prior information (L, 3, 3), regularised along straight edges so that nothing is singular."""
         out = np.zeros((len(self), 3, 3))
         spanned = self.basis @ np.swapaxes(self.basis, -1, -2)
         rank = np.rint(np.trace(spanned, axis1=-2, axis2=-1))

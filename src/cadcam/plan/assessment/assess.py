@@ -1,4 +1,4 @@
-"""What a set of cameras will measure together: every limit in every pose, with what its uncertainty consists of."""
+"""What a set of cameras measures: every limit in every pose, with the contributions to its uncertainty."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cadcam.plan.uncertainty.predict import shifts, sources_of
 from cadcam.verify.tolerances.tolerance import Limit, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE
 
-_AT_ONCE = 5_000_000  # numbers in the tables of shared errors: they are quadratic in the number of cameras
+_AT_ONCE = 5_000_000  # numbers in the tables of shared errors, which grow with the square of the number of cameras
 HEIGHT = "plane"
 
 
@@ -43,7 +43,7 @@ class Outcome(Enum):
 def outcome(ratio: float, limit: Limit, wanted: float) -> Outcome:
     """Return what a test uncertainty ratio means for a limit, by ISO 14253-1 as `cadcam verify` decides.
 
-    With a guard band nothing can pass from U = limit on (ratio 1), and parts within limit - U pass below; simple
+    With a guard band nothing can pass from U = limit on (ratio 1); below, parts within limit - U pass. Simple
     acceptance decides nothing where U is more than a third of the limit. SUITABLE: the ratio is as large as wanted.
     """
     if not ratio > 0:
@@ -88,9 +88,9 @@ class Assessment:
 def assess(
     chosen: Sequence[Candidate], visibility: Sequence[Visibility], places: Places, poses: Sequence[Rigid], asked: Asked
 ) -> Assessment:
-    """Return what cameras, with what each of them sees, measure together.
+    """Return what cameras measure together, given what each of them sees.
 
-    Errors that they share, of one camera that is moved, are shared here too.
+    Errors that cameras share, as those of one camera that is moved, are treated as shared.
     """
     P, L = len(poses), len(asked)
     viewpoints = [c.viewpoint for c in chosen]
@@ -110,7 +110,7 @@ def assess(
 
 
 def _of_limits(visibility: Sequence[Visibility], asked: Asked) -> Evidence:
-    """Return the evidence (V, P * L) of each camera on what each limit is about."""
+    """Return the evidence (V, P * L) of each camera for each limit."""
     turns = asked.turns[None, :, None, None]
 
     def part(name: str) -> Array:
@@ -131,7 +131,7 @@ def _shifts(
     poses: Sequence[Rigid],
     asked: Asked,
 ) -> tuple[Array, list[slice]]:
-    """Return how numbers of unit variance shift each limit's picture, (V, P * L, 2, n); of slopes, by mm of edge."""
+    """Return each picture's shift by errors of unit variance, (V, P * L, 2, n); for slopes, per mm of edge."""
     ends = places.ends[asked.feature]
     at_ends = []
     for k in range(2):
@@ -146,7 +146,7 @@ def _shifts(
 
 
 def informations(visibility: Sequence[Visibility], asked: Asked) -> Array:
-    """Return the information (V, P, L, 3, 3) of each camera by itself: what a search adds up."""
+    """Return the information (V, P, L, 3, 3) of each camera alone, which a search adds up."""
     evidence = _of_limits(visibility, asked)
     turns = asked.turns[:, None, None]
     shift = np.stack([np.where(turns, o.bend[:, asked.feature], o.shift[:, asked.feature]) for o in visibility])

@@ -1,4 +1,4 @@
-"""Symmetric 3x3 matrices as six numbers each, xx yy zz xy xz yz: many at a time, in closed forms."""
+"""Symmetric 3x3 matrices packed as six numbers xx yy zz xy xz yz: operations on many, in closed form."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cadcam.arrays import Array
 
 
 def packed(M: Array) -> Array:
-    """Return the six numbers (..., 6, T) of symmetric matrices (..., T, 3, 3), each a run of memory."""
+    """Return the packed form (..., 6, T) of symmetric matrices (..., T, 3, 3), contiguous in T."""
     parts = [M[..., i, j] for i, j in ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))]
     return np.ascontiguousarray(np.stack(parts, axis=-2))
 
@@ -20,7 +20,7 @@ def determinant(S: Array) -> Array:
 
 
 def inverse(S: Array, *, least: float) -> Array:
-    """Return the inverses (6, ...) of (..., 6, T), whose eigenvalues are at least `least` whatever rounding makes."""
+    """Return the inverses (6, ...) of (..., 6, T), whose eigenvalues are at least `least` despite rounding."""
     xx, yy, zz, xy, xz, yz = np.moveaxis(S, -2, 0)
     a, b, c = yy * zz - yz * yz, yz * xz - xy * zz, xy * yz - yy * xz
     det = np.maximum(xx * a + xy * b + xz * c, least * 1e-3 * np.maximum(a, 1e-300))
@@ -28,7 +28,7 @@ def inverse(S: Array, *, least: float) -> Array:
 
 
 def largest(C: Array) -> Array:
-    """Return the largest eigenvalue of symmetric matrices (6, ...), by the cosine of a third of an angle."""
+    """Return the largest eigenvalue of symmetric matrices (6, ...), by the trigonometric solution of the cubic."""
     xx, yy, zz, xy, xz, yz = C
     mean = (xx + yy + zz) / 3
     a, b, c = xx - mean, yy - mean, zz - mean

@@ -1,4 +1,4 @@
-"""How good a set of cameras is: the ratios of its limits in all poses, from the candidates' information added up."""
+"""How good a set of cameras is: the ratios of all limits in all poses, from the sum of the candidates' information."""
 
 from __future__ import annotations
 
@@ -12,16 +12,16 @@ from cadcam.arrays import Array, Mask
 from cadcam.plan.assessment.asked import Asked
 from cadcam.plan.choice.packed import inverse, largest, packed, spanned
 
-MEASURED = 0.1  # ratio below which nothing was measured: U is ten times the limit
+MEASURED = 0.1  # ratio below which a limit counts as not measured: U is ten times the limit
 ROUNDING = 1e-9
-_WEAK = 1e-8  # information in units of a limit that keeps what no camera tells finite: a sigma of 10 000 limits
-_HARDEST, _SHARE = 64, 10  # targets that a change is tried on first, at least, and their share of all, one in so many
-_TOGETHER = 16_000  # ratios at a time: they stay in the cache
+_WEAK = 1e-8  # information, in units of a limit, that keeps undetermined directions finite: a sigma of 10 000 limits
+_HARDEST, _SHARE = 64, 10  # targets that a change is tried on first: at least so many, or one in so many of all
+_TOGETHER = 16_000  # ratios computed at a time, to stay in the cache
 
 
 @dataclass(frozen=True, slots=True)
 class Score:
-    """How good a set is: limits not measured (fewer is better), the worst ratio of the others, the mean log of all."""
+    """How good a set is: limits not measured (fewer is better), the worst ratio of the others, mean log of all."""
 
     unmeasured: int
     worst: float
@@ -29,7 +29,7 @@ class Score:
 
     @property
     def value(self) -> tuple[float, float, float]:
-        """Return it as numbers of which larger is better, the first that differs deciding."""
+        """Return it as a tuple to be compared lexicographically, larger being better."""
         return -float(self.unmeasured), self.worst, self.mean_log
 
     def beats(self, other: Score) -> bool:
@@ -42,7 +42,7 @@ class Score:
 
 
 class SelectionProblem:
-    """Candidates' information on the limits in all poses, ready to be added up; poses and limits become T targets."""
+    """The candidates' information on the limits in all poses, ready to be added up; T targets: poses times limits."""
 
     def __init__(self, information: Array, asked: Asked) -> None:
         """Take information (C, P, L, 3, 3) 1/mm^2 of each candidate by itself."""
@@ -59,7 +59,7 @@ class SelectionProblem:
         self.candidates, _, self.targets = each.shape
 
     def hardest(self, chosen: Sequence[int]) -> SelectionProblem:
-        """Return the problem of the targets that a set does worst alone: no set scores better on all than on these."""
+        """Return the problem of the targets that a set does worst; scores on these bound the scores on all."""
         if self.targets <= _HARDEST * _SHARE:
             return self
         at = np.sort(np.argsort(self.ratios(chosen))[: max(_HARDEST, self.targets // _SHARE)])
@@ -72,7 +72,7 @@ class SelectionProblem:
         return np.asarray(self._ratios(self.sum(chosen)[None])[0])
 
     def sum(self, chosen: Sequence[int]) -> Array:
-        """Return the information (6, T) of a set, with what is known before."""
+        """Return the information (6, T) of a set, including the prior."""
         return np.asarray(self._base + self._each[list(chosen)].sum(axis=0))
 
     def score(self, chosen: Sequence[int]) -> Score:
@@ -80,7 +80,7 @@ class SelectionProblem:
         return _scores(self.ratios(chosen)[None])[0]
 
     def with_each(self, before: Array, added: Sequence[int], judge: Callable[[Array, Array], Array]) -> Array:
-        """Return judge(information (n, 6, T), ratios (n, T)) of each candidate that is added to a sum `before`."""
+        """Return judge(information (n, 6, T), ratios (n, T)) for each candidate added to a sum `before`."""
         out = []
         step = max(1, _TOGETHER // before.shape[-1])
         for first in range(0, len(added), step):
@@ -89,7 +89,7 @@ class SelectionProblem:
         return np.concatenate(out)
 
     def scores_with_each(self, before: Array, added: Sequence[int]) -> list[Score]:
-        """Return how good the set becomes with each candidate that is added to a sum `before`."""
+        """Return the score of the set with each candidate added to a sum `before`."""
         return _scores(self.with_each(before, added, lambda total, ratios: ratios))
 
     def _ratios(self, total: Array) -> Array:

@@ -1,11 +1,11 @@
 """The best set of k cameras: information adds up, so sets are compared by sums of 3x3 matrices.
 
-What is wanted is that the worst of all limits, in all poses, has the largest test uncertainty ratio: a criterion that a
-person understands, but one that says nothing while a feature cannot be measured at all, as with the first camera of a
-pair. So three greedy starts that always make headway (the logarithm of the determinant of the information, whose gains
-shrink as cameras are added; the mean logarithm of the ratios; a soft minimum of them), and where they cost little some
-at random, each then improved by exchanging one camera, the best at last by exchanging two, as long as that helps the
-criterion itself. Few candidates are tried out completely.
+The criterion is that the worst of all limits, in all poses, has the largest test uncertainty ratio. That is easy to
+understand, but constant while some feature cannot be measured at all, as with the first camera of a pair. So three
+greedy starts use criteria that always make progress (the logarithm of the determinant of the information, whose gains
+diminish as cameras are added; the mean logarithm of the ratios; a soft minimum of them), with some random starts where
+they cost little. Each is improved by exchanging one camera, the best finally by exchanging two, as long as that
+improves the criterion itself. With few candidates all sets are tried.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from cadcam.plan.choice.packed import determinant
 from cadcam.plan.choice.problem import ROUNDING, Score, SelectionProblem
 
 _SHARP = 4.0  # power of the soft minimum
-_TRIED = 4000  # sets that are tried out completely
-_PAIRS = 3000  # exchanges of two that are tried at a time
-_STARTS, _WORK = 12, 1_000_000  # starts at random, at most, and ratios that they may cost in one round of exchanges
+_TRIED = 4000  # most sets that are all tried
+_PAIRS = 3000  # exchanges of two cameras tried at a time
+_STARTS, _WORK = 12, 1_000_000  # random starts, at most, and the ratios that they may cost in one round of exchanges
 _FULLY = 6  # candidates that are tried on all targets at a time
 
 Choice = tuple[int, ...]
@@ -50,9 +50,9 @@ def best_set(
     step: Callable[[], None] = lambda: None,
     complete: bool | None = None,
 ) -> BestSet:
-    """Return the best set of k candidates, those of `fixed` among them and not counted; k may be 0.
+    """Return the best set of k candidates, including `fixed`, which do not count; k may be 0.
 
-    complete: try all sets; default where they are few. step: called at each stage, for a display of progress.
+    complete: try all sets; default where they are few. step: called at each stage, for a progress display.
     """
     free = [c for c in range(problem.candidates) if c not in set(fixed)]
     if not 0 <= k <= len(free):
@@ -98,7 +98,7 @@ def exhausted(problem: SelectionProblem, k: int, *, fixed: Sequence[int] = ()) -
 
 
 def one_fewer(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
-    """Return the score of a good set with one camera less than `chosen`: without its least needed, then exchanged."""
+    """Return the score of a good set with one camera fewer: `chosen` without the least useful, then exchanged."""
     free = [c for c in range(problem.candidates) if c not in set(fixed)]
     sets = [tuple(c for c in chosen if c != gone) for gone in chosen]
     kept = max(sets, key=lambda s: problem.score((*fixed, *s)).value)
@@ -106,14 +106,14 @@ def one_fewer(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequen
 
 
 def one_more(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
-    """Return the score of a good set with one camera more: with the one that helps most, then exchanged."""
+    """Return the score of a good set with one camera more: `chosen` with the most useful added, then exchanged."""
     free = [c for c in range(problem.candidates) if c not in set(fixed)]
     first = ranked(problem, (*fixed, *chosen), free)[0][0]
     return problem.score((*fixed, *_exchanged(problem, (*chosen, first), tuple(fixed), free)[0]))
 
 
 def ranked(problem: SelectionProblem, chosen: Sequence[int], among: Iterable[int]) -> list[tuple[int, Score]]:
-    """Return candidates with the score of the set that each makes with the chosen ones, the best first."""
+    """Return candidates with the score of `chosen` plus each of them, best first."""
     added = [c for c in among if c not in set(chosen)]
     if not added:
         return []
@@ -145,7 +145,7 @@ def _greedy(
 
 
 def _exchanged(problem: SelectionProblem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> tuple[Choice, int]:
-    """Return the set after the best exchanges of one camera, as long as one helps, and how many were made."""
+    """Return the set after the best exchanges of one camera, while one improves it, and how many were made."""
     score, n = problem.score((*fixed, *chosen)), 0
     while True:
         before, hard = score, problem.hardest((*fixed, *chosen))
@@ -165,8 +165,8 @@ def _best_addition(
 ) -> tuple[int, Score] | None:
     """Return the candidate that makes the best set with the kept ones, if that beats a score.
 
-    What cannot beat it on the hardest targets cannot on all: most candidates are settled by these. Not so while some
-    are not measured at all: then all targets count.
+    A set's score on the hardest targets bounds its score on all, so most candidates are ruled out by these alone. That
+    does not hold while some targets are not measured at all: then all targets are evaluated.
     """
     if floor.unmeasured or hard is problem:
         order = ranked(problem, kept, added)
@@ -191,9 +191,9 @@ def _may_beat(bound: Score, floor: Score) -> bool:
 def _pairs_exchanged(
     problem: SelectionProblem, chosen: Choice, fixed: Choice, free: Sequence[int]
 ) -> tuple[Choice, int]:
-    """Return the set after exchanges of two cameras at once, as long as one helps.
+    """Return the set after exchanges of two cameras at once, while one improves it.
 
-    Of the new pair the first is among the best by itself: how many of these are tried depends on how many there are.
+    The first of the new pair is among the best single additions: how many are tried depends on how many there are.
     """
     n = 0
     while (better := _pair_exchanged(problem, chosen, fixed, free)) is not None:

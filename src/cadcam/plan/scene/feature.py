@@ -16,7 +16,7 @@ _PARALLEL = 1 - 1e-6
 
 
 class Kind(Enum):
-    """How a feature is measured in a picture: where it is; by its outline; across itself."""
+    """How a feature is measured in a picture: as a point; by its outline; across itself."""
 
     POINT = "point"
     CIRCLE = "circle"
@@ -28,8 +28,8 @@ class LayoutFeature:
     """A feature in the part frame, mm, and what is asked of it.
 
     p (3,): the point, the circle's centre or the middle of the edges. normal (3,): unit vector out of the surface, from
-    where alone it is seen; None: any side. segments (S, 2, 3): straight pieces of edges. plane_mm: how well the height
-    of the known plane that it lies on is known, along its normal; None: it lies on none, and two cameras are needed.
+    whose side alone it is seen; None: any side. segments (S, 2, 3): straight pieces of edges. plane_mm: standard
+    deviation of the height of the known plane that it lies on; None: there is none, and two cameras are needed.
     """
 
     name: str
@@ -83,12 +83,12 @@ class LayoutFeature:
 
     @property
     def straight(self) -> bool:
-        """Return whether it is one straight edge, along which nothing can be measured."""
+        """Return whether it is a single straight edge, along which nothing can be measured."""
         return self.along is not None
 
     @property
     def along(self) -> Array | None:
-        """Return the unit direction (3,) of a straight edge; None for all else."""
+        """Return the unit direction (3,) of a straight edge; None for other features."""
         if self.segments is None:
             return None
         d = self.segments[:, 1] - self.segments[:, 0]
@@ -100,7 +100,7 @@ class LayoutFeature:
 
     @property
     def ends(self) -> Array:
-        """Return the ends (2, 3) of a straight edge; the place twice of all else."""
+        """Return the ends (2, 3) of a straight edge; for other features their place, twice."""
         along = self.along
         if along is None or self.segments is None:
             return np.stack([self.p, self.p])

@@ -1,4 +1,4 @@
-"""The scene of a layout: the part and its poses, what stands around, where cameras may be, what has to be measured."""
+"""The scene of a layout: the part and its poses, obstacles, where cameras may be, and what has to be measured."""
 
 from __future__ import annotations
 
@@ -24,8 +24,8 @@ from cadcam.plan.uncertainty.finding import Finder
 class CameraType:
     """A camera with its lens that can be bought, or one that is calibrated.
 
-    focus_mm: what distance it is focused at; None: each at what it aims at. estimate: its calibration, whose covariance
-    then counts in place of the scene's assumptions about internals; with one, `sensor` is only needed for blur.
+    focus_mm: the distance it is focused at; None: that of the point it is aimed at. estimate: its calibration, whose
+    covariance then replaces the scene's assumptions about internals; with one, `sensor` is only needed for blur.
     """
 
     name: str
@@ -44,10 +44,10 @@ class CameraType:
             )
         if self.sensor is not None and self.own is None and self.sensor.pixels is None:
             raise BadValue(f"pixels of camera {self.name!r}", "not known", "pixels: [columns, rows]")
-        self.optics(self.focus_mm if self.focus_mm is not None else 1e9)  # refuses what no lens does
+        self.optics(self.focus_mm if self.focus_mm is not None else 1e9)  # refuses impossible lenses
 
     def optics(self, distance_mm: float) -> Optics | None:
-        """Return the optics focused at its own distance, or at this one; None where the lens is not known."""
+        """Return the optics focused at its own distance, or else at this one; None where the lens is not known."""
         if self.sensor is None or self.focal_mm is None:
             return None
         focus = distance_mm if self.focus_mm is None else self.focus_mm
@@ -66,9 +66,9 @@ class CameraType:
 class Mount:
     """Where cameras can be: eyes (N, 3) mm in the world, each aimed at a point (N, 3), with these camera types.
 
-    fixed: these cameras are there already and always among the chosen. one_camera: they are the places of one camera,
-    carried there by a known motion: its calibration errs alike at all of them, its motion at each by itself. spread:
-    places were spread over a zone, so that those inside of something are left out and not refused.
+    fixed: these cameras exist already and are always among the chosen. one_camera: the places are those of one camera
+    that a known motion carries there: its calibration error is common to all, its motion error different at each.
+    spread: the places were spread over a zone, so that those inside of something are left out instead of refused.
     """
 
     name: str
@@ -87,7 +87,7 @@ class Mount:
 
 @dataclass(frozen=True, slots=True)
 class Sigmas:
-    """Standard deviations of what is not known exactly: position of each axis, mm; rotation about each, rad; px."""
+    """Standard deviations of what is not known exactly: position per axis, mm; rotation about each axis, rad; px."""
 
     position_mm: float = 0.0
     rotation: float = 0.0
@@ -109,10 +109,10 @@ class Sigmas:
 
 @dataclass(frozen=True, slots=True)
 class CalibratedFrom:
-    """A calibration of each camera by itself, from points spread over its picture and the part's depth.
+    """A separate calibration of each camera, from points spread over its picture and the part's depth.
 
-    points: how many; sigma_px: noise of one pixel coordinate; points_mm: how well each coordinate of them is known.
-    Place, focal length and principal point are then known with the covariance that these leave, correlations included.
+    points: how many; sigma_px: noise of one pixel coordinate; points_mm: standard deviation of each of their
+    coordinates. Pose, focal length and principal point then have the covariance that follows, correlations included.
     """
 
     points: int = 30
@@ -132,7 +132,7 @@ class CalibratedFrom:
 class Seeing:
     """When a feature counts as seen: at most this slant (rad) and blur, this far from the border, at least this large.
 
-    share: of a feature's places that have to be in sight: its rim, the stations of its edge.
+    share: of a feature's places (its rim, the stations of its edge) that have to be visible.
     """
 
     incidence: float = float(np.radians(70.0))
@@ -146,10 +146,10 @@ class Seeing:
 class LayoutScene:
     """All that a layout is planned from; poses are world_from_part by name, obstacles a mesh in the world, or None.
 
-    calibration: of every camera's place and internals, as sigmas or by what they are calibrated from; motion: of a
-    camera that is moved, at each place; placement: of the part in its pose, which counts for features on known planes,
-    seen by one camera. tur: the test uncertainty ratio limit/U that every limit should reach. choose: how many cameras
-    to choose beside the fixed ones. sources: (role, path, sha256) of files.
+    calibration: of every camera's pose and internals, as sigmas or as the points it is made from; motion: of a camera
+    that is moved, at each place; placement: of the part in its pose, which matters for features on known planes that
+    one camera sees. tur: the test uncertainty ratio limit/U that every limit should reach. choose: how many cameras to
+    choose beside the fixed ones. sources: (role, path, sha256) of files.
     """
 
     part: Mesh

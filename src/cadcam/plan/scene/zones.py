@@ -1,4 +1,4 @@
-"""Places for cameras spread over zones: boxes and arcs."""
+"""Places for cameras, spread over boxes and arcs."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ _MOST = 5000
 def in_box(box: Array, count: int) -> Array:
     """Return at most `count` places (n, 3) on a grid in a box (2, 3).
 
-    Sides may be 0: a wall, a line. The spacing is about the same along all sides, whose ends hold places; of a side
-    shorter than the spacing the middle does.
+    Sides may be 0: a wall, a line. The spacing is about the same along all sides, with places at both ends of each; a
+    side shorter than the spacing has one place, at its middle.
     """
     _check(count)
     size = box[1] - box[0]
@@ -26,7 +26,7 @@ def in_box(box: Array, count: int) -> Array:
         return box[:1].copy()
     n = np.ones(3, int)
     low, high = 1e-6 * size.max(), 2.1 * float(size.max())
-    for _ in range(60):  # the spacing of a grid with at most `count` places, by halving
+    for _ in range(60):  # bisection of the spacing, for a grid of at most `count` places
         spacing = np.sqrt(low * high)
         n[long] = np.floor(size[long] / spacing).astype(int) + 1
         low, high = (spacing, high) if n.prod() > count else (low, spacing)
@@ -38,7 +38,7 @@ def in_box(box: Array, count: int) -> Array:
 def arc(centre: Array, radius: float, start_deg: float, end_deg: float, count: int, *, axis: Array) -> Array:
     """Return `count` places (n, 3) on an arc around an axis through its centre; angles from x towards y about z.
 
-    About another axis they count from the direction across it that is nearest to x. A whole turn has no place twice.
+    About another axis, angles count from the perpendicular direction nearest to x. A full circle has no place twice.
     """
     _check(count)
     if not radius > 0:

@@ -1,1 +1,1 @@
-"""The cameras that could be mounted, and what each of them sees of the part among all that stands around."""
+"""The cameras that could be mounted, and what each of them sees of the part among the obstacles."""

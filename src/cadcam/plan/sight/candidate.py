@@ -1,4 +1,4 @@
-"""Candidate cameras: every place of every mount with every camera type that may be there, as viewpoints."""
+"""Candidate cameras: every place of every mount with every camera type allowed there, as viewpoints."""
 
 from __future__ import annotations
 
@@ -15,14 +15,14 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
 
-_FOUND = list(range(6))  # local coordinates that a calibration of place alone finds: position and angles
-_FOUND_WITH_INTERNALS = [*range(6), 7, 9, 10]  # and focal length, principal point
-_ALONG = 1e-6  # sine of the angle to "up" from which a view is taken for vertical
+_FOUND = list(range(6))  # local coordinates estimated by a calibration of the pose alone: position and angles
+_FOUND_WITH_INTERNALS = [*range(6), 7, 9, 10]  # with focal length and principal point
+_ALONG = 1e-6  # sine of the angle to "up" below which a view counts as vertical
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Candidate:
-    """A camera that could be mounted: its viewpoint, with all that will be uncertain about it, and its optics.
+    """A camera that could be mounted: its viewpoint, with all the errors it will have, and its optics.
 
     shared: the name of the mount if its cameras are one camera that is moved; else "".
     """
@@ -49,7 +49,7 @@ class Candidate:
 
 
 def candidates(scene: LayoutScene) -> tuple[Candidate, ...]:
-    """Return all candidates of a scene, in the order of its mounts; names count on within a mount."""
+    """Return all candidates of a scene, in the order of its mounts, numbered within each mount."""
     out: list[Candidate] = []
     for mount in scene.mounts:
         homes: dict[str, tuple[ErrorSource, Rigid]] = {}
@@ -99,7 +99,7 @@ def placed(
 
 
 def aimed(eye: Array, aim: Array, up: tuple[float, float, float]) -> Rigid:
-    """Return camera_from_world of a camera that looks at a point, `up` upwards; looking along it, y or x is up."""
+    """Return camera_from_world of a camera that looks at a point with `up` upwards; if it looks along it, y or x is."""
     forward = np.asarray(aim) - np.asarray(eye)
     for direction in (up, (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)):
         if np.linalg.norm(np.cross(forward, direction)) > _ALONG * np.linalg.norm(forward) * np.linalg.norm(direction):
@@ -108,7 +108,7 @@ def aimed(eye: Array, aim: Array, up: tuple[float, float, float]) -> Rigid:
 
 
 def _calibration(scene: LayoutScene, kind: CameraType, camera: Camera, pose: Rigid) -> ErrorSource:
-    """Return what a calibration leaves unknown: as the scene assumes, internals as the camera's own estimate says."""
+    """Return what a calibration leaves uncertain: as the scene assumes, internals by the camera's own estimate."""
     n = 11 + len(camera.lens.parameters)
     covariance = np.zeros((n, n))
     if isinstance(scene.calibration, CalibratedFrom):
@@ -124,7 +124,7 @@ def _calibration(scene: LayoutScene, kind: CameraType, camera: Camera, pose: Rig
 def calibrated(scene: LayoutScene, assumed: CalibratedFrom, camera: Camera, pose: Rigid, *, internals: bool) -> Array:
     """Return the covariance (11, 11) of a calibration's local coordinates, from points over the picture and the depth.
 
-    internals: whether focal length and principal point are found too, or only the place.
+    internals: whether focal length and principal point are estimated too, or only the pose.
     """
     world = next(iter(scene.poses.values()))
     low, high = scene.part.bounds
@@ -132,7 +132,7 @@ def calibrated(scene: LayoutScene, assumed: CalibratedFrom, camera: Camera, pose
     depth = (pose @ (world @ corners))[:, 2]
     near, far = max(float(depth.min()), 0.05 * float(depth.max())), float(depth.max())
     if not far > 0:
-        near, far = 1000.0, 2000.0  # it looks away from the part: nothing will be asked of it
+        near, far = 1000.0, 2000.0  # it looks away from the part and will measure nothing
     points = _spread_in_view(camera, assumed.points, near, far)
     _, J = project_with_sensitivity(camera, pose, pose.inv @ points)
     sigma = np.hypot(assumed.sigma_px, assumed.points_mm * np.linalg.norm(J[..., :3], axis=(1, 2)) / np.sqrt(2))

@@ -1,4 +1,4 @@
-"""Where features are looked for and measured: a point itself, a circle's rim and centre, stations along edges."""
+"""Where features must be visible and where they are measured: points, rim and centre of circles, edge stations."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.geometry.plane import axes_across
 from cadcam.plan.scene.feature import Kind, LayoutFeature
 
-_RIM = 8  # places on a circle's rim that have to be seen
+_RIM = 8  # places on a circle's rim that have to be visible
 _STATIONS = 9  # on a straight edge
 _MOST_STATIONS = 48  # on the edges of a selection
 
@@ -20,8 +20,8 @@ _MOST_STATIONS = 48  # on the edges of a selection
 class Places:
     """The places of F features in one list: p (S, 3) mm, whose (S,), sighted and measured (S,), tangents and lengths.
 
-    tangent (S, 3) is NaN, length and from_middle (S,) mm are 0 but on edges. centre, normal (F, 3; NaN for none), axes
-    (F, 3, 2) across it, diameter (F,; NaN), ends (F, 2, 3) of straight edges (of all else the centre twice).
+    tangent (S, 3) is NaN, length and from_middle (S,) mm are 0 except on edges. centre, normal (F, 3; NaN: none), axes
+    (F, 3, 2) across the normal, diameter (F,; NaN), ends (F, 2, 3) of straight edges (else the centre twice).
     """
 
     p: Array
@@ -93,7 +93,7 @@ class Places:
 
 @dataclass(slots=True, eq=False)
 class _FeaturePlaces:
-    """p (n, 3); which have to be seen, which are measured; of edges unit tangent, length and place along them, mm."""
+    """p (n, 3); which must be visible, which are measured; on edges the unit tangent, length and position, mm."""
 
     p: Array
     sighted: Mask

@@ -1,4 +1,4 @@
-"""What stands between cameras and features: the part itself, in its own frame, and obstacles, in the world."""
+"""What may hide features from cameras: the part itself, in its own frame, and obstacles, in the world."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.render.embree import Caster
 from cadcam.render.lines.occlusion import OccludingFaces
 
-_TOLERANCE = 1e-4  # of the part's diagonal: how far off a face a feature on it may be given
+_TOLERANCE = 1e-4  # of the part's diagonal: tolerance for features given slightly off their face
 _DIRECTIONS = 48
-_INSIDE = 0.75  # share of rays that meet faces from behind, from inside of a body
+_INSIDE = 0.75  # share of rays that hit faces from behind, from inside of a body
 
 
 class Surroundings:
@@ -25,9 +25,9 @@ class Surroundings:
         self.tolerance_mm = _TOLERANCE * float(np.linalg.norm(part.size_mm))
 
     def hidden(self, R: Array, t: Array, eye: Array, pose: npt.NDArray[np.int64], p: Array) -> Mask:
-        """Return which part points p (n, 3) are hidden in poses (n,), numbers of world_from_part R (P, 3, 3), t (P, 3).
+        """Return which part points p (n, 3) are hidden in poses (n,), indices of world_from_part R (P, 3, 3), t (P, 3).
 
-        eye (P, 3): the camera in the part frame of each pose. A face that holds a point never hides it.
+        eye (P, 3): the camera in the part frame of each pose. The face that a point lies on never hides it.
         """
         if not len(p):
             return np.zeros(0, bool)
@@ -42,7 +42,7 @@ class Surroundings:
         return hidden
 
     def holds(self, eye: Array, poses: dict[str, Rigid]) -> str:
-        """Return what a camera at `eye` (3,) in the world is inside of: "an obstacle", "the part in pose ...", ""."""
+        """Return what contains a camera at `eye` (3,) in the world: "an obstacle", "the part in pose ...", or ""."""
         if self._obstacles is not None and self._obstacles.holds(eye):
             return "an obstacle"
         for name, world_from_part in poses.items():
@@ -58,10 +58,10 @@ class _Body:
         self._low, self._high = mesh.bounds
 
     def holds(self, eye: Array) -> bool:
-        """Return whether nearly all that is seen from `eye` are faces from behind."""
+        """Return whether nearly all rays from `eye` hit faces from behind."""
         if (eye < self._low).any() or (eye > self._high).any():
             return False
-        i = np.arange(_DIRECTIONS) + 0.5  # directions evenly over the sphere, by the golden angle
+        i = np.arange(_DIRECTIONS) + 0.5  # a Fibonacci sphere
         z, turn = 1 - 2 * i / _DIRECTIONS, np.pi * (1 + 5**0.5) * i
         r = np.sqrt(1 - z**2)
         d = np.column_stack([r * np.cos(turn), r * np.sin(turn), z])

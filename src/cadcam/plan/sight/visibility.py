@@ -1,9 +1,8 @@
-"""What one camera sees of all features in all poses of the part, how well, and what its picture tells of them.
+"""What one camera sees of all features in all poses of the part, and the information that its picture gives.
 
-Seen is what lies in the picture, away from its border; faces the camera; is sharp and large enough; and is hidden
-neither by the part itself nor by what stands around: of a point itself, of a circle's rim and an edge's stations a
-share. Rays are cast in the part's frame against the part, and in the world against the rest, so that nothing is built
-anew for a pose.
+A feature is seen if it is in the picture, away from its border; faces the camera; is sharp and large enough; and is
+not hidden by the part or by obstacles: a point as such, of a circle's rim or an edge's stations a sufficient share.
+Rays are cast in the part's frame against the part and in the world against obstacles, so nothing is rebuilt per pose.
 """
 
 from __future__ import annotations
@@ -34,7 +33,7 @@ from cadcam.plan.uncertainty.finding import (
 )
 
 Codes = npt.NDArray[np.int8]
-_FLAT = 0.05  # px: a station's piece of an edge that is seen along itself is shorter
+_FLAT = 0.05  # px: a station's piece of edge is at least as long as this, unless it is seen end-on
 
 
 class Why(IntEnum):
@@ -64,10 +63,10 @@ class Why(IntEnum):
 class Visibility:
     """What a camera sees of F features in P poses.
 
-    why (P, F) codes of `Why`; mm_per_px, incidence (rad; NaN without a normal), blur_px (diameter of a point's disc),
-    distance (mm), sigma_px (of the measured place in the picture, its worst direction), each (P, F). evidence: of the
+    why (P, F): codes of `Why`; mm_per_px, incidence (rad; NaN without a normal), blur_px (diameter of the circle of
+    confusion), distance (mm), sigma_px (of the place in the picture, worst direction), each (P, F). evidence: of the
     features' displacements in part axes, (P, F); turns: of straight edges' slopes, (P, F). shift, bend (P, F, 2, 2):
-    covariance of the picture's shift there by the camera's errors, px^2, and of its change along an edge, px^2/mm^2.
+    covariance of the picture's shift by the camera's errors, px^2, and of its change along an edge, px^2/mm^2.
     """
 
     why: Codes
@@ -119,7 +118,7 @@ def seen_from(
 
 
 class _View:
-    """The places as the camera has them: q (P, S, 2) px, J (P, S, 2, 3) by the part's own axes."""
+    """The places as the camera images them: q (P, S, 2) px, J (P, S, 2, 3) by the part's axes."""
 
     def __init__(self, viewpoint: Viewpoint, optics: Optics | None, places: Places, poses: Sequence[Rigid]) -> None:
         self.viewpoint, self.optics, self.places = viewpoint, optics, places
@@ -146,7 +145,7 @@ class _View:
         self.sharp = (
             float(blur_sigmas(optics, optics.distance_mm)) if optics is not None else float(blur_sigmas(None, 1.0))
         )
-        # the picture of the unit circle in each feature's own plane, where it has one
+        # the image of the unit circle in each feature's own plane, where it has one
         self._first = np.flatnonzero(np.diff(places.feature, prepend=-1))
         self.central = self._central()
         radius = np.where(places.is_circle, places.diameter / 2, 1.0)
@@ -172,14 +171,14 @@ class _View:
         return out
 
     def _moves(self, p: Array) -> list[Array]:
-        """Return how each error source of unit variance moves the picture of part points: (P, n, 2, k) each."""
+        """Return the shift of part points' pixels by each error source of unit variance: (P, n, 2, k) each."""
         _, _, effects = self.viewpoint.project(self.world(p).reshape(-1, 3))
         sources = [source for source, _ in self.viewpoint.errors]
         roots = [np.nan_to_num(D @ source.root) for source, D in zip(sources, effects, strict=True)]
         return [E.reshape(len(self.R), len(p), 2, E.shape[-1]) for E in roots]
 
     def _squared(self, moves: list[Array], n: int) -> Array:
-        """Return the sum (P, n, 2, 2) of their outer products; zero where nothing errs."""
+        """Return the sum (P, n, 2, 2) of their outer products; zero where there are none."""
         return np.asarray(sum((E @ np.swapaxes(E, -1, -2) for E in moves), np.zeros((len(self.R), n, 2, 2))))
 
     def sums(self, values: Array) -> Array:
@@ -187,14 +186,14 @@ class _View:
         return np.asarray(np.add.reduceat(values, self._first, axis=1))
 
     def _central(self) -> npt.NDArray[np.int64]:
-        """Return the place (F,) next to each feature's middle: where it is measured, or the middle of its stations."""
+        """Return the place (F,) nearest to each feature's middle: where it is measured, or its middle station."""
         last = np.append(self._first[1:], len(self.places.feature)) - 1
         return np.where(self.places.is_edge, (self._first + last) // 2, last)
 
 
 @dataclass(slots=True, eq=False)
 class _Share:
-    """Which places are in sight and in the picture (P, S); by feature the shares (P, F) in sight and in the picture."""
+    """Which places are visible and in the picture (P, S); by feature the shares (P, F) of such places."""
 
     visible: Mask
     seen: Array
@@ -239,7 +238,7 @@ def _why(view: _View, share: _Share, seeing: Seeing) -> Codes:
 
 
 def _along(view: _View) -> Array:
-    """Return the picture (P, S, 2) of the piece of edge that each station stands for, px; NaN elsewhere."""
+    """Return the picture (P, S, 2) px of each station's piece of edge; NaN elsewhere."""
     return np.asarray((view.J @ (view.places.tangent * view.places.length[:, None])[..., None])[..., 0])
 
 
@@ -280,7 +279,7 @@ def _mark_noise(view: _View, finder: Finder, marks: Mask) -> Array:
 def _edges(view: _View, finder: Finder, seen: Mask, visible: Mask) -> tuple[Array, Array, Array]:
     """Return W (P, F, 2, 2) of edges' displacements and slopes, and the sigma (P, F) px of each as a whole.
 
-    Every station tells across its piece of edge; of a straight one all across the same direction.
+    Each station measures across its piece of edge; those of a straight edge all in the same direction.
     """
     places = view.places
     along = np.nan_to_num(_along(view))
@@ -296,7 +295,7 @@ def _edges(view: _View, finder: Finder, seen: Mask, visible: Mask) -> tuple[Arra
         weight = np.where(use, length / (total * variance)[:, places.feature], 0.0)
     weight = np.nan_to_num(weight)
     nn = weight[..., None, None] * (n[..., :, None] * n[..., None, :])
-    # a line turns about the middle of what is seen of it
+    # the slope is that about the middle of the visible stations
     middle = view.sums(weight * places.from_middle) / np.maximum(view.sums(weight), 1e-300)
     lever = places.from_middle - middle[:, places.feature]
     return view.sums(nn), view.sums(nn * (lever**2)[..., None, None]), np.asarray(np.sqrt(variance))

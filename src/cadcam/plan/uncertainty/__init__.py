@@ -1,1 +1,1 @@
-"""How well features are found in pictures, and what pictures then tell of points: sums of 3x3 information."""
+"""The uncertainty of features in pictures, and of points measured from these: sums of 3x3 information."""

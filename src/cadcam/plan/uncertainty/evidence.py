@@ -1,14 +1,14 @@
-"""What cameras tell of features, as information that adds up: 3x3 for each camera and feature.
+"""What pictures tell of features, as information that adds up: 3x3 for each camera and feature.
 
-A feature is displaced by x (3,). A picture shows it displaced by J x (2,) px, with the information W (2, 2) that its
-pixels' noise leaves: of full rank for a point, of one direction for a straight edge. The picture as a whole is shifted
-there by b = E t where the camera errs, with numbers t of unit variance, those of calibrations and motions, which
-cameras may share. Then x has the information
+A feature is displaced by x (3,). Its picture is then displaced by J x (2,) px, with the information W (2, 2) that the
+noise of its pixels allows: of rank two for a point, of rank one for a straight edge. Errors of the camera shift the
+picture there by b = E t, with independent t of unit variance: the errors of calibrations and motions, which cameras may
+share. Then x has the information
 
     sum J^T W J  -  (sum J^T W E) (1 + sum E^T W E)^-1 (sum J^T W E)^T
 
-over all cameras: exactly that of weighted least squares with covariance W^-1 + E E^T, by Woodbury's identity. Where no
-two cameras share a number, it is the sum of what it is for each alone: what a search for cameras adds up.
+summed over all cameras: exactly that of weighted least squares with covariance W^-1 + E E^T, by Woodbury's identity.
+Where no two cameras share an error, it is the sum of each camera's own information, which a search for cameras adds up.
 """
 
 from __future__ import annotations
@@ -33,17 +33,17 @@ class Evidence:
         return Evidence(np.where(keep, self.J, 0.0), np.where(keep, self.W, 0.0))
 
     def alone(self, S: Array) -> Array:
-        """Return the information (..., 3, 3) of each camera by itself, its shift of covariance S (..., 2, 2) px^2."""
+        """Return the information (..., 3, 3) of each camera alone, its shift of covariance S (..., 2, 2) px^2."""
         inner = self.W @ np.linalg.inv(np.eye(2) + S @ self.W)
         return symmetric(np.swapaxes(self.J, -1, -2) @ inner @ self.J)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Together:
-    """What V cameras tell together: covariance (n, 3, 3), and the gains by which errors enter it.
+    """The joint estimate by V cameras: covariance (n, 3, 3), and the gains by which errors enter it.
 
-    from_pixels (n, 3, 3): the part of the covariance that is due to pixels. by_number (n, 3, P): how the estimate moves
-    with each number t of unit variance.
+    from_pixels (n, 3, 3): the part of the covariance that is due to pixels. by_number (n, 3, P): derivative of the
+    estimate by each error t of unit variance.
     """
 
     covariance: Array
@@ -52,10 +52,10 @@ class Together:
 
 
 def together(evidence: Evidence, E: Array, prior: Array, *, basis: Array | None = None) -> Together:
-    """Return what cameras (V, n) tell together; E (V, n, 2, P): how numbers of unit variance shift each picture.
+    """Return what cameras (V, n) tell together; E (V, n, 2, P): shift of each picture by each error of unit variance.
 
-    prior (n, 3, 3): information that is there before. basis (3, m): the directions in which features can be displaced
-    at all; default every one. NaN where the sum of all still leaves a direction open.
+    prior (n, 3, 3): information beside that of the pictures. basis (3, m): the directions in which features can be
+    displaced, by default all. NaN where the sum of all leaves a direction undetermined.
     """
     Jt, WE = np.swapaxes(evidence.J, -1, -2), evidence.W @ E
     total = (Jt @ evidence.W @ evidence.J).sum(axis=0)
@@ -64,7 +64,7 @@ def together(evidence: Evidence, E: Array, prior: Array, *, basis: Array | None 
     weight = np.linalg.solve(np.eye(E.shape[-1]) + YE, np.swapaxes(XE, -1, -2))  # (n, P, 3)
     B = np.eye(3) if basis is None else basis
     C = B @ inverse(symmetric(B.T @ (total + prior - XE @ weight) @ B)) @ B.T
-    # a camera's gain is C (J^T - weight^T E^T) W: summed over the cameras for pixels, and for each number
+    # a camera's gain is C (J^T - weight^T E^T) W: squared and summed over cameras for pixels, for each error times E
     bound = np.swapaxes(weight, -1, -2)
     pixels = C @ (total - XE @ weight - bound @ np.swapaxes(XE, -1, -2) + bound @ YE @ weight) @ C
     return Together(C, symmetric(pixels), C @ (XE - bound @ YE))

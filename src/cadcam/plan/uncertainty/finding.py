@@ -1,19 +1,20 @@
-"""How well a feature will be found in a picture: the covariance of its pixels by noise, blur and how it is seen.
+"""How well a feature is located in a picture: the covariance of its pixels from noise, blur and slant.
 
-Of an edge between two brightnesses, C apart, blurred by a Gaussian of s px, in a picture whose pixels have the noise
-sigma_n, each px of its length tells the place across it with the Fisher information
+An edge with a brightness step C, blurred by a Gaussian of s px, in a picture whose pixels have noise sigma_n, gives the
+Fisher information
 
     C^2 / (2 sqrt(pi) s sigma_n^2)   1/px^2
 
-(the integral of the squared slope by the noise; no unbiased finder does better). A straight edge of L px has L times
-that. Of a disc or a hole, imaged as an ellipse, every px of the outline tells of the centre along its own normal n; the
-sum of n n^T over the ellipse with half axes a >= b is, along the long and the short axis,
+per px of its length on its position across itself (the integral of the squared slope over the noise; no unbiased
+estimator does better). A straight edge of L px has L times that. Each px of the outline of a disc or hole, imaged as an
+ellipse, gives it along its own normal n for the centre; the sum of n n^T over an ellipse with half axes a >= b is,
+along the long and the short axis,
 
     4 (b^2/a) (K(m) - E(m))/m      4 a (E(m) - (1 - m) K(m))/m      m = 1 - b^2/a^2
 
-with the complete elliptic integrals K, E; pi a for both of a circle. So a mark seen at a slant is found less well along
-its long axis. Where not the noise is stated but sigma_px of a feature that faces the camera in focus, the same law
-carries it over to others: sigma^2 grows with s, and with how the outline is foreshortened.
+with the complete elliptic integrals K, E; for a circle both are pi a. So a mark seen at a slant is located less well
+along its long axis. Where sigma_px of a feature that faces the camera in focus is stated instead of the noise, the same
+law converts it: sigma^2 grows with s, and with the foreshortening of the outline.
 """
 
 from __future__ import annotations
@@ -31,11 +32,11 @@ _THIN = 1e-3  # b/a below which a disc is seen edge-on
 
 @dataclass(frozen=True, slots=True)
 class Finder:
-    """How well features are found: stated as sigma_px, or by the noise of grey levels and the contrast (0 to 1 each).
+    """How well features are located: stated as sigma_px, or from grey-level noise and contrast (0 to 1 each).
 
     sigma_px: standard deviation of one pixel coordinate of a feature that faces the camera, in focus; of an edge as a
-    whole, across it. grey, contrast: sigma of a pixel's grey level and the step of brightness at an outline, white = 1;
-    they count, where given, for features of known size. floor_px: what remains whatever the noise, added in squares.
+    whole, across it. grey, contrast: noise of a pixel's grey level and brightness step at an outline, white = 1; used,
+    where given, for features of known size. floor_px: what remains whatever the noise, added in quadrature.
     """
 
     sigma_px: float | None = None
@@ -61,7 +62,7 @@ class Finder:
         return self.grey is not None
 
     def per_px(self, blur_px: Floats) -> Array:
-        """Return the information (...), 1/px^2 by px of outline, of edges blurred by a Gaussian of blur_px."""
+        """Return the information (...), 1/px^2 per px of outline, of edges blurred by a Gaussian of blur_px."""
         if self.grey is None or self.contrast is None:
             raise BadValue("noise of grey levels", "not stated", "grey and contrast")
         s = np.asarray(blur_px, dtype=np.float64)
@@ -69,9 +70,9 @@ class Finder:
 
 
 def blur_sigmas(optics: Optics | None, z_mm: Floats) -> Array:
-    """Return the sigma (...) in px of the Gaussian with all blur at distances z (...): `optics.blur_sigma_px` of many.
+    """Return the sigma (...) px of a Gaussian as wide as all blur at distances z (...): as `optics.blur_sigma_px`.
 
-    Without an f-number, or without optics, the pixel's own area is all that is known.
+    Without an f-number, or without optics, only the pixel's own area is known.
     """
     z = np.asarray(z_mm, dtype=np.float64)
     if optics is None or optics.f_number is None:
@@ -80,7 +81,7 @@ def blur_sigmas(optics: Optics | None, z_mm: Floats) -> Array:
 
 
 def defocus(optics: Optics | None, z_mm: Floats) -> Array:
-    """Return the diameter (...) in px of the disc that a point at distance z becomes; 0 where no f-number is known."""
+    """Return the diameter (...) px of the circle of confusion at distance z; 0 where no f-number is known."""
     z = np.asarray(z_mm, dtype=np.float64)
     if optics is None or optics.f_number is None:
         return np.zeros(z.shape)
@@ -92,7 +93,7 @@ def defocus(optics: Optics | None, z_mm: Floats) -> Array:
 def outline(A: Array) -> tuple[Array, Array]:
     """Return the sum of n n^T (..., 2, 2) px over an ellipse's outline, and its long half axis (...) px.
 
-    A (..., 2, 2): takes the unit circle to the ellipse, px.
+    A (..., 2, 2): maps the unit circle to the ellipse, px.
     """
     from scipy.special import ellipe, ellipkm1
 
@@ -105,7 +106,7 @@ def outline(A: Array) -> tuple[Array, Array]:
     q = ratio**2
     m = 1 - q
     K, E = ellipkm1(q), ellipe(m)
-    flat = m < 1e-4  # series: the difference K - E loses its digits
+    flat = m < 1e-4  # series: K - E suffers from cancellation
     safe = np.where(flat, 1.0, m)
     long = np.where(flat, np.pi * a * (1 - 5 * m / 8), 4 * a * q * (K - E) / safe)
     short = np.where(flat, np.pi * a * (1 - m / 8), 4 * a * (E - q * K) / safe)
@@ -116,10 +117,10 @@ def outline(A: Array) -> tuple[Array, Array]:
 
 
 def circle_covariance(finder: Finder, A: Array, blur_px: Floats, *, sharp_px: Floats, sized: bool = True) -> Array:
-    """Return the covariance (..., 2, 2) px^2 of the centre of a disc, hole or mark that is imaged by A (..., 2, 2).
+    """Return the covariance (..., 2, 2) px^2 of the centre of a disc, hole or mark imaged by A (..., 2, 2).
 
-    A takes the unit circle to the ellipse in the picture, px. blur_px (...): sigma of the blur there; sharp_px: that in
-    focus, to which a stated sigma_px belongs. sized: the size is known, so that grey and contrast decide, where stated.
+    A maps the unit circle to the ellipse in the picture, px. blur_px (...): sigma of the blur there; sharp_px: that in
+    focus, for which a stated sigma_px holds. sized: the size is known, so that grey and contrast are used where stated.
     """
     sums, a = outline(A)
     blur = np.asarray(blur_px, dtype=np.float64)
@@ -137,7 +138,7 @@ def point_covariance(finder: Finder, blur_px: Floats, *, sharp_px: Floats) -> Ar
 
 
 def edge_variance(finder: Finder, length_px: Floats, blur_px: Floats, *, sharp_px: Floats) -> Array:
-    """Return the variance (...) px^2 of a straight edge as a whole, across it, of which length_px is seen."""
+    """Return the variance (...) px^2, across it, of a straight edge of which length_px is visible."""
     if finder.by_grey:
         with np.errstate(divide="ignore"):
             return np.asarray(1 / (finder.per_px(blur_px) * np.asarray(length_px)) + finder.floor_px**2)
