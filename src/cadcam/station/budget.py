@@ -14,7 +14,7 @@ from cadcam.errors import BadValue
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Budget:
-    """Contributions in mm by their cause, all of one kind (standard deviations, or worst cases taken as such)."""
+    """Contributions in mm by cause, all of one kind (standard deviations, or worst cases treated as such)."""
 
     contributions: Mapping[str, float]
 
@@ -31,7 +31,7 @@ class Budget:
 
     @property
     def shares(self) -> dict[str, float]:
-        """Return each cause's share in the square of the total, the largest first."""
+        """Return each cause's share in the square of the total, largest first."""
         whole = self.total**2 or 1.0
         return dict(sorted(((c, v * v / whole) for c, v in self.contributions.items()), key=lambda item: -item[1]))
 
@@ -50,9 +50,9 @@ VISION = Budget(
 
 
 def budget_of(measured: Measurement, name: str) -> Budget:
-    """Return the budget of a measured point, in its worst direction on the floor, by the causes of its covariance."""
+    """Return the budget of a measured point in its worst direction on the floor, by cause."""
     if name not in measured.names:
-        measured.point(name)  # says what is wrong with the name
+        measured.point(name)  # refuses unknown names
     i = measured.names.index(name)
     worst = np.linalg.eigh(measured.covariance[i][:2, :2])[1][:, -1]
     along = {"pixels": float(worst @ measured.from_pixels[i][:2, :2] @ worst)}

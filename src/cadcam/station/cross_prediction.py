@@ -1,9 +1,9 @@
 """Every calibration predicts what every other saw, which separates mechanics from vision (Tables 6.9 to 6.11).
 
-Calibration i, applied to the picture taken at position j, misses the surveyed marks there by d_ij. What the mechanics
-do differently at the two places comes back with the other sign in d_ji; the noise of pixels, and whatever else is not
-common to both, does not. So d_ij = m_i - m_j + e_ij, with the mechanics' deviation m and the vision's error e.
-Errors of the survey that shift a whole plate look like mechanics: they count in the map's covariance.
+Calibration i, applied to the picture taken at position j, misses the surveyed marks there by d_ij. The difference of
+the mechanics between the two places enters d_ji with the opposite sign; pixel noise and other independent errors do
+not. So d_ij = m_i - m_j + e_ij, with the mechanics' deviation m and the vision's error e. Survey errors that shift a
+whole plate look like mechanics: they enter the map's covariance.
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from cadcam.station.plane import PlaneCalibration
 class Split:
     """Cross-predictions d (N, N, 2) mm split: d_ij = m_i - m_j + e_ij; row i predicts column j.
 
-    mechanics (N, 2): m, where the view really is from where the controller says, less its mean over all positions.
-    vision (2,): standard deviation of the error of one prediction, by d_ij + d_ji. closure (2,): root mean square of
-    what the antisymmetric parts leave of m_i - m_j: about the vision's error too.
+    mechanics (N, 2): m, where the view really is minus where the controller puts it, less the mean over all positions.
+    vision (2,): standard deviation of the error of one prediction, from d_ij + d_ji. closure (2,): rms of the residuals
+    of the antisymmetric parts about m_i - m_j: about the vision's error, too.
     """
 
     deviations: Array
@@ -56,8 +56,8 @@ class DeviationMap:
     """The mechanics' deviation (N, 2) mm at positions (N, 2), its covariance (2 N, 2 N) from survey and vision.
 
     deviation: relative to `reference`, the index of a position; None: to the mean of all (Fig 6-17, 6-18).
-    vision (2,): how far a single mark, predicted from another position, lies from its place once the mechanics are
-    taken off, rms mm; predicted (2,): what pixels, survey and the making of the plate let expect of that.
+    vision (2,): rms error, mm, of a single mark predicted from another position, with the mechanics removed;
+    predicted (2,): its expectation from pixels, survey and the plate's accuracy.
     """
 
     positions: Array
@@ -75,7 +75,7 @@ class DeviationMap:
 
 
 def cross_predictions(positions: Sequence[PlaneCalibration]) -> Array:
-    """Return d (N, N, 2) mm: by how much calibration i misses the marks surveyed at j, averaged over j's marks."""
+    """Return d (N, N, 2) mm: the mean error of calibration i at the marks surveyed at j."""
     out = np.zeros((len(positions),) * 2 + (2,))
     for j, seen in enumerate(positions):
         q, p = seen.estimate.observations.q, seen.placement.marks[list(seen.seen)]
@@ -85,7 +85,7 @@ def cross_predictions(positions: Sequence[PlaneCalibration]) -> Array:
 
 
 def split(deviations: Floats) -> Split:
-    """Return mechanics and vision of cross-predictions (N, N, 2), the diagonal left out. Raises `TooFewPoints`."""
+    """Return mechanics and vision of cross-predictions (N, N, 2), without the diagonal. Raises `TooFewPoints`."""
     d = np.array(frozen(deviations, "cross-predictions", (None, None, 2), finite=False))
     n = len(d)
     if d.shape[1] != n:
@@ -103,7 +103,7 @@ def split(deviations: Floats) -> Split:
 
 
 def deviation_map(positions: Sequence[PlaneCalibration], *, reference: int | None = None) -> DeviationMap:
-    """Return how the mechanics deviate at the calibrated positions, with what survey and vision leave open."""
+    """Return how the mechanics deviate at the calibrated positions, with the covariance from survey and vision."""
     n = len(positions)
     parts = split(cross_predictions(positions))
     if reference is not None and not 0 <= reference < n:
@@ -118,9 +118,9 @@ def deviation_map(positions: Sequence[PlaneCalibration], *, reference: int | Non
 
 
 def view_covariance(positions: Sequence[PlaneCalibration]) -> Array:
-    """Return the covariance (2 N, 2 N) mm^2 of where each calibration sees its plate's middle.
+    """Return the covariance (2 N, 2 N) mm^2 of where each calibration sees the centre of its plate.
 
-    Pixels and survey are each position's own; how the plate was made is common to all.
+    Pixels and survey are independent between positions; the errors of the plate are common to all.
     """
     n = len(positions)
     out = np.zeros((2 * n, 2 * n))
@@ -136,7 +136,7 @@ def view_covariance(positions: Sequence[PlaneCalibration]) -> Array:
 
 
 def plate_effect(one: PlaneCalibration, by_entry: Array, p: Array) -> Array:
-    """Return how points p (n, 2) of the world move as the plate's points lie beside their places, (n, 2, 2 (K + M)).
+    """Return the Jacobian (n, 2, 2 (K + M)) of world points p (n, 2) by the plate's marks and reflectors.
 
     In the plate's axes, marks before reflectors. by_entry (n, 2, 9): the points by the entries of the calibration.
     """
@@ -161,7 +161,7 @@ def _from_pixels(one: PlaneCalibration) -> Array:
 
 
 def _vision(positions: Sequence[PlaneCalibration], mechanics: Array) -> Array:
-    """Return the rms (2,) of single marks' errors in all cross-predictions, the mechanics taken off."""
+    """Return the rms (2,) of single marks' errors in all cross-predictions, with the mechanics removed."""
     squares, count = np.zeros(2), 0
     for j, seen in enumerate(positions):
         q, p = seen.estimate.observations.q, seen.placement.marks[list(seen.seen)]
@@ -173,13 +173,13 @@ def _vision(positions: Sequence[PlaneCalibration], mechanics: Array) -> Array:
 
 
 def _predicted(positions: Sequence[PlaneCalibration]) -> Array:
-    """Return the standard deviation (2,) of single marks' errors about their mean that is to be expected."""
+    """Return the expected standard deviation (2,) of single marks' errors about their mean."""
     each = [_scatter(one) for one in positions]
     return np.asarray(np.sqrt(np.concatenate(each).mean(axis=0)))
 
 
 def _scatter(one: PlaneCalibration) -> Array:
-    """Return the variances (K, 2) of the marks of another picture of the plate about their mean, read by this one."""
+    """Return the variances (K, 2) of another plate picture's marks about their mean, as measured by this one."""
     fit, plate = one.estimate, one.placement.plate
     noise = fit.noise_px if np.isfinite(fit.noise_px) else 0.0
     back, by_entry = one.by_entries(fit.observations.p_world[:, :2])
@@ -188,7 +188,7 @@ def _scatter(one: PlaneCalibration) -> Array:
     calibration = noise * by_entry @ _root(fit.cofactor)
     itself = np.einsum("kl,xy->kxly", np.eye(K), np.eye(2)).reshape(K, 2, 2 * K)
     made = plate.sigma_mm * (by_entry @ one.by_marks + itself)
-    placement = one.placement  # the plate's turn is surveyed twice, for the one picture and for the other
+    placement = one.placement  # the plate's rotation is surveyed twice, once per picture
     surveyed = (
         np.sqrt(2.0) * placement.moves(fit.observations.p_world[:, :2] + one.position) @ _root(placement.covariance)
     )
@@ -197,5 +197,5 @@ def _scatter(one: PlaneCalibration) -> Array:
 
 
 def _root(covariance: Array) -> Array:
-    """Return B with B B^T a covariance of entries of very different size."""
+    """Return B with B B^T = covariance, whose entries may be of very different size."""
     return ErrorSource("entries", covariance, None).root

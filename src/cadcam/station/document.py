@@ -1,7 +1,7 @@
-"""Station files: the calibration of a camera on its gantry as JSON, everything that it was made from in it.
+"""Station files: the calibration of a camera on its gantry as JSON, with everything that it was made from.
 
-What is written are the inputs (plate, survey, pixels, positions) and the repeatability; what follows from them is
-worked out again at reading, so that a file never disagrees with itself.
+The inputs (plate, survey, pixels, positions) and the repeatability are written; what follows from them is computed
+again on reading, so that a file is always consistent.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ def write_plate(path: str | os.PathLike[str], plate: Plate) -> None:
 
 
 def plate_as_json(plate: Plate) -> dict[str, Any]:
-    """Return a plate as it stands in plate and station files."""
+    """Return a plate as written to plate and station files."""
     return {
         "marks_mm": {n: p.tolist() for n, p in zip(plate.mark_names, plate.marks, strict=True)},
         "reflectors_mm": {n: p.tolist() for n, p in zip(plate.reflector_names, plate.reflectors, strict=True)},

@@ -1,4 +1,4 @@
-"""Measured marks against the CAD model: distances, angles, and what all differences together say (Table 6.12)."""
+"""Measured marks compared with the CAD model: distances, angles, and the trend of all differences (Table 6.12)."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cadcam.errors import BadValue, TooFewPoints, UnknownName
 class DistanceCheck:
     """Two marks: measured and drawn distance, mm; half the measured one's 95 % interval; the angle between them, rad.
 
-    angle: how far the measured line is turned from the drawn one, counter-clockwise. sigma: of the distance, mm.
+    angle: of the measured line relative to the drawn one, counter-clockwise. sigma: of the distance, mm.
     """
 
     one: str
@@ -36,9 +36,9 @@ class DistanceCheck:
 
 @dataclass(frozen=True, slots=True)
 class DifferenceTrend:
-    """What n differences say together, mm: mean, standard deviation, mean of the amounts, and tests.
+    """Statistics of n differences, mm: mean, standard deviation, mean of the absolute values, and tests.
 
-    p_mean: how probable such a mean is if all differences were chance about zero (Student). slope: difference by
+    p_mean: probability of such a mean if the differences were random about zero (Student). slope: difference by
     length, mm per m, with its standard deviation; correlation: of difference and length.
     """
 
@@ -58,12 +58,12 @@ class DifferenceTrend:
 
     @property
     def t(self) -> float:
-        """Return the mean by its standard deviation."""
+        """Return the mean in units of its standard deviation."""
         return self.mean / self.standard_error
 
     @property
     def verdict(self) -> str:
-        """Return in words what stands out: a constant offset, a scale, both or neither, at one in a hundred."""
+        """Return in words what is significant at 1 %: a constant offset, a scale, both or neither."""
         scale = abs(self.slope) > 2.6 * self.slope_sigma > 0
         offset = self.p_mean < 0.01
         if offset and scale:
@@ -92,7 +92,7 @@ def check_distances(
 
 
 def independent(checks: Sequence[DistanceCheck]) -> tuple[DistanceCheck, ...]:
-    """Return checks that share no mark, long ones first: those whose differences may be taken together by `trend`."""
+    """Return checks that share no mark, long ones first, so that `trend` may treat them as independent."""
     used: set[str] = set()
     out = []
     for check in sorted(checks, key=lambda c: -c.drawn):
@@ -103,7 +103,7 @@ def independent(checks: Sequence[DistanceCheck]) -> tuple[DistanceCheck, ...]:
 
 
 def trend(differences: Floats, lengths: Floats) -> DifferenceTrend:
-    """Return what differences (n,) mm of distances of these lengths (n,) mm say together.
+    """Return the statistics of differences (n,) mm of distances of these lengths (n,) mm.
 
     They have to be independent: no mark in two of them (`independent`). Raises `TooFewPoints` below three.
     """

@@ -1,11 +1,11 @@
 """How the mechanics deviate from place to place: a random field, inferred from the calibrated positions.
 
-Deflection and twist are smooth and repeat (6.4.3.2), but between the calibrated positions nobody looked. Each axis is
-taken as an unknown constant plus a Gaussian field; whether it is twice differentiable or endlessly (Matern covariances
-of smoothness 5/2 and infinity), its amplitude, and its lengths along x and y are not chosen but weighed, over a grid,
-by the restricted likelihood of the calibrated values and by what is known of beams beforehand: that lengths are about
-half the work area, within a factor of two. So any rule of interpolation, being a set of weights, has a predicted
-error, and one set of weights is the best.
+Deflection and twist are smooth and repeatable (6.4.3.2), but nothing was measured between the calibrated positions.
+Each axis is modelled as an unknown constant plus a Gaussian field. Its smoothness (twice differentiable or infinitely
+often: Matern covariances of smoothness 5/2 and infinity), its amplitude and its lengths along x and y are not chosen
+but averaged over, on a grid, weighted by the restricted likelihood of the calibrated values and a prior from the theory
+of beams: lengths are about half the work area, within a factor of two. So any rule of interpolation, being a set of
+weights, has a predicted error, and one set of weights is the best.
 Source: Rasmussen and Williams, "Gaussian Processes for Machine Learning" (2006), EQ 4.17, section 2.7; Stein,
 "Interpolation of Spatial Data" (1999), section 1.2.
 """
@@ -20,13 +20,13 @@ from cadcam.arrays import Array, Floats, frozen
 
 _AMPLITUDES, _LENGTHS = np.geomspace(0.1, 6.0, 7), np.geomspace(0.2, 3.0, 7)  # by the deviations' range; by the extent
 _SMOOTHNESS = (2.5, np.inf)
-_USUAL, _FACTOR = 0.4, 2.0  # length by the extent, and the factor of one standard deviation about it
+_USUAL, _FACTOR = 0.4, 2.0  # prior of the length: median over the extent, factor of one standard deviation
 _LEAST_PROBABLE = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DeviationField:
-    """The field at N positions (N, 2): for each axis its hypotheses and how probable each is.
+    """The field at N positions (N, 2): for each axis its hypotheses and their probabilities.
 
     hypotheses: two arrays (H, 4) of amplitude, length x, length y in mm, and smoothness; probability: two arrays (H,);
     noise (2, N, N): covariance of the calibrated values.
@@ -40,15 +40,15 @@ class DeviationField:
     def weights(self, at: Floats) -> Array:
         """Return the best weights (2, n, N) of the calibrated positions at n places (n, 2), for x and for y.
 
-        They add up to one: what all positions have in common is not touched.
+        They add up to one, so that a constant deviation is reproduced.
         """
         places = frozen(at, "positions", (None, 2))
         return np.stack([self._weights(axis, places) for axis in (0, 1)])
 
     def error_covariance(self, at: Floats, weights: Floats) -> Array:
-        """Return the covariance (2, n, n) mm^2, by axis, of weights (2, n, N) . deviations - that at places (n, 2).
+        """Return the covariance (2, n, n) mm^2, per axis, of weights (2, n, N) . deviations - that at places (n, 2).
 
-        The weights have to add up to one. Errors of the calibrated values themselves do not count here.
+        The weights have to add up to one. Errors of the calibrated values themselves are not included.
         """
         places, W = frozen(at, "positions", (None, 2)), frozen(weights, "weights", (2, None, len(self.positions)))
         both = np.concatenate([places, self.positions])
@@ -76,7 +76,7 @@ class DeviationField:
 
 
 def fit_field(positions: Floats, deviations: Floats, noise: Floats) -> DeviationField:
-    """Return the field that deviations (N, 2) mm at positions (N, 2) speak for.
+    """Return the field inferred from deviations (N, 2) mm at positions (N, 2).
 
     noise (2, N, N): covariance of the deviations' errors, for x and for y.
     """
@@ -87,7 +87,7 @@ def fit_field(positions: Floats, deviations: Floats, noise: Floats) -> Deviation
 
 
 def _candidates(grid: Array, m: Array) -> tuple[Array, Array]:
-    """Return hypotheses (H, 4), and the logarithm of how probable each is beforehand."""
+    """Return hypotheses (H, 4), and the logarithms of their prior probabilities."""
     extent = np.maximum(np.ptp(grid, axis=0), 1.0)
     extent = np.maximum(extent, 0.1 * extent.max())
     size = max(float(np.ptp(m)), 0.1)
@@ -98,7 +98,7 @@ def _candidates(grid: Array, m: Array) -> tuple[Array, Array]:
 
 
 def _weighed(grid: Array, m: Array, noise: Array) -> tuple[Array, Array]:
-    """Return the hypotheses that count, and how probable each is given m (N,)."""
+    """Return the hypotheses of noticeable probability, and their probabilities given m (N,)."""
     hypotheses, before = _candidates(grid, m)
     K = _covariances(hypotheses, grid, grid) + noise + 1e-9 * np.eye(len(grid))
     back, ones = np.linalg.inv(K), np.ones(len(grid))
@@ -112,7 +112,7 @@ def _weighed(grid: Array, m: Array, noise: Array) -> tuple[Array, Array]:
 
 
 def _covariances(hypotheses: Array, a: Array, b: Array) -> Array:
-    """Return the covariances (H, n, m) of places (n, 2) and (m, 2)."""
+    """Return the covariances (H, n, m) between places (n, 2) and (m, 2)."""
     d = (a[:, None] - b[None])[None] / hypotheses[:, None, None, 1:3]
     r2 = np.sum(d * d, axis=-1)
     r = np.sqrt(5.0 * r2)

@@ -17,9 +17,9 @@ from cadcam.station.plane import PlaneCalibration
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Repeatability:
-    """How well the camera comes back to a position: covariance (2, 2) mm^2 of the view on the floor, of one visit.
+    """How well the camera returns to a position: covariance (2, 2) mm^2 of the view on the floor, for one visit.
 
-    Backlash, vibration, and what else differs from visit to visit. dof: degrees of freedom behind it, inf if stated.
+    Backlash, vibration, and whatever else differs from visit to visit. dof: its degrees of freedom, inf if stated.
     """
 
     covariance: Array = field(default_factory=lambda: np.zeros((2, 2)))
@@ -46,7 +46,7 @@ class Repeatability:
 class Sighting:
     """A mark seen once: by which camera, at which position (2,) of its controller, at which pixel q (2,).
 
-    name: of the mark. covariance (2, 2) px^2 of the pixel. picture: where it was seen.
+    name: of the mark. covariance (2, 2) px^2: of the pixel. picture: in which it was seen.
     """
 
     name: str
@@ -63,7 +63,7 @@ class Sighting:
 
     @classmethod
     def of(cls, name: str, camera: str, position: Floats, q: Floats, *, sigma_px: float, picture: str = "") -> Sighting:
-        """Return a sighting whose pixel coordinates have this standard deviation each."""
+        """Return a sighting whose pixel coordinates each have this standard deviation."""
         if not (np.isfinite(sigma_px) and sigma_px > 0):
             raise BadValue(f"sigma_px of {name!r}", sigma_px, "a positive number of px")
         return cls(name, camera, np.asarray(position), np.asarray(q), sigma_px**2 * np.eye(2), picture)
@@ -71,7 +71,7 @@ class Sighting:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Recalibration:
-    """A mark of known place (2,) mm, seen after the calibration: what it is off by is off everywhere (6.4.3.6)."""
+    """A mark of known place (2,) mm, seen after the calibration: its error is subtracted everywhere (6.4.3.6)."""
 
     sighting: Sighting
     known: Array
@@ -85,7 +85,7 @@ class Recalibration:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GantryCalibration:
-    """All calibrated positions of a camera, and the field of its mechanics' deviation that they speak for."""
+    """All calibrated positions of a camera, and the field of its mechanics' deviation inferred from them."""
 
     camera: str
     positions: tuple[PlaneCalibration, ...]
@@ -100,17 +100,17 @@ class GantryCalibration:
 
     @property
     def lens(self) -> Camera | None:
-        """Return the camera whose distortion is taken off all pixels, None for none."""
+        """Return the camera whose distortion is removed from all pixels, None for none."""
         return self.positions[0].lens
 
     @property
     def sigma_px(self) -> float:
-        """Return the noise of one pixel coordinate by all calibrations together, inf where none determines it."""
+        """Return the noise of one pixel coordinate, pooled over all calibrations; inf where none determines it."""
         with_noise = [one.estimate for one in self.positions if np.isfinite(one.estimate.noise_px)]
         return float(np.sqrt(np.mean([e.noise_px**2 for e in with_noise]))) if with_noise else np.inf
 
     def radius_px(self, radius_mm: float) -> float:
-        """Return the radius in px that a circle of the floor has in a picture, the mean of both axes."""
+        """Return the radius in px of a circle of the floor in a picture, the mean of both axes."""
         scale = self.positions[0].scale
         return radius_mm / float(np.sqrt(scale.scale_x * scale.scale_y))
 
@@ -119,9 +119,9 @@ class GantryCalibration:
         return deviation_map(self.positions, reference=reference)
 
     def recalibrated(self, sighting: Sighting, known: Floats, *, sigma_mm: float) -> GantryCalibration:
-        """Return the calibration with what one mark of known place (2,) mm is off by taken off everywhere.
+        """Return the calibration with the error at one mark of known place (2,) mm subtracted everywhere.
 
-        sigma_mm: of the known place, each coordinate. A former re-calibration is forgotten.
+        sigma_mm: of each coordinate of the known place. It replaces an earlier re-calibration.
         """
         if sighting.camera != self.camera:
             raise BadValue("camera of the sighting", repr(sighting.camera), f"{self.camera!r}, which is re-calibrated")

@@ -1,8 +1,8 @@
 """A simulated hall: gantries whose beams bend and whose carts twist, a plate, a surveyor, cameras looking down.
 
-What a station has to live with, with the truth known. The world: x and y on the floor, z up, mm. A camera hangs 6 m
-above the floor and is tilted by its mounting; where it looks deviates smoothly and repeatably with the position of the
-cart (deflection, twist: `Gantry.deviation`), and by chance from visit to visit (backlash, vibration).
+Everything that a station has to cope with, with the truth known. The world: x and y on the floor, z up, mm. A camera
+hangs 6 m above the floor and is tilted by its mounting; its view deviates smoothly and repeatably with the position of
+the cart (deflection, twist: `Gantry.deviation`), and randomly from visit to visit (backlash, vibration).
 Source: "Industrial Vision" (1997), sections 6.4.2 to 6.4.3.2.
 """
 
@@ -35,7 +35,7 @@ _DOWN = np.diag([-1.0, 1.0, -1.0])  # camera axes in the world: x to -x, y to +y
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Visit:
-    """What is there by chance while the camera stands at a place: shift (2,) mm of its view on the floor."""
+    """The random part of the pose while the camera stands at a place: shift (2,) mm of its view on the floor."""
 
     shift: Array = field(default_factory=lambda: np.zeros(2))
 
@@ -44,8 +44,8 @@ class Visit:
 class Gantry:
     """A gantry over an area (x from, x to, y from, y to) mm, whose view deviates by up to `deflection_mm`.
 
-    waves (W, 8): for shift x, shift y and turn the parts of the cart's twist: two frequencies by the area, a phase,
-    and the shares. bend (2,): shares of the beams' sag in x and y. mounting: tilt of the camera about x, y, z, rad.
+    waves (W, 8): components of the cart's twist, for shift x, shift y and rotation: two frequencies over the area, a
+    phase, and the shares. bend (2,): shares of the beams' sag in x and y. mounting: tilt about x, y, z, rad.
     """
 
     name: str
@@ -58,17 +58,17 @@ class Gantry:
     height_mm: float = 6000.0
 
     def deviation(self, position: Floats) -> Array:
-        """Return by how much deflection and twist move the view on the floor, (..., 2) mm, at positions (..., 2).
+        """Return the shift of the view on the floor, (..., 2) mm, by deflection and twist at positions (..., 2).
 
-        Straight below the camera; `Hall.deviation` is the view's own, exactly.
+        Straight below the camera; `Hall.deviation` is that of the view itself, exactly.
         """
         return np.asarray(self.deflection_mm * self._shape(position)[..., :2])
 
     def camera_from_world(self, position: Floats, visit: Visit | None = None) -> Rigid:
-        """Return where the camera truly is when the controller says `position` (2,)."""
+        """Return the true pose of the camera when the controller says `position` (2,)."""
         at = frozen(position, "position", (2,))
         shift = self.deviation(at) + (Visit() if visit is None else visit).shift
-        tilt = shift / self.height_mm  # a view that moves by d at a height h is a camera turned by d / h
+        tilt = shift / self.height_mm  # a view that moves by d at a height h: a camera rotated by d / h
         yaw = self.twist_rad * float(self._shape(at)[..., 2])
         swing = so3.exp(np.array([-tilt[1], tilt[0], 0.0])) @ so3.exp(np.array([0.0, 0.0, yaw]))
         world_from_camera = swing.T @ _DOWN @ so3.exp(self.mounting)
@@ -83,7 +83,7 @@ class Gantry:
         return np.asarray(np.round(even + rng.uniform(-jitter_mm, jitter_mm, even.shape), 1))
 
     def _shape(self, position: Floats) -> Array:
-        """Return (..., 3): shift x, shift y, turn, in shares of the largest."""
+        """Return (..., 3): shift x, shift y, rotation, relative to the largest."""
         x0, x1, y0, y1 = self.area
         p = np.asarray(position, dtype=np.float64)
         s, t = (p[..., 0] - x0) / (x1 - x0), (p[..., 1] - y0) / (y1 - y0)
@@ -91,7 +91,7 @@ class Gantry:
         twist = np.sin(phase) @ self.waves[:, 3:6]
         sag = 16 * np.stack(
             [(t * (1 - t)) ** 2, (s * (1 - s)) ** 2, 0 * s], axis=-1
-        )  # a load wandering on two supports
+        )  # a load moving on a beam with two supports
         return np.asarray(twist + sag * np.append(self.bend, 0.0))
 
 
@@ -103,7 +103,7 @@ def gantry(
     twist_rad: float = 3e-4,
     rng: np.random.Generator,
 ) -> Gantry:
-    """Return a gantry of chance whose view's deviations differ by `deflection_mm` between its worst two places.
+    """Return a random gantry whose view's deviations differ by `deflection_mm` between its two worst places.
 
     Raises `BadValue` for a deflection below 0.
     """
@@ -123,11 +123,11 @@ def gantry(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hall:
-    """Gantries, the camera that each of them carries, the plate as drawn and as made, and how good everything is.
+    """Gantries, the camera that each of them carries, the plate as drawn and as made, and the noise of everything.
 
-    survey_mm: noise of one surveyed coordinate; backlash_mm: width of the play that a visit ends in, each axis;
-    vibration_mm: standard deviation of the view while a picture is taken; noise_px: of one pixel coordinate of a mark,
-    where no picture is made of it; sensor: what makes a picture of the light where one is.
+    survey_mm: noise of one surveyed coordinate; backlash_mm: width of the play of each axis, within which a visit ends;
+    vibration_mm: standard deviation of the view while a picture is taken; noise_px: of one pixel coordinate of a mark
+    where no picture is rendered; sensor: simulates the camera where one is.
     """
 
     gantries: dict[str, Gantry]
@@ -154,22 +154,22 @@ class Hall:
 
     @property
     def repeatability_mm(self) -> float:
-        """Return the standard deviation of the view from visit to visit, each axis."""
+        """Return the standard deviation of the view from visit to visit, per axis."""
         return float(np.hypot(self.backlash_mm / np.sqrt(12), self.vibration_mm))
 
     def visit(self, rng: np.random.Generator) -> Visit:
-        """Return a visit: the play taken up anywhere within its width, and vibration."""
+        """Return a visit: a random place within the play, and vibration."""
         play = rng.uniform(-0.5, 0.5, 2) * self.backlash_mm
         return Visit(play + self.vibration_mm * rng.normal(size=2))
 
     def view_centre(self, name: str, position: Floats) -> Array:
-        """Return the floor point (2,) in the middle of the picture, were the mechanics perfect."""
+        """Return the floor point (2,) at the centre of the picture if the mechanics were perfect."""
         g, at = self.gantry(name), frozen(position, "position", (2,))
         direction = _DOWN @ so3.exp(g.mounting) @ np.array([0.0, 0.0, 1.0])
         return np.asarray(at + direction[:2] / -direction[2] * g.height_mm)
 
     def deviation(self, name: str, position: Floats, visit: Visit | None = None) -> Array:
-        """Return where the view's middle on the floor really is, less where it should be, (2,) mm."""
+        """Return the true minus the nominal place of the view's centre on the floor, (2,) mm."""
         there = self.gantry(name).camera_from_world(position, visit)
         middle = np.array([[(self.camera.width - 1) / 2, (self.camera.height - 1) / 2]])
         seen = PlaneCamera.of(replace(self.camera, lens=Ideal()), there).unproject(self.camera.undistorted(middle))[0]
@@ -187,7 +187,7 @@ class Hall:
         return np.asarray(exact + self.noise_px * rng.normal(size=exact.shape))
 
     def lay_plate(self, name: str, position: Floats, rng: np.random.Generator) -> tuple[float, Array]:
-        """Return angle and shift (2,) of a plate laid down about the middle of the view, as workers do."""
+        """Return angle and shift (2,) of a plate laid down about the centre of the view, as imprecisely as by hand."""
         angle = rng.uniform(-0.04, 0.04)
         middle = self.plate.marks.mean(axis=0)
         return angle, self.view_centre(name, position) + rng.uniform(-30, 30, 2) - turn(angle) @ middle
@@ -212,9 +212,9 @@ def make_hall(
     camera: Camera | None = None,
     sensor: Sensor = SENSOR,
 ) -> Hall:
-    """Return a hall as B4 was: 768 x 576 pixels of about 1.3 x 1.2 mm, four robots on 8.5 x 9.5 m each.
+    """Return a hall like B4: 768 x 576 pixels of about 1.3 x 1.2 mm, four robots on 8.5 x 9.5 m each.
 
-    deflection_mm: how far the views' deviations differ between a gantry's worst two places. sensor: of its cameras.
+    deflection_mm: difference of the views' deviations between a gantry's two worst places. sensor: of its cameras.
     Raises `UnknownName`, and `BadValue` for no robot, noise below 0, or a sensor that would change the pictures' size.
     """
     if not robots:

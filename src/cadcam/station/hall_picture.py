@@ -14,7 +14,7 @@ from cadcam.target.marks.ideal import marks_picture
 from cadcam.target.marks.mark import parse_mark
 
 _LENS_PX = 0.7  # standard deviation of the lens' blur
-_FLOOR, _PAPER, _INK = 0.35, 0.6, 0.05  # of the light that the sensor takes before it is white
+_FLOOR, _PAPER, _INK = 0.35, 0.6, 0.05  # relative to the light that saturates the sensor
 _FACE_UP = np.diag([1.0, -1.0, -1.0])  # a print's axes in the world: y down the print, z into the floor
 
 
@@ -25,7 +25,7 @@ def hall_picture(
     mark = parse_mark(hall.plate.mark)
     there = hall.gantry(camera).camera_from_world(position, visit)
     poses = [there @ Rigid(_FACE_UP, np.array([x, y, 0.0])) for x, y in marks]
-    alone = len(marks) == 1  # on its own piece of paper; the marks of a plate share the plate's white
+    alone = len(marks) == 1  # on a separate piece of paper; the marks of a plate share its white ground
     ground, margin = (_FLOOR, 0.8 * mark.radius) if alone else (_PAPER, 1.0)
     light = marks_picture(
         [mark] * len(poses),
@@ -48,5 +48,5 @@ def write_hall_picture(
     visit: Visit,
     rng: np.random.Generator,
 ) -> None:
-    """Write such a picture as PGM, the shot in its header."""
+    """Write such a picture as PGM, with the shot in its header."""
     write_pgm(path, hall_picture(hall, shot.camera, np.array([shot.x, shot.y]), marks, visit, rng), shot)

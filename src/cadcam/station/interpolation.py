@@ -1,8 +1,8 @@
-"""How the calibrations around a position share in a measurement there: as weights that add up to one.
+"""Interpolation between the calibrations around a position: weights that add up to one.
 
 Nearest, linear in a triangle of positions, general bilinear through four (EQ 6.13), or the thesis' own set of rules
-(6.4.3.5). Which positions surround a place follows from their Delaunay triangles, so they need not lie on a perfect
-grid: four positions are two triangles joined along the longer of their sides.
+(6.4.3.5). The surrounding positions come from a Delaunay triangulation, so they need not lie on a perfect grid: four
+positions are two triangles joined along their longest common side.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 Rule: TypeAlias = Literal["smooth", "bilinear", "linear", "nearest", "b4"]
 RULES: tuple[Rule, ...] = ("smooth", "bilinear", "linear", "nearest", "b4")
-NEAR_MM = 1000.0  # so close to a calibration position, it alone is used (6.4.3.5, rule 1)
+NEAR_MM = 1000.0  # within this distance of a calibration position, it alone is used (6.4.3.5, rule 1)
 _OUTSIDE = 1e-9  # of a triangle's size
 _SINGULAR = 1e-3  # of the bilinear equations, coordinates scaled to one
 
@@ -29,8 +29,8 @@ def weights(positions: Floats, at: Floats, rule: Rule, *, extrapolate: bool = Fa
     """Return the weight (N,) of each calibration position (N, 2) for a measurement at a position (2,), mm.
 
     "b4": within `near_mm` of a position that one, else bilinear, else linear, else nearest. Where the four positions
-    do not allow EQ 6.13, "bilinear" is linear. Outside of the positions `BadValue`, unless `extrapolate`; within
-    `near_mm` of one, or if asked to, the nearest alone is used there.
+    do not allow EQ 6.13, "bilinear" is linear. Outside of the positions raises `BadValue`; within `near_mm` of one, or
+    with `extrapolate`, the nearest alone is used there.
     """
     grid, place = frozen(positions, "calibration positions", (None, 2)), frozen(at, "position", (2,))
     if rule not in ("bilinear", "linear", "nearest", "b4"):
@@ -73,7 +73,7 @@ def surrounded(positions: Array, at: Array) -> bool:
 
 
 def rectangle_shares(one: Floats, opposite: Floats, at: Floats) -> tuple[float, float]:
-    """Return (s, t), a position's place in the upright rectangle between two corners (2,), as Prog 6 has it."""
+    """Return (s, t), a position's coordinates in the upright rectangle between two corners (2,), as in Prog 6."""
     a, b, p = (np.asarray(v, dtype=np.float64) for v in (one, opposite, at))
     if np.any(a == b):
         raise BadValue("corners of the rectangle", (a.tolist(), b.tolist()), "two that differ in x and in y")
@@ -82,7 +82,7 @@ def rectangle_shares(one: Floats, opposite: Floats, at: Floats) -> tuple[float, 
 
 
 def rectangle_weights(s: float, t: float) -> Array:
-    """Return the weights (4,) of the corners (0, 0), (0, 1), (1, 0), (1, 1) at (s, t), as program bilinear had them."""
+    """Return the weights (4,) of the corners (0, 0), (0, 1), (1, 0), (1, 1) at (s, t), as in program bilinear."""
     return np.array([(1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t])
 
 
@@ -116,7 +116,7 @@ def _bilinear(grid: Array, at: Array) -> Array | None:
 
 
 def _cell(grid: Array, at: Array) -> list[int] | None:
-    """Return the four positions around a place: the triangle it lies in, and the one beyond that's longest side."""
+    """Return the four positions around a place: the triangle it lies in and the one beyond its longest side."""
     if _on_a_line(grid):
         return None
     mesh = _triangles(grid)

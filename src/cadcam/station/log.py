@@ -1,6 +1,6 @@
-"""What a station measured, kept: a line in its log, and a record in the store of product state.
+"""The results of a station: a line per mark in its log, and records in the store of product state.
 
-The log is JSON lines, added to and never changed; once `append_log` has returned, its lines are on the disk.
+The log is JSON lines, which are added and never changed; once `append_log` has returned, its lines are on disk.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ _K = 2.0
 def log_entries(
     measured: Measurement, sightings: Sequence[Sighting], *, times: Sequence[datetime | None] = (), block: str = ""
 ) -> list[dict[str, Any]]:
-    """Return a log entry for each measured mark: where, how sure, by what, and where its uncertainty comes from."""
+    """Return a log entry for each measured mark: its place, the uncertainty and its causes, and how it was measured."""
     whole, sigma, half = measured.covariance, measured.sigma, measured.half_width()
     when = list(times) or [None] * len(sightings)
     return [
@@ -57,7 +57,7 @@ def log_entries(
 
 
 def append_log(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]]) -> None:
-    """Add entries to a log, all of them or none, and see them on the disk; the log is made where there is none."""
+    """Append entries to a log, all of them or none, and flush them to disk; create the log if necessary."""
     data = "".join(json.dumps(entry, ensure_ascii=False) + "\n" for entry in entries).encode()
     try:
         handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
@@ -70,14 +70,14 @@ def append_log(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]
 
 
 def _append(handle: int, data: bytes) -> None:
-    """Write all of the data; what a full disk took of it is taken back, so that no reader meets half a line."""
+    """Write all of the data; if the disk is full, truncate what was written, so that no reader meets half a line."""
     before, left = os.fstat(handle).st_size, memoryview(data)
     try:
         while left:
             left = left[os.write(handle, left) :]
         os.fsync(handle)
     except OSError:
-        if os.fstat(handle).st_size == before + len(data) - len(left):  # else another program has added to it since
+        if os.fstat(handle).st_size == before + len(data) - len(left):  # else another program has appended meanwhile
             with suppress(OSError):
                 os.ftruncate(handle, before)
         raise
@@ -108,7 +108,7 @@ def records(
 ) -> list[Record]:
     """Return a product-state record for each measured mark, with its deviation in x and y where it is on the drawing.
 
-    The record's pose is the mark's place on the floor: only shifts along x and y are known of it.
+    The record's pose is the mark's place on the floor: only translations along x and y are known of it.
     """
     when = list(times) or [None] * len(sightings)
     return [

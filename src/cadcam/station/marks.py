@@ -1,7 +1,7 @@
-"""The station's marks in its pictures: a whole plate in the order of its plan, or the one mark of daily work.
+"""The station's marks in its pictures: a whole plate in the order of its plan, or the single mark of daily work.
 
-Large marks are looked for in a reduced picture: their borders lose nothing by it that a station could notice (0.02 px),
-and a picture takes a tenth of the time.
+Large marks are searched for in a reduced picture: this costs no accuracy that a station could notice (0.02 px), and a
+picture takes a tenth of the time.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from cadcam.target.marks.find import FoundMark
     from cadcam.target.marks.mark import Mark
 
-_ENOUGH = 12.0  # px: radius of a mark in the picture it is looked for in
+_ENOUGH = 12.0  # px: radius of a mark in the picture that it is searched for in
 _FEWEST = 4
-_LONGEST = 1.5  # stretch of a plate seen nearly straight on, by pixels that are not quite square
-_ORDER_PX = 0.3  # what noise and lens may leave of a plate's marks
-_TWO_PLATES = 0.6  # of the plate's marks, seen a second time
+_LONGEST = 1.5  # largest stretch of a plate seen nearly head-on, for pixels that are not quite square
+_ORDER_PX = 0.3  # px: residual of a plate's marks due to noise and lens
+_TWO_PLATES = 0.6  # share of the plate's marks that, found a second time, make a second plate
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlatePicture:
     """Pixels q (K, 2) of the plate's marks in its order, NaN where one was not found, and covariances (K, 2, 2) px^2.
 
-    radius_px: of a mark's outermost border, the mean of both axes. false: how many things were found that are none of
-    the plate's marks.
+    radius_px: of a mark's outermost border, the mean of both axes. false: how many detections are not marks of the
+    plate.
     """
 
     q: Array
@@ -52,17 +52,17 @@ class PlatePicture:
 
 @dataclass(frozen=True, slots=True)
 class MarkLook:
-    """What the marks look like: their pattern, and their radius in the picture, px, or its range; None: any."""
+    """The marks' appearance: their pattern, and their radius in the picture, px, or its range; None: any."""
 
     mark: Mark
     radius_px: float | tuple[float, float] | None = None
 
 
 def find_plate(gray: Picture, plate: Plate, look: MarkLook, *, lens: Camera | None = None) -> PlatePicture:
-    """Return where a picture (H, W) shows the plate's marks. lens: what bends them and their pattern.
+    """Return where a picture (H, W) shows the plate's marks. lens: the camera, whose distortion is modelled.
 
-    Raises `TooFewMarks` below four, `NoOrder` where what is found is not this plate, `DegenerateGeometry` for two
-    plates in view or an order that cannot be told, `BadValue` for marks that are burnt out.
+    Raises `TooFewMarks` below four, `NoOrder` where the marks are not those of this plate, `DegenerateGeometry` for two
+    plates in view or an ambiguous order, `BadValue` for overexposed marks.
     """
     found = _found(gray, look, lens)
     if len(found) < _FEWEST:
@@ -80,10 +80,10 @@ def find_plate(gray: Picture, plate: Plate, look: MarkLook, *, lens: Camera | No
 
 
 def _only_order(plate: Plate, straight: Array) -> Ids:
-    """Return which of the plate's marks each found one (N, 2) px, freed from distortion, is; -1 for none of them.
+    """Return which of the plate's marks each undistorted detection (N, 2) px is; -1 for none of them.
 
-    Raises `DegenerateGeometry` where so many are left over that there are two plates, and unless just one order is left
-    of those that fit with the camera looking straight at the plate.
+    Raises `DegenerateGeometry` where so many detections are left over that there are two plates, and unless exactly one
+    order fits with the camera looking straight at the plate.
     """
     from cadcam.target.order.ordering import order_marks
 
@@ -105,7 +105,7 @@ def _only_order(plate: Plate, straight: Array) -> Ids:
 
 
 def _long_by_wide(plate: Plate, q: Array, index: Ids) -> float:
-    """Return by how much the plate would be stretched more one way than the other, were this the marks' order."""
+    """Return the plate's stretch in one direction relative to the other if this were the marks' order."""
     known = index >= 0
     p = plate.marks[index[known]]
     linear = np.linalg.lstsq(p - p.mean(axis=0), q[known] - q[known].mean(axis=0), rcond=None)[0]
@@ -114,9 +114,9 @@ def _long_by_wide(plate: Plate, q: Array, index: Ids) -> float:
 
 
 def find_mark(gray: Picture, look: MarkLook, *, lens: Camera | None = None) -> tuple[Array, Array]:
-    """Return pixel (2,) and covariance (2, 2) px^2 of the one mark in a picture (H, W). lens: what bends the mark.
+    """Return pixel (2,) and covariance (2, 2) px^2 of the one mark in a picture (H, W). lens: as in `find_plate`.
 
-    Raises `TooFewMarks` for none, `BadValue` for several, or one that is burnt out.
+    Raises `TooFewMarks` for none, `BadValue` for several, or for an overexposed one.
     """
     found = _found(gray, look, lens)
     if not found:
@@ -151,7 +151,7 @@ def _found(gray: Picture, look: MarkLook, lens: Camera | None) -> list[FoundMark
 
 
 def _reduced(gray: Picture, by: int) -> Picture:
-    """Return the picture of means over by x by pixels."""
+    """Return the picture reduced by averaging blocks of `by` x `by` pixels."""
     height, width = (n // by for n in gray.shape)
     if min(height, width) == 0:
         raise BadValue(
@@ -165,7 +165,7 @@ def _reduced(gray: Picture, by: int) -> Picture:
 
 
 def _camera_of(reduced: Picture, camera: Camera, by: int) -> Camera:
-    """Return the camera of a reduced picture: what does not fill a whole pixel of it is cut off."""
+    """Return the camera of a reduced picture, from which incomplete blocks are cut off."""
     height, width = reduced.shape
     return camera.crop(0, 0, (width * by, height * by)).resize((width, height))
 

@@ -1,8 +1,8 @@
-"""Marks measured by calibrated gantries: where they are, and all that their uncertainty consists of.
+"""Marks measured by calibrated gantries: where they are, and everything that their uncertainty consists of.
 
 Each calibration i around the camera's position gives an estimate p_i = H_i^-1 q + position; their weighted mean is the
-point (6.4.3.5). Errors are shared: by what is measured with one calibration, one survey, one plate, one gantry. The
-`Measurement` keeps how, so that a distance between two marks knows what cancels.
+point (6.4.3.5). Marks measured with one calibration, survey, plate or gantry share its errors. The `Measurement` keeps
+these shared effects, so that they cancel in distances where they should.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ def measure_marks(
 def estimates(
     station: GantryCalibration, sighting: Sighting, *, rule: Rule = "smooth", extrapolate: bool = False
 ) -> tuple[PointEstimate, ...]:
-    """Return what each calibration makes of a sighting and how much it counts, most first, as Prog 6 lists them."""
+    """Return each calibration's estimate of a sighting and its weight, largest first, as Prog 6 lists them."""
     W = _weights(station, [sighting], _Choice(rule, extrapolate, NEAR_MM))[:, 0]
     order = np.argsort(-np.abs(W).sum(axis=0))
     return tuple(
@@ -86,9 +86,9 @@ def estimates(
 
 
 def repeatability(station: GantryCalibration, sightings: Iterable[Sighting]) -> Repeatability:
-    """Return how well the camera comes back, from marks each seen on several visits, grouped by the mark's name.
+    """Return how well the camera returns to a position, from marks each seen on several visits, grouped by name.
 
-    The scatter of each mark's visits about their mean, pooled; the noise of the pixels is in it. Marks do not move.
+    The pooled scatter of each mark's visits about their mean, which includes pixel noise. Marks must not move.
     Raises `TooFewPoints` below two visits more than marks.
     """
     groups: dict[str, list[Array]] = {}
@@ -120,7 +120,7 @@ class _Rows:
 
 
 def _measured(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> _Rows:
-    """Return the camera's points, what the re-calibration's mark was off by taken off."""
+    """Return the camera's points, with the error at the re-calibration's mark subtracted."""
     if station.recalibration is None:
         return _raw(station, seen, choice)
     mark = station.recalibration
@@ -164,7 +164,7 @@ def _relative(one: PlaneCalibration, q: Array, seen: Sequence[Sighting]) -> Arra
 
 
 def _of_position(one: PlaneCalibration, share: Array, by_entry: Array, p: Array) -> list[tuple[ErrorSource, Array]]:
-    """Return what the pixels and the survey of one calibration do to the points."""
+    """Return the effects of one calibration's pixels and survey on the points."""
     fit, placement = one.estimate, one.placement
     if not np.isfinite(fit.noise_px):
         raise BadValue(
@@ -177,7 +177,7 @@ def _of_position(one: PlaneCalibration, share: Array, by_entry: Array, p: Array)
 
 
 def _add_plate(plates: dict[int, tuple[ErrorSource, Array]], one: PlaneCalibration, effect: Array) -> None:
-    """Add what the plate's making does to the points: it is the same plate at all positions."""
+    """Add the effects of the plate's errors on the points: it is the same plate at all positions."""
     plate = one.placement.plate
     if plate.sigma_mm == 0:
         return
@@ -189,7 +189,7 @@ def _add_plate(plates: dict[int, tuple[ErrorSource, Array]], one: PlaneCalibrati
 
 
 def _of_gantry(station: GantryCalibration, at: Array, W: Array) -> list[tuple[ErrorSource, Array]]:
-    """Return what the visits and the mechanics between the positions do to the points."""
+    """Return the effects on the points of the visits, and of the mechanics between the positions."""
     n, N = len(at), len(station.positions)
     out: list[tuple[ErrorSource, Array]] = []
     again = station.repeatability
@@ -221,7 +221,7 @@ def _weights(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choi
 
 
 def _joined(parts: Sequence[_Rows], index: Sequence[int], sightings: Sequence[Sighting], rule: Rule) -> Measurement:
-    """Return all cameras' points in the order of the sightings, sources of one owner taken together."""
+    """Return all cameras' points in the order of the sightings, sources of one owner combined."""
     n = len(sightings)
     points, pixels = np.zeros((n, 3)), np.zeros((n, 3, 3))
     points[list(index), :2] = np.concatenate([part.points for part in parts])

@@ -1,7 +1,7 @@
 """One calibration position: how the camera sees the floor around it, from one picture of a plate.
 
-The floor is described relative to where the controller says that the camera is: H takes p - position to pixels. If the
-camera were carried perfectly, H would be the same everywhere; what it differs by is the mechanics.
+The floor is described relative to the position that the controller states for the camera: H maps p - position to
+pixels. If the camera were carried perfectly, H would be the same everywhere; its differences are the mechanics' errors.
 Source: "Industrial Vision" (1997), sections 6.3.2, 6.3.4, EQ 6.2-6.10, program calib.
 """
 
@@ -20,14 +20,14 @@ from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.station.plate import Placement
 
-_STEP = 1e-30  # of the complex step: derivatives to the last bit
+_STEP = 1e-30  # step of complex-step derivatives, which have no cancellation
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LocalScale:
-    """What one pixel is worth at a place of the plane: mm per pixel along x and y, their ratio, and the skew.
+    """The size of one pixel at a point of the plane: mm per pixel along x and y, their ratio, and the skew.
 
-    skew: by how much the pictures of the x and y axes are not perpendicular, pi/2 less the angle between
+    skew: by how much the images of the x and y axes are not perpendicular, pi/2 less the angle between
     them, rad. covariance (4, 4): of scale_x, scale_y, aspect, skew in this order.
     """
 
@@ -47,8 +47,8 @@ class PlaneCalibration:
     """The calibration at one position (x, y) of the controller, mm.
 
     placement: where the plate lay. estimate: the camera of the plane relative to `position`, with its covariance from
-    the pixels, distortion taken off. seen: which of the plate's marks were found. name: of the picture. lens: whose
-    distortion that was; None where a matrix is taken to be all that there is.
+    the pixels, distortion removed. seen: which of the plate's marks were found. name: of the picture. lens: whose
+    distortion was removed; None where the matrix is the whole model.
     """
 
     name: str
@@ -68,47 +68,47 @@ class PlaneCalibration:
 
     @property
     def world_camera(self) -> PlaneCamera:
-        """Return the camera of the plane in world coordinates, while it stands at the position (program calib's C)."""
+        """Return the camera of the plane in world coordinates, while at this position (program calib's C)."""
         away = np.eye(3)
         away[:2, 2] = -self.position
         return PlaneCamera(self.camera.matrix @ away)
 
     @property
     def centre(self) -> Array:
-        """Return the middle (2,) of the plate's marks, relative to the position, mm."""
+        """Return the mean (2,) of the plate's marks, relative to the position, mm."""
         return np.asarray(self.estimate.observations.p_world[:, :2].mean(axis=0))
 
     @property
     def scale(self) -> LocalScale:
-        """Return what a pixel is worth at the middle of the plate."""
+        """Return the size of a pixel at the centre of the plate."""
         return local_scale(self.estimate, self.centre)
 
     @property
     def pixels(self) -> Array:
-        """Return the pixels (N, 2) of the seen marks, as they were found."""
+        """Return the pixels (N, 2) of the seen marks, as found."""
         q = self.estimate.observations.q
         return q if self.lens is None else self.lens.distorted(q)
 
     def straight(self, q: Floats) -> Array:
-        """Return pixels (N, 2) without the lens' distortion: those that `camera` speaks of."""
+        """Return pixels (N, 2) with the lens' distortion removed, as `camera` takes them."""
         return np.asarray(q, dtype=np.float64) if self.lens is None else self.lens.undistorted(q)
 
     def predict(self, q: Floats, position: Floats) -> Array:
-        """Return the world points (N, 2) mm that straight pixels (N, 2) show when the controller says `position` (2,).
+        """Return the world points (N, 2) mm of undistorted pixels (N, 2), seen at the controller's `position` (2,).
 
-        The mechanics between the two positions are taken as perfect: p = H^-1 q + position (6.4.3.5, program perspec).
+        Assumes perfect mechanics between the two positions: p = H^-1 q + position (6.4.3.5, program perspec).
         """
         return np.asarray(self.camera.unproject(q) + np.asarray(position, dtype=np.float64))
 
     def by_entries(self, p: Floats) -> tuple[Array, Array]:
-        """Return how the points p (N, 2), relative, move with their pixels (N, 2, 2) and with H's entries (N, 2, 9)."""
+        """Return the Jacobians of points p (N, 2), relative, by their pixels (N, 2, 2) and by H's entries (N, 2, 9)."""
         _, by_point, by_entry = self.camera.project_with_jacobians(p)
         back = np.asarray(np.linalg.inv(by_point), dtype=np.float64)
         return back, -back @ by_entry
 
     @property
     def by_marks(self) -> Array:
-        """Return how H's entries move as the seen marks lie beside their places in the world, (9, 2 K)."""
+        """Return the Jacobian (9, 2 K) of H's entries by the world places of the seen marks."""
         p = self.estimate.observations.p_world[:, :2]
         _, by_point, by_entry = self.camera.project_with_jacobians(p)
         onto = self.estimate.cofactor @ by_entry.reshape(-1, 9).T  # least squares: entries by pixels
@@ -128,9 +128,9 @@ def calibrate_position(
 ) -> PlaneCalibration:
     """Return the calibration of a position from the pixels (K, 2) of the plate's marks, in the plate's order.
 
-    A mark that was not found has NaN for its pixel; four are needed. sigma_px: noise of one pixel coordinate, by
-    default from the residuals. lens: the camera by its own calibration, whose distortion is taken off the pixels (only
-    that: what else is known of it does not enter). Raises `TooFewPoints`, `DegenerateGeometry`.
+    A mark that was not found has NaN as its pixel; at least four are needed. sigma_px: noise of one pixel coordinate,
+    by default from the residuals. lens: a calibrated camera whose distortion is removed from the pixels (nothing else
+    of it is used). Raises `TooFewPoints`, `DegenerateGeometry`.
     """
     at, plate = frozen(position, "calibration position", (2,)), placement.plate
     pixels = frozen(q, "pixels of the marks", (len(plate.marks), 2), finite=False)
@@ -145,7 +145,7 @@ def calibrate_position(
 
 
 def refuse_misfit(calibration: PlaneCalibration, *, limit_px: float) -> None:
-    """Raise `DegenerateGeometry` where the marks do not fit a plane seen by a camera: wrong plan or order."""
+    """Raise `DegenerateGeometry` where the marks do not fit a plane seen by a camera: wrong plate or order."""
     residual = calibration.estimate.thesis_residual
     if residual > limit_px:
         worst = int(np.argmax(np.linalg.norm(calibration.estimate.residuals, axis=1)))
@@ -157,9 +157,9 @@ def refuse_misfit(calibration: PlaneCalibration, *, limit_px: float) -> None:
 
 
 def local_scale(estimate: PlaneEstimate, p: Floats) -> LocalScale:
-    """Return scales, aspect and skew of a plane's camera at the plane point p (2,), by the Jacobian there.
+    """Return scales, aspect and skew of a plane's camera at the plane point p (2,), from the Jacobian there.
 
-    The columns of the 3x3 matrix itself (section 6.3.4) give them only where its last row makes t = 1.
+    The columns of the 3x3 matrix (section 6.3.4) give them only where its last row makes t = 1.
     """
     at, h = frozen(p, "plane point", (2,)), estimate.camera.matrix.ravel()
     values = _scales(h.astype(np.complex128), at).real
@@ -171,7 +171,7 @@ def local_scale(estimate: PlaneEstimate, p: Floats) -> LocalScale:
 
 
 def _scales(h: npt.NDArray[np.complex128], p: Array) -> npt.NDArray[np.complex128]:
-    """Return (scale x, scale y, aspect, skew) of complex matrix entries: analytic, so that a complex step may pass."""
+    """Return (scale x, scale y, aspect, skew) of complex matrix entries; analytic, for the complex step."""
     H = h.reshape(3, 3)
     u = H[:, :2] @ p + H[:, 2]
     J = (H[:2, :2] - np.outer(u[:2] / u[2], H[2, :2])) / u[2]
@@ -182,9 +182,9 @@ def _scales(h: npt.NDArray[np.complex128], p: Array) -> npt.NDArray[np.complex12
 
 
 def column_scales(C: Floats) -> tuple[float, float, float, float]:
-    """Return what program calib printed of a (U, V) matrix: scales x and y mm/px, aspect, angle of the columns in rad.
+    """Return what program calib printed for a (U, V) matrix: scales x and y mm/px, aspect, angle of the columns in rad.
 
-    The norms of the matrix' columns; right only where C22 = 1 stands for t = 1 at the plate. For the local values see
+    These are norms of the matrix' columns, right only where C22 = 1 stands for t = 1 at the plate. For local values see
     `local_scale`.
     """
     M = frozen(C, "plane to (U, V) matrix", (3, 3))[:2, :2]

@@ -1,8 +1,8 @@
 """The calibration plate: where its marks are, and where the plate lies once some of its points were surveyed.
 
 A plate carries marks for the camera and reflectors for the surveying instrument (theodolites, a laser tracker), all
-known in the plate's own axes. Its place is a rotation and a shift of the plane; the reflectors' distances are kept, so
-that the marks come out better than the survey of a single reflector.
+known in the plate's own axes. Its placement is a rotation and a translation of the plane, with the scale fixed, so that
+the marks are known better than the survey of a single reflector.
 Source: "Industrial Vision" (1997), section 6.4.3.4, EQ 6.12.
 """
 
@@ -16,12 +16,12 @@ import numpy as np
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
 
-_MOST_ORDERS = 6  # reflectors whose every order is tried, to name a wrong one
-_GROSS = 5.0  # times the stated noise: no survey of this plate
+_MOST_ORDERS = 6  # reflectors of which all orders are tried, to name a wrong one
+_GROSS = 5.0  # residual in units of the stated noise beyond which the survey is not of this plate
 
 # Industrial Vision, Tables 6.7 and 6.8; the reflectors' places follow from Table 6.5
 _B4_MARKS = ((0, 0), (0, 280), (460, 280), (460, 0), (260, 0), (130, 140), (260, 280), (360, 140))
-_B4_MARK = "dot-ring:40mm:80mm:120mm"  # its outer diameter is the thesis' (6.3.3), the others are not told
+_B4_MARK = "dot-ring:40mm:80mm:120mm"  # the outer diameter is the thesis' (6.3.3); the others are not stated there
 _B4_REFLECTORS = ((160, 0), (0, 140), (160, 280), (460, 140))
 
 
@@ -29,8 +29,8 @@ _B4_REFLECTORS = ((160, 0), (0, 140), (160, 280), (460, 140))
 class Plate:
     """Marks (K, 2) and reflectors (M, 2) in the plate's axes, mm, x to y counter-clockwise as in the world.
 
-    sigma_mm: how exactly each coordinate of each point was made or known. mark: what the marks look like, as
-    `target.marks.mark.parse_mark` reads it; nothing where it is not said.
+    sigma_mm: standard deviation of each coordinate of each point. mark: the marks' pattern, as read by
+    `target.marks.mark.parse_mark`; empty where it is not stated.
     """
 
     marks: Array
@@ -59,12 +59,12 @@ class Plate:
 
     @property
     def key(self) -> bytes:
-        """Return what is the same of two plates that are one, read from two files."""
+        """Return a key that is equal for plates read from two files that are the same plate."""
         return self.points.tobytes() + np.float64(self.sigma_mm).tobytes()
 
     @property
     def points(self) -> Array:
-        """Return marks and reflectors (K + M, 2), in this order: what `sigma_mm` is about."""
+        """Return marks and reflectors (K + M, 2), in this order: the points that `sigma_mm` refers to."""
         return np.concatenate([self.marks, self.reflectors])
 
 
@@ -72,7 +72,7 @@ class Plate:
 class Placement:
     """Where a plate lies: p = R(angle) local + shift, from its surveyed reflectors (M, 2) mm.
 
-    gain (3, 2 M): how (shift x, shift y, angle) follow errors of the surveyed coordinates. sigma_mm: of one of those.
+    gain (3, 2 M): derivative of (shift x, shift y, angle) by the surveyed coordinates. sigma_mm: of one of those.
     dof: degrees of freedom behind sigma_mm, inf where it was stated.
     """
 
@@ -114,7 +114,7 @@ class Placement:
         return np.asarray(np.asarray(local, dtype=np.float64) @ self.rotation.T + self.shift)
 
     def moves(self, p: Floats) -> Array:
-        """Return how plate-fixed points at p (..., 2) in the world move with shift and angle, (..., 2, 3)."""
+        """Return the derivative (..., 2, 3) of plate points, at p (..., 2) in the world, by shift and angle."""
         p = np.asarray(p, dtype=np.float64)
         out = np.zeros((*p.shape, 3))
         out[..., 0, 0] = out[..., 1, 1] = 1.0
@@ -125,9 +125,10 @@ class Placement:
 def place_plate(plate: Plate, surveyed: Floats, *, sigma_mm: float | None = None) -> Placement:
     """Return where a plate lies whose reflectors were surveyed at (M, 2) mm, in the plate's order.
 
-    Least squares over rotation and shift, in closed form, the scale kept (EQ 6.12; program local2global). sigma_mm:
-    noise of one surveyed coordinate, by default from the residuals. Raises `TooFewPoints`; `DegenerateGeometry` where
-    the reflectors lie on one spot, or where the survey is none of this plate: the order in which it would be is named.
+    Least squares over rotation and translation, in closed form, with fixed scale (EQ 6.12; program local2global).
+    sigma_mm: noise of one surveyed coordinate, by default from the residuals. Raises `TooFewPoints`;
+    `DegenerateGeometry` where the reflectors coincide, or where the survey does not fit this plate: if it fits in
+    another order, that is named.
     """
     q = frozen(surveyed, "surveyed reflectors", (None, 2))
     p = plate.reflectors
@@ -154,7 +155,7 @@ def place_plate(plate: Plate, surveyed: Floats, *, sigma_mm: float | None = None
 
 
 def rigid_fit(p: Array, q: Array) -> tuple[float, Array]:
-    """Return angle and shift (2,) of the rotation and shift with least squares |R p + t - q|^2, points (N, 2)."""
+    """Return angle and translation (2,) that minimise |R p + t - q|^2 over points (N, 2)."""
     a, b = p - p.mean(axis=0), q - q.mean(axis=0)
     angle = float(np.arctan2(np.sum(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0]), np.sum(a * b)))
     return angle, np.asarray(q.mean(axis=0) - turn(angle) @ p.mean(axis=0))

@@ -1,4 +1,4 @@
-"""The whole procedure on a simulated hall, beside its truth: calibrate, map, measure (sections 6.4.3.4 to 6.4.3.6)."""
+"""The whole procedure in a simulated hall, compared with its truth: calibrate, map, measure (6.4.3.4 to 6.4.3.6)."""
 
 from __future__ import annotations
 
@@ -27,9 +27,9 @@ from cadcam.station.survey import write_drawing, write_survey
 from cadcam.target.marks.mark import parse_mark
 from cadcam.whole import write_whole
 
-_REPEATED, _VISITS = 5, 6  # marks, and visits of each, that tell the repeatability
+_REPEATED, _VISITS = 5, 6  # marks, and visits of each, from which the repeatability is estimated
 _PIXELS = ("name", "view", "x_px", "y_px")
-_WITHIN = 250.0  # mm: how far from the middle of the view the daily mark may lie
+_WITHIN = 250.0  # mm: largest distance of the daily mark from the centre of the view
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +48,7 @@ class Calibrated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Day:
-    """Marks sighted in a day's work, and where they truly are, (n, 2) mm."""
+    """Marks sighted in a day's work, and their true places, (n, 2) mm."""
 
     sightings: tuple[Sighting, ...]
     points: Array
@@ -64,7 +64,7 @@ class DistanceErrors:
 
     @property
     def within(self) -> float:
-        """Return the share of distances whose error is within what is stated."""
+        """Return the share of distances whose error is within the stated interval."""
         return float(np.mean(np.abs(self.error) <= self.half_width))
 
 
@@ -80,8 +80,8 @@ def calibrate_robot(
 ) -> Calibrated:
     """Return the calibration of one robot: the plate laid, surveyed and pictured at columns x rows positions.
 
-    The repeatability is found as in a real hall: marks seen on several visits. pictures: a folder to which each
-    plate's picture is rendered and its marks are found; without it their pixels are computed, with noise.
+    The repeatability is estimated as in a real hall: from marks seen on several visits. pictures: a folder to which
+    each plate's picture is rendered, for its marks to be found; without it their pixels are computed, with noise.
     """
     positions, true = [], []
     for k, at in enumerate(hall.gantry(name).grid(columns, rows, jitter_mm=jitter_mm, rng=rng)):
@@ -119,7 +119,7 @@ def sight(hall: Hall, name: str, camera: str, position: Floats, p: Floats, rng: 
 
 
 def day(hall: Hall, rng: np.random.Generator, *, marks: int) -> Day:
-    """Return marks seen anywhere in the work area, each by a robot of chance, not quite in the middle of its view."""
+    """Return marks seen anywhere in the work area, each by a random robot, not quite in the centre of its view."""
     sightings, points = [], []
     for i in range(marks):
         name = str(rng.choice(sorted(hall.gantries)))
@@ -134,7 +134,7 @@ def day(hall: Hall, rng: np.random.Generator, *, marks: int) -> Day:
 def distances(
     stations: Mapping[str, GantryCalibration], work: Day, *, rule: Rule = "smooth", longest_mm: float = 30_000.0
 ) -> DistanceErrors:
-    """Return the distances of each two marks of a day's work, up to a length, beside the truth.
+    """Return the distances between each two marks of a day's work, up to a length, with the true ones.
 
     Raises `TooFewPoints` where all are longer.
     """
