@@ -1,1 +1,1 @@
-"""From a rough start or none to poses that are worth refining."""
+"""The search for starting poses, from a rough start or from none, for edge refinement to take up."""

@@ -1,11 +1,11 @@
 """From a rough start to poses that edge refinement can take up: many hypotheses, then fewer and finer ones.
 
-1. Around the start, rotations (tilts of the view, turns in the picture) and depths on a grid; for each, the edges
-   of the aspect seen from there are slid over a coarse direction field to find where in the picture they fit best.
-   A shift in the picture is a turn of the camera about its centre: it changes nothing of what is seen.
-2. The best climb on finer and finer fields, all photos together; what runs into the same pose is one.
-The result is ranked by how far the certainty under the edges exceeds what edges put down anywhere would meet, in
-standard deviations of that.
+1. Rotations around the start (tilts of the view, rolls in the picture) and depths on a grid; for each, the edges of
+   the aspect seen from there are slid over a coarse direction field to find where in the picture they fit best. A
+   shift in the picture is a rotation of the camera about its centre, which changes nothing of what is visible.
+2. The best climb on finer and finer fields, in all photos together; those that reach the same pose are merged.
+The result is ranked by how far the mean edge certainty under the lines exceeds that under lines at random places, in
+standard deviations of the latter.
 """
 
 from __future__ import annotations
@@ -30,18 +30,18 @@ from cadcam.locate.search.climb import Climb, FieldLevel, climbed, composed, dis
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.views.aspects import Aspects
 
-_FINE_PX = 360.0  # the part's size in the finest field at most: enough to tell poses apart, few pixels to look at
-_COARSE_PX, _LEVELS = 33.0, 3  # its size in the coarsest one at least, and how many fields there are at most
-_TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half of one is in reach of the climb
-_SLID = 56  # samples of an aspect that are slid
-_TAKEN = 32  # hypotheses that start climbing
-_WITHIN_PX, _WITHIN = 4.0, 2.0  # px of the photo at least, and of the finest field, that lines may be off at the end
-_FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and of how many of the best
-_FLAT, _TILTED = 0.3, 0.002  # thickness over breadth of what has a mirror pose; 1 - cosine from which that is another
-_SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii of the part's border; the most poses of those
+_FINE_PX = 360.0  # largest size of the part in the finest field: enough to tell poses apart at low cost
+_COARSE_PX, _LEVELS = 33.0, 3  # least size of the part in the coarsest field, px; the most fields
+_TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half a step is within the basin of the climb
+_SLID = 56  # samples of an aspect that are slid over the field
+_TAKEN = 32  # hypotheses that start to climb
+_WITHIN_PX, _WITHIN = 4.0, 2.0  # error of lines after the climb: px of the photo, at least; px of the finest field
+_FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and for how many of the best
+_FLAT, _TILTED = 0.3, 0.002  # mirror poses: most thickness over breadth; least 1 - cosine of the tilt that they change
+_SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii at the part's border; most poses of those
 
 
-_CLIMBS = (  # from the coarsest field on
+_CLIMBS = (  # from the coarsest field on: level, samples, blurs, poses kept
     Climb(0, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 16),
     Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 6),
     Climb(2, 160, (1.5, 1.0, 1.0, 0.7), 6),
@@ -50,7 +50,7 @@ _CLIMBS = (  # from the coarsest field on
 
 @dataclass(frozen=True, slots=True)
 class Reach:
-    """How far off a start may be: rotation (deg), place in the picture (px of the photo), share of the depth."""
+    """How far off a start may be: rotation (deg), position in the picture (px of the photo), share of the depth."""
 
     rotation_deg: float = 20.0
     shift_px: float = 40.0
@@ -72,7 +72,7 @@ def approach(
 ) -> list[Hypothesis]:
     """Return poses (world_from_part) within reach of a rough start that the photos may show, best first.
 
-    Good to about a pixel of the photo: for `refine_pose` to take up. Empty where nothing is in reach. Raises
+    Accurate to about a pixel of the photo, for `refine_pose` to take up. Empty where nothing is in reach. Raises
     `NothingInView` where the start puts the part outside every photo.
     """
     stages = _stages(part, photos, start, reach)
@@ -96,7 +96,7 @@ def approach(
 
 
 def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[FieldLevel]:
-    """Return the levels of all photos that see the part at its start, finest first."""
+    """Return the field levels of all photos that see the part at its start, finest first."""
     aspects, fields, places = part.aspects, [], []
     for photo in photos:
         pose = photo.viewpoint.camera_from_world
@@ -116,7 +116,7 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
 
 
 def _span(aspects: Aspects, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array] | None:
-    """Return the corners of the box of px that the part's ball takes in a photo; None where it is behind."""
+    """Return the corners (px) of the bounding box of the part's sphere in a photo; None where it is behind."""
     centre = camera_from_part @ aspects.centre
     if centre[2] < 0.2 * aspects.radius:
         return None
@@ -134,7 +134,7 @@ def _region(span: tuple[Array, Array], camera: Camera, reach: Reach) -> tuple[in
 
 
 def _slid(aspects: Aspects, stage: FieldLevel, start: Rigid, reach: Reach) -> Array:
-    """Return the best poses (N, 12), world_from_part, of a grid around the start, each where it fits best."""
+    """Return the best poses (N, 12), world_from_part, of a grid around the start, each shifted to its best fit."""
     poses, scores = [], []
     for eye, (field, camera_from_world) in enumerate(zip(stage.fields, stage.cameras_from_world, strict=True)):
         seen = _grid(aspects, camera_from_world @ start, reach)
@@ -151,14 +151,14 @@ def _slid(aspects: Aspects, stage: FieldLevel, start: Rigid, reach: Reach) -> Ar
 
 
 def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array, reach: Reach) -> Array:
-    """Return poses (N, 12) within reach of the start that the free motions, columns of twists (6, k), lead to."""
+    """Return poses (N, 12) within reach of the start along the free motions, twists as columns (6, k)."""
     middle = start @ aspects.centre
     near = min(photos, key=lambda p: float(np.linalg.norm(middle - p.viewpoint.camera_from_world.origin)))
     distance = float(np.linalg.norm(middle - near.viewpoint.camera_from_world.origin))
-    aside = np.concatenate([np.eye(3), -so3.hat(aspects.centre)], axis=1) @ free  # of the middle, by the free motions
+    aside = np.concatenate([np.eye(3), -so3.hat(aspects.centre)], axis=1) @ free  # velocity of the centre
     far = reach.shift_px * distance / near.camera.fx + reach.depth * distance
     turn = np.linalg.norm(free[3:], axis=0) * aspects.radius
-    speed = np.maximum(np.linalg.norm(aside, axis=0), turn)  # how fast the part's border moves
+    speed = np.maximum(np.linalg.norm(aside, axis=0), turn)  # speed of the part's border
     most = np.minimum(
         far / np.maximum(np.linalg.norm(aside, axis=0), 1e-12),
         math.radians(reach.rotation_deg) * aspects.radius / np.maximum(turn, 1e-12),
@@ -172,10 +172,10 @@ def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array
 
 
 def _flips(aspects: Aspects, stage: FieldLevel, poses: Array) -> Array:
-    """Return the mirror poses (M, 12) of those of poses (N, 12) from which the part's visible edges lie near a plane.
+    """Return the mirror poses (M, 12) of those of poses (N, 12) whose visible edges lie near a plane.
 
-    From far away a plane of normal a looks the same at R and D R A, with the mirrors D = I - 2 v v' across the line of
-    sight v and A = I - 2 a a' across the plane (Necker's reversal).
+    From far away a plane of normal a looks the same at R and at D R A, with the mirrors D = I - 2 v v' across the line
+    of sight v and A = I - 2 a a' across the plane (Necker reversal).
     """
     camera_from_world = stage.cameras_from_world[0]
     seen, out = composed(camera_from_world, poses), []
@@ -195,7 +195,7 @@ def _flips(aspects: Aspects, stage: FieldLevel, poses: Array) -> Array:
 
 
 def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
-    """Return poses (N, 12) camera_from_part around one: turned about the part's middle, nearer and farther."""
+    """Return poses (N, 12) camera_from_part around one: rotated about the part's centre, nearer and farther."""
     centre = camera_from_part @ aspects.centre
     axis = centre / np.linalg.norm(centre)
     side = so3.hat(axis) @ np.eye(3)[np.argmin(np.abs(axis))]

@@ -1,7 +1,7 @@
-"""Aspects kept on disk between runs: for a model of some thousand triangles making them takes seconds.
+"""Aspects cached on disk between runs: for a model of some thousand triangles computing them takes seconds.
 
-A file holds what was made of one part, and is named after the content of its mesh and edges: a changed model has
-another name. It is written whole or not at all; one that cannot be read is made anew.
+A file holds the aspects of one part and is named by a hash of its mesh and edges, so a changed model has another file.
+It is written whole or not at all; one that cannot be read is computed anew.
 """
 
 from __future__ import annotations
@@ -21,13 +21,13 @@ from cadcam.locate.views.drawing import PLACES, SIZE
 from cadcam.native.fields import PLACE
 from cadcam.whole import write_whole
 
-_VERSION = 2  # of what an aspect is: files of another one have another name
+_VERSION = 2  # of the format of aspects: files of other versions have other names
 _NAMES = ("key", "distance", "length", "count", "places", "chain", "line")
-_MOST_BYTES = 256 * 2**20  # of all files; the oldest ones go
+_MOST_BYTES = 256 * 2**20  # of all files together; the oldest are removed
 
 
 def file_of(part: Part, folder: Path) -> Path:
-    """Return the file in which the aspects of a part are kept."""
+    """Return the cache file of a part's aspects."""
     mesh, edges, digest = part.scene.mesh, part.scene.edges, hashlib.sha256(f"{_VERSION} {PLACES} {SIZE}".encode())
     for array in (mesh.vertices, mesh.faces, mesh.part, edges.vertices, edges.kind, edges.chain, part.aspects.net):
         digest.update(np.ascontiguousarray(array).tobytes())
@@ -35,7 +35,7 @@ def file_of(part: Part, folder: Path) -> Path:
 
 
 def read_aspects(part: Part, folder: Path) -> int:
-    """Give a part the aspects that are kept of it; return how many, 0 where there is no file or none to be read."""
+    """Add the cached aspects to a part; return how many, 0 where there is no readable file."""
     aspects = part.aspects
     try:
         with np.load(io.BytesIO(file_of(part, folder).read_bytes()), allow_pickle=False) as kept:
@@ -54,7 +54,7 @@ def read_aspects(part: Part, folder: Path) -> int:
 
 
 def write_aspects(part: Part, folder: Path) -> None:
-    """Keep all aspects that were made of a part; where the folder cannot be written to, nothing is kept."""
+    """Cache all aspects computed for a part; does nothing where the folder cannot be written to."""
     made = part.aspects.made
     if not made:
         return

@@ -1,6 +1,6 @@
 """Poses of a part climbing on direction fields: what `approach` and `search` have in common.
 
-Within, poses are rows of 12 numbers: the rotation's rows, then the translation (mm).
+Inside this module poses are rows of 12 numbers: the rotation's rows, then the translation (mm).
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from cadcam.locate.views.aspects import Aspect, Aspects
 from cadcam.locate.views.drawing import PLACES
 from cadcam.native.fields import PLACE, Belief, Eye, PoseEdges, firsts
 
-_SAME = 0.02  # of the part's radius: poses whose corners differ by less are one
+_SAME = 0.02  # radii: poses whose corners differ by less are merged
 _A = TypeVar("_A")
 _B = TypeVar("_B")
-_TOGETHER = 64  # poses that climb in one go
-# Certainty that says nothing; nats a sample; what one edge can say; the share of a part's edges that lighting lets see.
+_TOGETHER = 64  # poses that climb in one batch
+# even: certainty that is no evidence; nats per sample; most: of one edge; seen: share of edges that lighting shows.
 _BELIEF = Belief(even=0.15, nats=4.0, most=4.0, seen=0.9)
-_APART_PX = 3.0  # px between independent samples
-_STEPS = 64  # more than an aspect has distances
+_APART_PX = 3.0  # px: distance between independent samples
+_STEPS = 64  # more than the number of distances of aspects
 
 
 class Climb(NamedTuple):
-    """A climb: on which level, with how many samples of an aspect, over which blurs (px), how many go on."""
+    """One climb: field level, samples of an aspect, successive blurs (px), and how many poses are kept."""
 
     level: int
     samples: int
@@ -43,20 +43,20 @@ class Climb(NamedTuple):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FieldLevel:
-    """The fields of all photos at one level, and where their cameras stand."""
+    """The direction fields of all photos at one level, and the poses of their cameras."""
 
     fields: tuple[DirectionField, ...]
     cameras_from_world: tuple[Rigid, ...]
 
     @property
     def eyes(self) -> list[Eye]:
-        """Return them as the C core takes them."""
+        """Return them in the form that the C core takes."""
         pairs = zip(self.fields, self.cameras_from_world, strict=True)
         return [Eye(f.planes, f.camera.K, T.rotation, T.translation) for f, T in pairs]
 
 
 def turned(aspects: Aspects, camera: Camera, seen: Array, shift: Array) -> Array:
-    """Return poses (N, 12) camera_from_part of a camera turned so that the part's middle moves by shift (N, 2) px."""
+    """Return camera_from_part (N, 12) of cameras rotated so that the part's centre moves by shift (N, 2) px."""
     R, t = seen[:, :9].reshape(-1, 3, 3), seen[:, 9:]
     q = camera.project(R @ aspects.centre + t)
     one, other = camera.unproject(q), camera.unproject(q + shift)
@@ -67,7 +67,7 @@ def turned(aspects: Aspects, camera: Camera, seen: Array, shift: Array) -> Array
 
 
 def composed(a: Rigid, poses: Array) -> Array:
-    """Return a @ each of poses (N, 12)."""
+    """Return a @ pose for each of poses (N, 12)."""
     R = a.rotation @ poses[:, :9].reshape(-1, 3, 3)
     return np.concatenate([R.reshape(-1, 9), poses[:, 9:] @ a.rotation.T + a.translation], axis=1)
 
@@ -78,7 +78,7 @@ def pose_edges(aspects: Aspects, stage: FieldLevel, poses: Array, samples: int) 
 
 
 def _edges_of(stage: FieldLevel, shown: Sequence[Aspect], which: Longs, samples: int) -> PoseEdges:
-    """Return the edges of poses that show these of some aspects (N, eyes), each by its first samples."""
+    """Return the edges of poses, given each pose's aspect per camera (N, eyes): its first samples."""
     runs = [aspect.places[:samples] for aspect in shown]
     count = np.array([len(run) for run in runs], np.int32)
     first = np.cumsum(count) - count
@@ -87,7 +87,7 @@ def _edges_of(stage: FieldLevel, shown: Sequence[Aspect], which: Longs, samples:
 
 
 def _shown(aspects: Aspects, stage: FieldLevel, poses: Array) -> tuple[list[Aspect], Longs]:
-    """Return aspects, and which of them (N, eyes) the cameras of a level see of poses (N, 12)."""
+    """Return aspects, and the index of the one that each camera sees of each pose: (N, eyes)."""
     R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
     eyes = np.stack([T.origin for T in stage.cameras_from_world]) - t[:, None]
     net, step = aspects.nearest(np.einsum("nji,nej->nei", R, eyes).reshape(-1, 3))  # in the part frame
@@ -110,7 +110,7 @@ def climbed(
 
 
 def in_threads(work: Callable[[_A], _B], items: Sequence[_A]) -> list[_B]:
-    """Return the results of the work on all items, one thread a core: the C core does not hold Python's lock."""
+    """Return the results of the work on all items, one thread per core: the C core releases Python's lock."""
     if len(items) < 2:
         return [work(item) for item in items]
     with ThreadPoolExecutor(min(os.cpu_count() or 1, len(items))) as pool:
@@ -120,9 +120,9 @@ def in_threads(work: Callable[[_A], _B], items: Sequence[_A]) -> list[_B]:
 def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float = 0.8) -> Array:
     """Return the log-likelihood ratio (N,), in nats, of the photos with the part at each pose and without it.
 
-    Pictures are full of straight lines: that one of them runs along an edge by chance does not become less likely the
-    longer both are. So edges are judged one by one. An edge is seen with some probability, and then lines run along
-    most of it; what it can say for a pose is bounded, as is what it says against it where nothing is found.
+    Pictures are full of straight lines: that one of them runs along an edge by chance does not become less likely as
+    both get longer. So each edge is judged as one event: it is visible with some probability, and then lines run along
+    most of it. Its evidence for a pose is bounded, as is that against it where no line is found.
     """
     shown, which = _shown(aspects, stage, poses)
     edges = _edges_of(stage, shown, which, PLACES)
@@ -138,7 +138,7 @@ def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float = 0.
 
 
 def _in_eye(edges: PoseEdges, eye: int, poses: Array, blur: float, line: Ids, share: Array) -> Array:
-    """Return one camera's share in `evidence` (N,), nats; share (N,): how independent the places on its lines are."""
+    """Return one camera's term of `evidence` (N,), nats; share (N,): weight of its samples by their independence."""
 
     def of(some: slice) -> Array:
         return edges.part(some).evidence(eye, poses[some], blur, line, share[some], _BELIEF)
@@ -147,12 +147,12 @@ def _in_eye(edges: PoseEdges, eye: int, poses: Array, blur: float, line: Ids, sh
 
 
 def _slices(n: int) -> list[slice]:
-    """Return what threads share out."""
+    """Return the batches that threads share out."""
     return [slice(k, k + _TOGETHER) for k in range(0, max(n, 1), _TOGETHER)]
 
 
 def distinct(aspects: Aspects, poses: Array, score: Array, most: int, within: float = _SAME) -> list[int]:
-    """Return at most so many of the best poses, best first, no two within so many radii of each other."""
+    """Return at most `most` of the best poses, best first, no two within `within` radii of each other."""
     order = np.argsort(-score, kind="stable")
     kept = firsts(_corners(aspects, poses[order]), most, within * aspects.radius)
     return [int(k) for k in order[kept]]
@@ -166,7 +166,7 @@ def near(aspects: Aspects, poses: Array, one: int, within: float) -> Longs:
 
 
 def _corners(aspects: Aspects, poses: Array) -> Array:
-    """Return where four points of the part's ball lie for each pose: (N, 4, 3) mm."""
+    """Return where four points of the part's sphere lie at each pose: (N, 4, 3) mm."""
     points = aspects.centre + aspects.radius * np.concatenate([np.zeros((1, 3)), np.eye(3)])
     return points @ np.swapaxes(poses[:, :9].reshape(-1, 3, 3), 1, 2) + poses[:, None, 9:]
 

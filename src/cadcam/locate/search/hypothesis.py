@@ -1,4 +1,4 @@
-"""A pose that photos may show, before it is refined."""
+"""A hypothesis: a pose that the photos may show, before it is refined."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from cadcam.geometry.rigid import Rigid
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Hypothesis:
-    """A pose that the photos may show, and how much speaks for it.
+    """A pose that the photos may show, and the evidence for it.
 
-    score: certainty of lines under the visible edges above what edges put down anywhere meet, in standard deviations of
-    that. agreement in [0, 1]: mean certainty under the edges in the picture. within_px: how far off its lines may be.
+    score: mean edge certainty under the visible lines minus that under lines at random places, in standard deviations
+    of the latter. agreement in [0, 1]: mean certainty under the lines in the picture. within_px: error its lines may have.
     """
 
     world_from_part: Rigid

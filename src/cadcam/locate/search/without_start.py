@@ -1,12 +1,12 @@
-"""Finding a part without any start: every view of it, everywhere in the photo, at every distance that is declared.
+"""Finding a part without any start: in every view, everywhere in the photo, at every distance that is declared.
 
-1. For each distance, the aspects of the part in every turn are slid over a field so coarse that the part is some 30 px
-   large; what fits best, wherever it is, goes on.
-2. The best climb on finer and finer fields; what speaks for each is judged edge by edge (`climb.evidence`).
-3. Those that stand out are approached (`approach`) as a user's rough start would be, and judged again.
+1. For each distance, the aspects of the part at every roll are slid over a field so coarse that the part is some 30 px
+   large; the best fits, wherever they are, become hypotheses.
+2. The best climb on finer and finer fields; the evidence for each is judged edge by edge (`climb.evidence`).
+3. Those that stand out are approached (`approach`) as from a user's rough start, and judged again.
 
-In clutter lines run near any line, so that what speaks for a pose means little by itself. Everywhere but in the first
-climbs it counts above what speaks for the part put a little beside that pose, a fifth of its size or so to any side.
+In clutter there are lines near any line, so the evidence for a pose means little by itself. Except in the first climbs
+it is compared with the evidence for the part displaced by about a fifth of its size to any side.
 """
 
 from __future__ import annotations
@@ -44,38 +44,38 @@ from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 from cadcam.native.fields import PoseEdges
 
-_SWEPT_PX = 33.0  # the part's size in the field that it is swept over
-# And in that where evidence is judged, and how far off lines may be there, px. Finely noise is averaged, and lines are
-# apart. But after their climbs poses are off by some hundredths of the part's size: a right one seems wrong then.
+_SWEPT_PX = 33.0  # size of the part in the field that it is swept over
+# Size of the part, px, in the fields in which evidence is judged, and tolerance of its lines, px. A fine field averages
+# noise and separates lines, but there a right pose seems wrong that its climb left off by some hundredths of the size.
 _FINELY, _ROUGHLY = (180.0, 0.8), (90.0, 2.0)
-_SMALLEST, _LARGEST = 0.2, 1.2  # the part's size in units of the photo's shorter side, where no distance is declared
-_SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: distances, turns in the picture
+_SMALLEST, _LARGEST = 0.2, 1.2  # size of the part over the photo's shorter side, where no distance is declared
+_SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: ratio of distances, roll in the picture
 _SWEPT = 42  # samples of an aspect that are swept
-_TAKEN = 1000  # hypotheses of each distance that climb
+_TAKEN = 1000  # hypotheses per distance that climb
 _CLIMBS = (
     Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 350),
     Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 100),
     Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 20),
 )
-_BESIDE = Climb(2, 64, (1.0,), 0)  # how poses beside these are judged: where they are
-_APPROACHED, _NEIGHBOURS = (16, 8), 0.25  # poses of either judgement that are approached; how far apart, radii
-_NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; the shift in units of the part's size
-# Where else the part is put to see whether lines run there too, in units of its size in the picture.
+_BESIDE = Climb(2, 64, (1.0,), 0)  # how displaced poses are judged: without climbing
+_APPROACHED, _NEIGHBOURS = (16, 8), 0.25  # poses approached by either judgement; radii between them
+_NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; shift_px by the part's size
+# Displacements at which lines are compared, as shares of the part's size in the picture.
 _ASIDE = np.array([[(0.12, 0.22)[k % 2] * f((k + 0.3) * math.pi / 8) for f in (np.cos, np.sin)] for k in range(16)])
 _RETURNED = 20
-_AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # in no plane of any symmetry
-_BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times so many powers of two
+_AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # a direction in no symmetry plane: picks one of equivalent poses
+_BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times up to so many powers of two
 _WIDEST_PX = 1100  # larger photos are reduced first
-_NARROWEST_PX = 12  # fields are not smaller
+_NARROWEST_PX = 12  # fields are at least this large
 
 
 def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
     """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
 
-    Good to about a pixel of the photo: for `refine_pose` to take up. score: how much likelier the photos are with the
-    part there than a little beside, in nats, as judged finely and roughly together. A symmetric part comes back once
-    for each of the poses in which it looks the same, one after the other. The part's aspects are made on first use,
-    which takes some seconds once.
+    Accurate to about a pixel of the photo, for `refine_pose` to take up. score: log-likelihood ratio, in nats, of the
+    part there and a little displaced, from the fine and the rough judgement together. For a symmetric part all
+    equivalent poses are returned, one after the other. The part's aspects are computed on first use, which takes some
+    seconds once.
     """
     return [
         replace(h, world_from_part=h.world_from_part @ part_from_part)
@@ -85,7 +85,7 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
 
 
 def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
-    """Return what `search` does, with only one of the equivalent poses of a symmetric part."""
+    """Return what `search` does, but only one of the equivalent poses of a symmetric part."""
     aspects, scales = part.aspects, _Scales(photos)
     looks = _rotations(part, views)
     rows = [
@@ -104,9 +104,9 @@ def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SP
 
 
 def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
-    """Return poses (N, 12), of a part of revolution the equivalent one that is seen most along _AMONG_EQUALS.
+    """Return poses (N, 12), those of a part of revolution rotated about its axis to be seen most along _AMONG_EQUALS.
 
-    Else what is approached and refined would be one pose in as many turns.
+    Otherwise one pose would be approached and refined at many equivalent rotations.
     """
     if part.spin is None:
         return poses
@@ -119,7 +119,7 @@ def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
 
 
 def _to_approach(aspects: Aspects, scales: _Scales, found: Array) -> list[int]:
-    """Return which of poses (N, 12) are approached: the best of all, and the best of those judged roughly."""
+    """Return which of poses (N, 12) are approached: the best of all, and the best by rough judgement."""
     finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
     best = zip((finely + roughly, roughly), _APPROACHED, strict=True)
     every = [k for score, most in best for k in distinct(aspects, found, score, most, within=_NEIGHBOURS)]
@@ -128,7 +128,7 @@ def _to_approach(aspects: Aspects, scales: _Scales, found: Array) -> list[int]:
 
 
 def unmade(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[tuple[int, int]]:
-    """Return which aspects a search would have to make first, as numbers for `Aspects.aspect`."""
+    """Return the aspects that a search would have to compute first, as indices for `Aspects.aspect`."""
     aspects = part.aspects
     numbers = np.unique(_rotations(part, views)[0]).tolist()
     far = np.array([d for photo in photos for d in _distances(aspects, photo.camera, views)])
@@ -137,9 +137,9 @@ def unmade(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
 
 
 def _ranked(aspects: Aspects, found: list[Hypothesis], poses: Array, score: Array) -> list[Hypothesis]:
-    """Return each pose once, most evidence first; of poses close to each other that which fits the fine field best.
+    """Return each pose once, most evidence first; of poses close to each other the one that fits the fine field best.
 
-    Evidence is bounded edge by edge, so that it tells places apart but not a pose from one some pixels off.
+    Evidence is bounded per edge, so it distinguishes places but not poses that are some pixels apart.
     """
     leaders = distinct(aspects, poses, score, _RETURNED, within=_NEIGHBOURS)
     fit = np.array([h.score for h in found])
@@ -156,7 +156,7 @@ class _Scales:
         self.focal = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
 
     def stage(self, reductions: Array) -> FieldLevel:
-        """Return the field of each photo that is nearest to a reduction of its own (photos,)."""
+        """Return the field of each photo that is nearest to its given reduction (photos,)."""
         both = zip(self._fields, reductions, strict=True)
         fields = (min(own, key=lambda f: abs(math.log(f.reduction / k))) for own, k in both)
         return FieldLevel(tuple(fields), self.places)
@@ -174,14 +174,14 @@ class _Scales:
         return next(f for f in self._fields[eye] if f.reduction == reduction)
 
     def alike(self, eye: int, reduction: int, aspects: Aspects, poses: Array) -> FieldLevel:
-        """Return the fields in which the part at poses (N, 12) is about as large as in one photo's, reduced so."""
+        """Return fields in which the part at poses (N, 12) is about as large as in one photo's reduced field."""
         sizes = self.sizes(aspects, poses)
         return self.stage(reduction * np.median(sizes / sizes[eye], axis=1))
 
     def beside(self, aspects: Aspects, poses: Array, every: int = 1) -> list[Array]:
-        """Return poses (N, 12) moved in the photo where the part is largest, by every so many vectors of _ASIDE.
+        """Return poses (N, 12) displaced by every `every`-th vector of _ASIDE in the photo where the part is largest.
 
-        Poses behind all cameras, and moved ones that no camera sees, come back as they are.
+        Poses behind all cameras, and displaced ones that no camera sees, are returned unchanged.
         """
         middle = _middles(aspects, poses)
         depth = np.stack([(T @ middle)[:, 2] for T in self.places])
@@ -197,14 +197,14 @@ class _Scales:
         return out
 
     def sizes(self, aspects: Aspects, poses: Array) -> Array:
-        """Return how large (photos, N), px, the part is in each photo, for poses (N, 12)."""
+        """Return the size (photos, N) px of the part in each photo at poses (N, 12)."""
         middle = _middles(aspects, poses)
         away = [np.linalg.norm(middle - T.origin, axis=1) for T in self.places]
         return np.stack([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
 
 
 def _middles(aspects: Aspects, poses: Array) -> Array:
-    """Return where the part's middle is (N, 3) at poses (N, 12)."""
+    """Return the part's centre (N, 3) at poses (N, 12)."""
     return np.asarray(poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:])
 
 
@@ -215,7 +215,7 @@ def _fields(photo: Photo) -> list[DirectionField]:
 
 
 def _size(aspects: Aspects, focal: float, distance: Array) -> Array:
-    """Return how large (px) the part's ball is at distances (mm) of its middle."""
+    """Return the size (px) of the part's sphere at distances (mm) of its centre."""
     r = aspects.radius
     return np.asarray(2 * focal * r / np.sqrt(np.maximum(distance**2 - r**2, (0.2 * r) ** 2)))
 
@@ -247,7 +247,7 @@ def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, loo
 def _swept(
     aspects: Aspects, field: DirectionField, camera_from_world: Rigid, distance: float, looks: tuple[Longs, Array]
 ) -> Array:
-    """Return the best poses (N, 12) at one distance, each where in one photo it fits best."""
+    """Return the best poses (N, 12) at one distance, each where it fits one photo best."""
     numbers, R = looks
     seen = np.concatenate([R.reshape(-1, 9), np.array([0, 0, distance]) - R @ aspects.centre], axis=1)
     world = composed(camera_from_world.inv, seen)
@@ -273,9 +273,9 @@ def _edges(aspects: Aspects, stage: FieldLevel, numbers: Longs, distance: float)
 
 
 def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
-    """Return directions of the net (N,) and rotations camera_from_part (N, 3, 3) looking along them, turned every way.
+    """Return net directions (N,) and rotations camera_from_part (N, 3, 3) looking along them, at every roll.
 
-    Of directions from which a symmetric part looks the same there is one: that most along _AMONG_EQUALS.
+    Of directions from which a symmetric part looks the same, only the one nearest to _AMONG_EQUALS is returned.
     """
     net = part.aspects.net
     equal = np.stack([net @ S.rotation.T @ _AMONG_EQUALS for S in part.symmetries])
@@ -308,9 +308,9 @@ def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blu
 
 
 def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
-    """Return the evidence (N,) for poses (N, 12) minus the largest evidence for the part a little beside each.
+    """Return the evidence (N,) for poses (N, 12) minus the largest evidence for the part displaced a little.
 
-    Where lines are the part's there are fewer as soon as it is put elsewhere.
+    Where the lines are the part's own, a displaced part has less evidence.
     """
     every = [poses, *scales.beside(aspects, poses)]
     here, *beside = _judged(aspects, scales, np.concatenate(every), size_px, blur).reshape(len(every), len(poses))
@@ -318,7 +318,7 @@ def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur
 
 
 def _approached(part: Part, photos: Sequence[Photo], scales: _Scales, starts: list[Rigid]) -> list[Hypothesis]:
-    """Return what is found around each of the starts."""
+    """Return the hypotheses found around each of the starts."""
 
     def around(start: Rigid) -> list[Hypothesis]:
         size = float(scales.sizes(part.aspects, row_of(start)[None]).min())
