@@ -136,7 +136,7 @@ def add_jobs(parser: argparse.ArgumentParser) -> Verbs:
 
 def add_json(parser: argparse.ArgumentParser) -> None:
     """Add --json."""
-    parser.add_argument("--json", action="store_true", help="print one JSON document in place of tables")
+    parser.add_argument("--json", action="store_true", help="print one JSON document instead of tables")
 
 
 def given(arguments: argparse.Namespace, *options: str) -> list[str]:

@@ -115,7 +115,7 @@ def _check_targets(shots: Sequence[PictureToMake], suffixes: Sequence[str]) -> N
 
 
 def _say(said: Sequence[Mapping[str, Any]], kept: Sequence[str]) -> None:
-    there = f", {len(kept)} were there already (--overwrite makes them anew)" if kept else ""
+    there = f", {len(kept)} were there already (--overwrite renders them again)" if kept else ""
     print(f"{len(said)} pictures written{there}")
     if said and "depth_mm_per_step" in said[0]:
         print(f"{said[0]['depth_mm_per_step']:g} mm a step in all of them, 0 for the background")

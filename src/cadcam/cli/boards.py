@@ -32,7 +32,7 @@ def add_board_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("pictures of a board")
     group.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
     group.add_argument("--free-skew", action="store_true", help="estimate the skew too (held at 0 otherwise)")
-    group.add_argument("--keep-all", action="store_true", help="leave out no stray points and no outlier pictures")
+    group.add_argument("--keep-all", action="store_true", help="keep outlier points and outlier pictures")
     group.add_argument(
         "--pictures", metavar="FOLDER", help="write each picture with the points found in it there, and coverage.png"
     )

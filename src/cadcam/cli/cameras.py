@@ -80,7 +80,7 @@ def add_camera_options(parser: argparse.ArgumentParser, *, required: bool) -> No
     parser.add_argument(
         "--camera", metavar="FILE", required=required, help="camera file, best with its pose; or another program's"
     )
-    parser.add_argument("--pose", metavar="FILE", help="where the camera stands, if not as its file says (see below)")
+    parser.add_argument("--pose", metavar="FILE", help="pose of the camera, if not that of its file (see below)")
 
 
 def view_as_json(camera: Camera, camera_from_world: Rigid) -> dict[str, Any]:

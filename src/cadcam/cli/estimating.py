@@ -21,7 +21,9 @@ def add_estimate_options(parser: argparse.ArgumentParser, *, required: bool = Tr
     source = parser.add_mutually_exclusive_group(required=required)
     source.add_argument("--size", type=size, metavar="WxH", help="picture size in px")
     source.add_argument("--photo", metavar="FILE", help="take the size from this picture (as displayed: EXIF applied)")
-    source.add_argument("--internals", metavar="FILE", help="camera file whose K and lens are kept: pose only")
+    source.add_argument(
+        "--internals", metavar="FILE", help="camera file whose K and lens are held: only the pose is estimated"
+    )
     parser.add_argument(
         "--fix",
         action="append",

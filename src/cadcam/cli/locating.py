@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from cadcam.locate.views.view_range import ViewRange
 
 START_HELP = """\
-start:    --start FILE    where the part is, roughly: some 20 degrees, 40 px and 10 % of the distance off do no harm
+start:    --start FILE    rough pose of the part: errors of some 20 degrees, 40 px, 10 % of the distance do no harm
           --points FILE   four or more points of the model picked in the (first) photo, as for `cadcam calibrate`
           neither         where the camera's file says that its world is, else searched for from all sides (seconds)
 A start file's first line says what it holds: '# camera_from_part, mm' (or world_from_part; or m, in ...), then a 3x4 or

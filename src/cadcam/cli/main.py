@@ -81,7 +81,7 @@ the usual way:
   cadcam overlay photo.png part.step --camera camera.json -o overlay.png
 
 conventions: lengths in mm; pixels (x, y) = (column, row) with (0, 0) the centre of the top-left pixel;
-camera axes x right, y down, z forward. Every verb explains itself: cadcam VERB --help
+camera axes x right, y down, z forward. Help on a verb: cadcam VERB --help
 """
 
 

@@ -91,7 +91,7 @@ def viewpoints_of(
     if len(cameras) != len(paths):
         times = "once" if len(cameras) == 1 else f"{len(cameras)} times"
         given = f"given {times} for {len(paths)} photos ({', '.join(paths)})"
-        raise BadValue("--camera", given, "one a photo; the last file is the CAD model")
+        raise BadValue("--camera", given, "one for each photo; the last file is the CAD model")
     return _of_files(paths, cameras)
 
 

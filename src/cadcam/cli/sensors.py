@@ -18,7 +18,7 @@ def add_sensor_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--sensor", metavar="PROFILE", help="what the camera does to the picture: a file or a preset (`cadcam sensor`)"
     )
-    group.add_argument("--seed", type=seed, metavar="N", help="of its noise (default: 0)")
+    group.add_argument("--seed", type=seed, metavar="N", help="seed of its noise (default: 0)")
 
 
 def generator(start: int, path: str | None = None) -> Generator:

@@ -34,12 +34,12 @@ if TYPE_CHECKING:
 _EXAMPLES = f"""\
   cadcam calibrate points.csv --photo photo.png -o camera.json
   cadcam calibrate points.csv --size 768x576 --fix skew=0 --fix aspect=1 --lens brown-conrady:k1 -o camera.json
-  cadcam calibrate points.csv --internals camera.json -o posed.json        only where that camera stands now
+  cadcam calibrate points.csv --internals camera.json -o posed.json        only that camera's new pose
   cadcam calibrate left.csv front.csv right.csv --size 768x576 --fix skew=0 --lens brown-conrady:k1 -o camera.json
                                                                            one camera from three positions
   cadcam calibrate images/*.png --board chessboard:9x6:25mm -o camera.json        pictures of a board
   cadcam calibrate images/ --board circles:7x6:30mm --pictures found --poses poses.csv
-  cadcam calibrate table_2_7.csv --columns U2,V2 --size 768x576            a file with two image points a line
+  cadcam calibrate table_2_7.csv --columns U2,V2 --size 768x576            a file with two image points per line
 
 points file (CSV, tabs or blanks; # comments):
   name,X,Y,Z,x_px,y_px          X Y Z in mm (or X_m, X_in ..., or --points-unit); x_px the column, y_px the row,
@@ -53,8 +53,8 @@ deviation of each. No starting values are needed; the global minimum of the repr
 calibration takes six or more points that are not all in one plane; a pose with known internals takes four.
 
 Several points files are several positions of one camera, or several poses of one board: internals and lens are shared,
-each has its own pose. Flat boards will do, seen tilted in different directions. The table then also says how the views
-scatter, which of them are outliers, and which parameters they show at all.
+each has its own pose. Flat boards suffice if they are seen tilted in different directions. The table then also says how
+the views scatter, which of them are outliers, and which parameters they determine.
 
 Pictures of a calibration board (--board), three at least: the board is found in each, and all are calibrated together.
 Tilt it by 20 to 45 degrees in different directions, fill the picture, reach its corners; the last table says which
@@ -72,14 +72,18 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
-    parser.add_argument("points", nargs="+", help="points file; several: one a position; with --board: pictures")
+    parser.add_argument("points", nargs="+", help="points file; several: one per position; with --board: pictures")
     add_estimate_options(parser, required=False)
     parser.add_argument("-o", "--output", metavar="FILE", help="camera file to write (.json)")
     joint = parser.add_argument_group("several positions, or pictures of a board")
     joint.add_argument("--poses", metavar="FILE", help="write camera_from_world of every position (.txt, .csv)")
     joint.add_argument("--bend", action="store_true", help="the flat board is bowed: estimate by how much, in x and y")
-    joint.add_argument("--loss", choices=("huber", "cauchy", "tukey"), help="bear wrong points (default: none wrong)")
-    joint.add_argument("--no-advice", action="store_true", help="do not ask which parameters the views show")
+    joint.add_argument(
+        "--loss",
+        choices=("huber", "cauchy", "tukey"),
+        help="robust loss that tolerates outliers (default: least squares)",
+    )
+    joint.add_argument("--no-advice", action="store_true", help="do not check which parameters the views determine")
     add_board_options(parser)
     add_points_options(parser)
     add_json(parser)

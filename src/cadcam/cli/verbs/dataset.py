@@ -46,30 +46,30 @@ occluders hide the part and are not labelled. Depth is in steps of depth_scale m
 """
 _DESCRIPTION = """\
 Render many labelled views of a part, on all cores or on a cluster: poses, lights, backgrounds, occluders and the
-camera's noise drawn by chance, every label exact."""
+camera's noise drawn at random, every label exact."""
 
 
 def add_to(verbs: Verbs) -> None:
     """Add the verb."""
-    short = "CAD model -> labelled synthetic pictures (BOP, COCO), as many as are wanted"
+    short = "CAD model -> any number of labelled synthetic pictures (BOP, COCO)"
     parser = verb(verbs, "dataset", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     add_model_options(parser)
     parser.add_argument("-o", "--output", metavar="FOLDER", required=True, help="folder of the data set")
-    parser.add_argument("--views", type=whole, metavar="N", help="how many (default 100, or one a pose)")
+    parser.add_argument("--views", type=whole, metavar="N", help="how many (default 100, or one per pose)")
     parser.add_argument("--seed", type=seed, metavar="N", help="another seed, another data set (default 0)")
     parser.add_argument("--plan", metavar="FILE", help="plan file: YAML, see below")
     _add_seeing(parser.add_argument_group("camera and where it stands"))
     _add_looks(parser.add_argument_group("what it sees"))
     group = parser.add_argument_group("how it is made")
     group.add_argument("--split", default="train", metavar="NAME", help="BOP's name of the set (default train)")
-    group.add_argument("--workers", type=whole, metavar="N", help="processes (default: one a core)")
-    group.add_argument("--cluster", metavar="ADDRESS", help="a Dask scheduler's address, in place of processes")
+    group.add_argument("--workers", type=whole, metavar="N", help="processes (default: one per core)")
+    group.add_argument("--cluster", metavar="ADDRESS", help="address of a Dask scheduler, instead of processes")
     parser.set_defaults(resumes=True)
     add_json(parser)
 
 
 def _add_seeing(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--camera", metavar="FILE", help="camera file, its lens too")
+    group.add_argument("--camera", metavar="FILE", help="camera file, including its lens")
     group.add_argument("--size", type=size, metavar="WxH", help="without a camera: picture size (default 640x480)")
     group.add_argument(
         "--view-angle-deg", type=real, metavar="DEG", help="without a camera: over the shorter side (default 40)"
@@ -80,9 +80,14 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--up", type=reals, metavar="X,Y,Z", help="what is up, in the part's axes (default 0,0,1)")
     group.add_argument("--roll-deg", type=real, metavar="DEG", help="how far it may stand from upright (default 180)")
     group.add_argument(
-        "--fill", type=span, metavar="A,B", help="part by picture's shorter side, to 2 (default 0.4,0.9)"
+        "--fill",
+        type=span,
+        metavar="A,B",
+        help="size of the part by the picture's shorter side, at most 2 (default 0.4,0.9)",
     )
-    group.add_argument("--distance-mm", type=span, metavar="A,B", help="of the part's middle, in place of --fill")
+    group.add_argument(
+        "--distance-mm", type=span, metavar="A,B", help="distance of the part's centre, instead of --fill"
+    )
     group.add_argument("--off-centre", type=real, metavar="S", help="share of the shorter side (default 0.1)")
     group.add_argument("--poses", metavar="FILE", help="camera_from_part of each view: a poses file of `cadcam render`")
 
@@ -92,13 +97,15 @@ def _add_looks(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--distant", type=span, metavar="A,B", help="two lights from anywhere (default 0.1,0.5)")
     group.add_argument("--ambient", type=span, metavar="A,B", help="light without direction (default 0.1,0.3)")
     group.add_argument("--background", nargs="+", metavar="B", help="plain, noise, photos or folders of them")
-    group.add_argument("--occluders", type=span, metavar="N,M", help="fewest and most a view (default 0)")
+    group.add_argument("--occluders", type=span, metavar="N,M", help="fewest and most per view (default 0)")
     group.add_argument(
         "--occluder-shapes", nargs="+", metavar="S", help="box, cylinder, CAD files (default the first two)"
     )
-    group.add_argument("--occluder-size", type=span, metavar="A,B", help="by the part's diameter (default 0.1,0.3)")
+    group.add_argument(
+        "--occluder-size", type=span, metavar="A,B", help="relative to the part's diameter (default 0.1,0.3)"
+    )
     group.add_argument("--sensor", metavar="NAME", help="preset or sensor file, see `cadcam sensor` (default: ideal)")
-    group.add_argument("--samples", type=whole, metavar="N", help="N x N rays a pixel (default 2)")
+    group.add_argument("--samples", type=whole, metavar="N", help="N x N rays per pixel (default 2)")
     group.add_argument("--gray", action="store_true", default=None, help="grey pictures")
     group.add_argument("--key-points", metavar="FILE", help="name, X, Y, Z of the points to label (default: corners)")
 

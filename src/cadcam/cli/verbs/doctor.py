@@ -15,7 +15,7 @@ _EXAMPLES = """\
 _DESCRIPTION = """\
 Say what this installation can do on this machine: Python, CPU, the compiled core of the raster renderer and its
 instruction set, optional packages, and which renderer "auto" is. What is missing is named with what to do about it.
-Always ends with exit code 0: what is not there is a result, too."""
+The exit code is always 0: a missing feature is a result, too."""
 
 
 def add_to(verbs: Verbs) -> None:

@@ -49,7 +49,7 @@ _EXAMPLES = f"""\
   cadcam handeye robot.txt --mounting eye-in-hand --camera camera.json --views seen/*.csv       which convention fits?
   cadcam handeye poses/ --convention ros --mounting eye-to-hand --camera-poses target.csv       poses, no pixels
 
-robot poses: base_from_flange, one a line, with or without column names and a name in front; or JSON; or a folder
+robot poses: base_from_flange, one per line, with or without column names and a name in front; or JSON; or a folder
   name,X,Y,Z,A,B,C                       kuka    mm, deg: A about Z, B about Y', C about X''
   p1,512.31,-20.9,402.2,178.1,1.2,-90.3  fanuc yaskawa staubli kawasaki  mm, deg      abb  mm, quaternion w first
                                          ur  m, rotation vector    ros  m, quaternion w last
@@ -57,7 +57,7 @@ robot poses: base_from_flange, one a line, with or without column names and a na
 views: one picture of the --board a pose, or one points file, X Y Z on the target and x_px y_px in its picture (cadcam
 calibrate --help); paired with the robot's poses by name (file p1.png or p1.csv, pose p1), or in order where the poses
 have no names. Poses whose picture does not show the board are not used.
-camera poses: camera_from_world, the target being the world, one a line as in `cadcam render --poses`
+camera poses: camera_from_world, the target being the world, one per line as in `cadcam render --poses`
 
 {BOARD_HELP}"""
 
@@ -68,7 +68,7 @@ def add_to(verbs: Verbs) -> None:
         verbs,
         "handeye",
         run,
-        short="robot poses and what the camera saw -> where it sits",
+        short="robot poses and what the camera saw there -> where the camera is mounted",
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
@@ -79,7 +79,7 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--convention",
         metavar="NAME",
-        help="how the robot writes poses (below); left out: say which ones fit, and stop",
+        help="how the robot writes poses (below); if left out, list those that fit and stop",
     )
     parser.add_argument("--robot-unit", metavar="U", help="unit of the robot's positions: mm, m ... (default: its own)")
     parser.add_argument("--inverted", action="store_true", help="the file holds flange_from_base")
@@ -89,10 +89,10 @@ def add_to(verbs: Verbs) -> None:
     )
     seen = parser.add_mutually_exclusive_group(required=True)
     seen.add_argument(
-        "--views", nargs="+", metavar="FILE", help="pictures of the --board, or points files: one a pose, or a folder"
+        "--views", nargs="+", metavar="FILE", help="pictures of the --board, or points files: one per pose, or a folder"
     )
     seen.add_argument(
-        "--camera-poses", metavar="FILE", help="poses of the target before the camera, in place of pixels"
+        "--camera-poses", metavar="FILE", help="poses of the target in the camera frame, instead of pixels"
     )
     parser.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
     parser.add_argument("--leave-out", type=names, default=(), metavar="A,B", help="names of poses not to use")

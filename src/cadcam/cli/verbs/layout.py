@@ -56,7 +56,7 @@ exit codes: 0 every limit reaches the wanted TUR, 3 not (the table says which, a
 
 def add_to(verbs: Verbs) -> None:
     """Add the verb."""
-    short = "part + places for cameras + features with limits -> which cameras where, and what they will measure"
+    short = "part + places for cameras + features with limits -> cameras to mount, and how well they will measure"
     parser = verb(verbs, "layout", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     parser.add_argument("scene", nargs="?", help="scene file (see below)")
     parser.add_argument(
@@ -83,7 +83,7 @@ def add_to(verbs: Verbs) -> None:
         action="store_true",
         help="also list each feature from each camera: scale, slant, blur, sigma, or why not",
     )
-    parser.add_argument("--no-what-if", action="store_true", help="leave the table of changes out")
+    parser.add_argument("--no-what-if", action="store_true", help="leave out the table of what-if changes")
     parser.add_argument("--sample", metavar="FOLDER", help="only write two sample scenes and their model into a folder")
     add_json(parser)
 

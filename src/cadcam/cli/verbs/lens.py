@@ -20,8 +20,8 @@ _EXAMPLES = """\
   cadcam lens --list                                         sensors known by name
 """
 _DESCRIPTION = """\
-Solve the lens formula for what is not known: of focal length, distance and width of the field give two. Printed are
-field of view, viewing angle, size of a pixel on the object and, with an f-number, depth of field (blur of a pixel at
+Solve the lens formula: from two of focal length, distance and width of the field, find the third. Printed are field of
+view, viewing angle, size of a pixel on the object and, with an f-number, depth of field (blur of a pixel at
 most) and diffraction. For a focal length that no maker offers, the next shorter and longer lenses are shown as well."""
 
 
@@ -35,9 +35,15 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument("--focal", type=real, metavar="MM", help="focal length")
     parser.add_argument("--distance", type=real, metavar="MM", help="from the lens to what is in focus")
     parser.add_argument("--width", type=real, metavar="MM", help="width of what is seen there")
-    parser.add_argument("--mm-per-pixel", type=real, metavar="MM", help="in place of --width: a pixel on the object")
-    parser.add_argument("--f-number", type=real, metavar="N", help="focal length by diameter of the opening")
-    parser.add_argument("--image-circle", type=real, metavar="MM", help="the lens' picture: does it cover the sensor?")
+    parser.add_argument(
+        "--mm-per-pixel", type=real, metavar="MM", help="size of a pixel on the object, instead of --width"
+    )
+    parser.add_argument(
+        "--f-number", type=real, metavar="N", help="focal length divided by the diameter of the aperture"
+    )
+    parser.add_argument(
+        "--image-circle", type=real, metavar="MM", help="diameter of the lens' image circle: does it cover the sensor?"
+    )
     parser.add_argument("--speed", type=real, metavar="MM/S", help="of the object, for the longest exposure")
     parser.add_argument("--diagram", metavar="FILE", help="lens-selection diagram of this sensor: .png, .svg, .pdf")
     parser.add_argument("--list", action="store_true", help="list the sensors known by name")

@@ -41,8 +41,8 @@ exit codes: 0 found; 3 not found: nothing reaches --least-score, or too few feat
 _DESCRIPTION = """\
 Match by area, by normalised correlation. With a picture as template: the peaks of its correlation over all positions
 and angles, to parts of a pixel and of a degree, with the gap to the runner-up. With a CAD model, a camera and a rough
-pose: windows worth matching are chosen in the model's drawing as that camera sees it, each is sought in the photo, and
-the pose that most of them agree on is taken; hidden and repeated features are survived."""
+pose: windows worth matching are chosen in the model's drawing as that camera sees it, each is searched for in the
+photo, and the pose that most of them agree on is taken; hidden and repeated features do no harm."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -59,9 +59,16 @@ def add_to(verbs: Verbs) -> None:
 
 def _add_template_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("template")
-    group.add_argument("--mask", metavar="FILE", help="picture of the template's size: where it is dark does not count")
     group.add_argument(
-        "--angles", type=real, nargs=2, default=(-180, 180), metavar="DEG", help="from, to, x towards y (default all)"
+        "--mask", metavar="FILE", help="picture of the template's size: pixels that are dark in it are ignored"
+    )
+    group.add_argument(
+        "--angles",
+        type=real,
+        nargs=2,
+        default=(-180, 180),
+        metavar="DEG",
+        help="range of angles, from x towards y (default all)",
     )
     group.add_argument("--scales", type=real, nargs=2, default=(1, 1), metavar="S", help="least, largest (default 1 1)")
     group.add_argument("--count", type=whole, default=3, metavar="N", help="peaks to report (default 3)")
@@ -85,7 +92,9 @@ def _add_part_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--reach", type=real, default=45.0, metavar="PX", help="how far off the pose may be (default 45)"
     )
-    group.add_argument("--turn", type=real, default=20.0, metavar="DEG", help="likewise, turned (default 20)")
+    group.add_argument(
+        "--turn", type=real, default=20.0, metavar="DEG", help="how far it may be rotated in the picture (default 20)"
+    )
     group.add_argument("--edges", action="store_true", help="also say how close the photo's edges are to each CAD edge")
     group.add_argument("--peaks", action="store_true", help="also print each feature's peaks")
 

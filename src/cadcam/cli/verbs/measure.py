@@ -41,7 +41,7 @@ _DESCRIPTION = """\
 Measure points in space. Each camera comes from `cadcam calibrate`, with its covariance; it stands where it was
 calibrated, was moved from there by a known motion, or was placed anew. A point needs two views, or one and the plane it
 lies on. Every point gets its standard deviations from the noise of its pixels, from the calibrations and from the
-motions, with all that these have in common: a distance between two points is usually known better than either point.
+motions, including errors that they share: a distance between two points is usually known better than either point.
 The gap between rays is compared with what these uncertainties allow; an input that must have been swapped, mirrored,
 inverted or wrongly scaled is named."""
 

@@ -66,7 +66,7 @@ def add_to(verbs: Verbs) -> None:
         "--shaded", type=opacity, metavar="OPACITY", help="lay the shaded model under the lines, 0 to 1"
     )
     parser.add_argument(
-        "--measure", action="store_true", help="also say how far the lines are from the photo's edges, in px"
+        "--measure", action="store_true", help="also report how far the lines are from the photo's edges, in px"
     )
     add_line_options(parser)
     add_points_options(parser)

@@ -54,7 +54,7 @@ pose a line; or JSON {{"poses": [{{"name": ..., "camera_from_world": ...}}, ...]
   name, r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz
   left,   1,   0,   0,   0,   1,   0,   0,   0,   1, -20, 0, 500
 The output is then a pattern with {{name}} or {{index}} ({{index:04d}}), in quotes. Pictures that are there already are
-kept, so that an interrupted run goes on where it was; --overwrite makes them anew.
+kept, so that an interrupted run can be continued; --overwrite renders them again.
 """
 _DESCRIPTION = """\
 Render a CAD model through the exact camera: skew, aspect and lens distortion included, at every pixel centre.
@@ -77,7 +77,7 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--poses", metavar="FILE", help="many poses: a poses file or a folder of pose files (see below)"
     )
-    parser.add_argument("--overwrite", action="store_true", help="with --poses: make pictures anew that are there")
+    parser.add_argument("--overwrite", action="store_true", help="with --poses: render existing pictures again")
     parser.add_argument("--view", choices=_VIEWS, help="without a camera: the side to look from (default: iso)")
     parser.add_argument("--size", type=size, metavar="WxH", help="without a camera: picture size (default 1280x960)")
     parser.add_argument(
@@ -87,7 +87,7 @@ def add_to(verbs: Verbs) -> None:
         "--threads",
         type=whole,
         metavar="N",
-        help="of the raster renderer, with --poses of writing too (default: one a core)",
+        help="threads of the raster renderer and, with --poses, of writing (default: one per core)",
     )
     add_look_options(parser)
     add_line_options(parser, color_by="one")
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> None:
 
         run_batch(arguments, _SUFFIXES[arguments.channel])
         return
-    alone = "neither: a single picture is always made anew"
+    alone = "neither: a single picture is always rendered again"
     refuse(arguments, "--overwrite", why="without --poses", expected=alone)
     check_target(arguments.output, _SUFFIXES[arguments.channel])
     given = _given_camera(arguments)

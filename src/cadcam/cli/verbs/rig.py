@@ -39,7 +39,7 @@ _EXAMPLES = f"""\
   cadcam rig --camera left='shots/left*.jpg' --camera right='shots/right*.jpg' --board chessboard:9x6:25mm
   cadcam rig --camera a=a/ --camera b=b/ --camera c=c/ --board charuco:8x11:20mm:15mm:5X5_100 --known b=b.json
   cadcam rig --camera left=left/ --camera right=right/ --size 640x480 --lens brown-conrady:k1,k2 --fix skew=0
-                                                                    folders of points files, one a frame
+                                                                    folders of points files, one per frame
   cadcam measure pixels.csv --rig rig.json                          then: points in the axes of the first camera
 
 frames: pictures (or points files) of one name in every folder were taken at the same moment, and a camera may lack
@@ -54,13 +54,13 @@ Calibrate cameras that are rigidly mounted together (a stereo pair, a ring of ca
 saw known points, at the same moments. Internals and lens of each camera, where each is mounted, and where the rig was
 in each frame are estimated together, each with its standard deviation; the first camera's axes are those of the rig. No
 starting values are needed. The cameras need not see the board in every frame, but each must share some frames with
-another one, and be fit to be calibrated by itself (three pictures of a board, tilted in different directions), or be
+another one, and be seen well enough to be calibrated alone (three pictures of a board, tilted differently), or be
 --known.
 
 Frames that were not taken together (files in another order, pictures exchanged) show another relative pose than the
 rest; they are refused and named. With a board that looks the same after half a turn (an even number of squares by an
 even one, most circle grids) the cameras must stand roughly upright to each other: a chessboard with one side even and
-one odd, or a ChArUco board, has no such doubt."""
+one odd, or a ChArUco board, avoids this ambiguity."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -69,7 +69,7 @@ def add_to(verbs: Verbs) -> None:
         verbs,
         "rig",
         run,
-        short="pictures or points of cameras mounted together -> how they stand to each other, with covariance",
+        short="pictures or points of cameras mounted together -> their relative poses, with covariance",
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
@@ -113,7 +113,7 @@ def _add_camera_options(group: argparse._ArgumentGroup) -> None:
         help="lens of all cameras, as in `cadcam calibrate` (default: ideal; for boards brown-conrady:k1,k2,p1,p2)",
     )
     group.add_argument("--free-skew", action="store_true", help="boards: estimate the skew too (held at 0 otherwise)")
-    group.add_argument("--keep-all", action="store_true", help="boards: leave out no strays and no outlier pictures")
+    group.add_argument("--keep-all", action="store_true", help="boards: keep outlier points and outlier pictures")
 
 
 def run(arguments: argparse.Namespace) -> None:

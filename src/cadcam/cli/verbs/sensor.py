@@ -23,8 +23,8 @@ profile file: JSON; an effect that is left out does not happen, a number left ou
    "blur": {"sigma_px": 0.8}, "noise": {"full_well_e": 20000, "read_e": 12}, "gamma": {"gamma": 0.6}}
 """
 _DESCRIPTION = """\
-Turn a clean picture into what a camera would make of it. The picture counts as linear radiance, its white as the
-scene's; effects act in the order of nature: vignetting, blur, motion, interlace, pixel_aspect (light), exposure, smear,
+Simulate what a camera makes of a clean picture. Its values are taken as linear radiance, its white as the scene's;
+effects are applied in their physical order: vignetting, blur, motion, interlace, pixel_aspect (light), exposure, smear,
 blooming, noise (charge), gain, gamma, edge_enhancement, jitter, quantisation, jpeg (signal). The same seed gives the
 same picture. PROFILE is a file or a preset: ccir-1996 (analogue video with a frame grabber), global-shutter (machine
 vision), phone."""
@@ -35,7 +35,7 @@ def add_to(verbs: Verbs) -> None:
     short = "what a camera does to a picture: noise, blur, gamma, jitter ..."
     parser = verb(verbs, "sensor", None, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     jobs = add_jobs(parser)
-    show = job(jobs, "show", run_show, short="print a profile (JSON), or what there is")
+    show = job(jobs, "show", run_show, short="print a profile (JSON), or list presets and effects")
     show.add_argument("profile", metavar="PROFILE", nargs="?", help="file or preset; without it: presets and effects")
     show.add_argument("-o", "--output", metavar="FILE", help="write the profile to this .json")
     apply = job(jobs, "apply", run_apply, short="picture -> what the sensor makes of it")

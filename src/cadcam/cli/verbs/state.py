@@ -32,7 +32,7 @@ _EXAMPLES = """\
 the store: --store FILE|URL, else $CADCAM_STORE, else parts.sqlite in this folder. A file is SQLite and needs nothing
 else; PostgreSQL needs cadcam[postgresql]. Give a password in $CADCAM_STORE rather than on the command line.
 
-what is exported as .json or .jsonl can be added to another store; .csv is for spreadsheets: a line a deviation."""
+what is exported as .json or .jsonl can be added to another store; .csv is for spreadsheets: one line per deviation."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -92,7 +92,7 @@ def _add_trend(jobs: Verbs) -> None:
 
 def _add_export(jobs: Verbs) -> None:
     parser = _job(jobs, "export", run_export, "write records to a file")
-    parser.add_argument("output", help=".csv (a line a deviation), .json or .jsonl (all there is)")
+    parser.add_argument("output", help=".csv (one line per deviation), .json or .jsonl (everything)")
     _add_filters(parser)
 
 

@@ -10,9 +10,9 @@ from cadcam.cli.station import simulate as station_simulate
 
 _DESCRIPTION = """\
 Measure with a camera that is carried over a plane. A plate of marks is laid down and surveyed at a grid of positions;
-each gives a 3x3 matrix with its covariance. What the calibrations say of each other tells the mechanics' deflection and
-twist apart from the vision's own error. A mark anywhere in the area is then measured by the calibrations around it,
-with an uncertainty that knows of pixels, survey, plate, repeatability, and of the mechanics between the positions."""
+each gives a 3x3 matrix with its covariance. Comparing these calibrations separates the deflection and twist of the
+mechanics from the vision's own error. A mark anywhere in the area is then measured by the calibrations around it, with
+an uncertainty that includes pixels, survey, plate, repeatability and the mechanics between the positions."""
 _EXAMPLES = """\
   cadcam station simulate hall                      a simulated hall: its files, and how well it measures
   cadcam station calibrate p*.pgm --camera 12 --plate plate.json --survey survey.csv --survey-sigma 0.2 -o s12.json
@@ -29,7 +29,7 @@ survey file:  picture,reflector,x_mm,y_mm      plate file:  {"marks_mm": {"1": [
   p01.pgm,a,4647.6,999.5                         "reflectors_mm": {"a": [160, 0], ...}, "sigma_mm": 0.2,
 drawing file: name,x_mm,y_mm                     "mark": "dot-ring:40mm:80mm:120mm"}
 
---pixels FILE takes marks found by other means, in place of pictures: name,view,x_px,y_px (view: the picture's name)."""
+--pixels FILE takes marks found by other means, instead of pictures: name,view,x_px,y_px (view: the picture's name)."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -99,7 +99,7 @@ def _add_map(jobs: Verbs) -> None:
         jobs,
         "map",
         station_jobs.map_deviations,
-        "how the mechanics deviate over the area, told apart from the vision's error",
+        "how the mechanics deviate over the area, separated from the vision's error",
     )
     parser.add_argument("stations", nargs="+", metavar="STATION", help="station files")
     parser.add_argument("--reference", metavar="POSITION", help="deviations relative to this position (default: mean)")
@@ -139,7 +139,7 @@ def _add_measure(jobs: Verbs) -> None:
 
 def _add_recalibrate(jobs: Verbs) -> None:
     parser = _job(
-        jobs, "recalibrate", station_jobs.recalibrate, "take off everywhere what one mark of known place is off by"
+        jobs, "recalibrate", station_jobs.recalibrate, "correct a station by what one mark of known position is off by"
     )
     parser.add_argument("station_file", metavar="STATION", help="station file")
     parser.add_argument("pictures", nargs="*", metavar="PICTURE", help="picture of the mark")

@@ -28,24 +28,24 @@ _EXAMPLES = f"""\
 frames: a folder of pictures in the order of the numbers in their names, a pattern, or a video (cadcam[video]). Of
 several cameras the n-th pictures were taken together.
 
-the log (-o) gets a line of JSON a frame, on the disk before the next frame is read: found, quality, and two poses with
-covariances. "pose" is what this frame's pictures show: the part's edges, and the print on its faces as earlier frames
-showed it (with --no-print edges alone: then it does not lean on other frames). A sudden motion is followed at once.
-"filtered" joins it with all frames before (constant velocity, changed as much as this part's motion was found to
-change): steadier, and better where a frame shows little, but late where the motion changes. Measure with "pose", guide
-and draw with "filtered".
+the log (-o) gets one line of JSON per frame, on disk before the next frame is read: found, quality, and two poses with
+covariances. "pose" is what this frame's pictures show: the part's edges, and the texture of its faces as learned from
+earlier frames (with --no-print edges alone: then no other frame enters). A sudden motion is followed at once.
+"filtered" combines it with all earlier frames (constant velocity, with accelerations as large as this part has shown):
+steadier, and better where a frame shows little, but lagging where the motion changes. Measure with "pose", guide and
+draw with "filtered".
 
-Run the same command again and it goes on after the last whole line; with other pictures, part, cameras or start it
-refuses. --csv writes a table for spreadsheets: of "pose", with --smooth of "filtered".
+Run the same command again to continue after the last complete line; other pictures, part, cameras or start are
+refused. --csv writes a table for spreadsheets: of "pose", with --smooth of "filtered".
 
-how: followed, where the print on it led; predicted, near where the motion led; kept, around the last pose; recovered,
-searched around the last pose (or the start); searched without a start; lost. A part that stays away is searched for
-less and less often, every eighth frame at last.
+how: followed, by its texture; predicted, near the pose that its motion predicts; kept, around the last pose; recovered,
+searched for around the last pose (or the start); searched without a start; lost. A part that stays lost is searched for
+less and less often, in the end every eighth frame.
 
 exit code: 0, or 3 where the part was found in no frame."""
 _DESCRIPTION = """\
-Follow a part through pictures: the print on it and its motion foretell where to look in the next frame, and how far
-around. What is lost is said to be lost, and searched for again."""
+Follow a part through pictures: the texture of its surface and its motion predict where to look in the next frame, and
+how far around. A part that is lost is reported as lost, and searched for again."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -58,14 +58,18 @@ def add_to(verbs: Verbs) -> None:
     add_model_options(parser)
     add_photo_options(parser)
     add_start_options(parser)
-    parser.add_argument("--no-velocity", action="store_true", help="expect the part where it was, not to move on")
-    parser.add_argument("--no-print", action="store_true", help="edges alone: do not learn and follow what faces show")
+    parser.add_argument(
+        "--no-velocity", action="store_true", help="expect the part where it was, not where its velocity leads"
+    )
+    parser.add_argument(
+        "--no-print", action="store_true", help="edges alone: do not learn and follow the texture of the faces"
+    )
     group = parser.add_argument_group("results")
-    group.add_argument("-o", "--output", metavar="FILE", required=True, help="log: .jsonl, a line a frame")
+    group.add_argument("-o", "--output", metavar="FILE", required=True, help="log: .jsonl, one line per frame")
     group.add_argument("--csv", metavar="FILE", help="the same as a table: .csv")
     group.add_argument("--smooth", action="store_true", help="table and overlays show the filtered poses")
     group.add_argument("--overlays", metavar="FOLDER", help="write each frame with the model's lines on it")
-    group.add_argument("--overwrite", action="store_true", help="begin anew where a log is there already")
+    group.add_argument("--overwrite", action="store_true", help="start a new log where there is one already")
     add_line_options(parser, color_by="one")
     parser.set_defaults(resumes=True)
     add_json(parser)

@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 _EXAMPLES = """\
   cadcam variability points.csv --size 768x576                             both methods beside first order
   cadcam variability points.csv --photo photo.png --plots figures          ... with distributions, correlations, a map
-  cadcam variability points.csv --size 768x576 --fix skew=0 --fix aspect=1   what knowing two parameters gains
+  cadcam variability points.csv --size 768x576 --fix skew=0 --fix aspect=1   what is gained by knowing two parameters
   cadcam variability points.csv --size 768x576 --sigma-mm 0.2              world points known to 0.2 mm a coordinate
   cadcam variability points.csv --size 768x576 --plane 0,0,1,0 --plots f   the map on the plane Z = 0
   cadcam variability table_2_7.csv --columns U1,V1 --size 768x576 --method dlt-c23 --sigma 0.5122
@@ -40,16 +40,17 @@ _EXAMPLES = """\
 
 how to read it:
   sigma above what you need   the points do not determine the parameter: add points, or hold it with --fix
-  a correlation near 1        the pair trades off: neither is known alone, what both do together is (see the map)
-  mean off the exact value    the estimator is biased at this noise: the linear transforms are, least squares hardly
+  a correlation near 1        the pair trades off: neither is known alone, but their joint effect is (see the map)
+  mean off the exact value    the estimator is biased at this noise: the linear transforms are, least squares hardly is
   sigma unlike first order    the noise is so large, or the points so few, that intervals of 2 sigma mislead
 """
 _DESCRIPTION = """\
 Say how much each parameter of a calibration would change if the points were measured again.
-First order: the derivative of the estimate by the pixels, at once. Method A, Monte Carlo: pixels (and on request world
-points) are perturbed and the camera is estimated again, thousands of times. Method B, Markov chain: cameras are drawn
-by their likelihood given the pixels as measured. Where the noise is small the three agree; where they do not, the
-table says so. The noise is that of the residuals unless --sigma states it. --seed makes a study again."""
+First order: from the derivative of the estimate with respect to the pixels. Method A, Monte Carlo: pixels (and on
+request world points) are perturbed and the camera is estimated again, thousands of times. Method B, Markov chain:
+cameras are drawn by their likelihood given the pixels as measured. Where the noise is small the three agree; where
+they do not, the table says so. The noise is that of the residuals unless --sigma states it. --seed repeats a study
+exactly."""
 
 
 _STEPS = 1_000_000  # as many as the thesis took
@@ -104,7 +105,7 @@ def _add_study_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--sigma-mm", type=real, default=0.0, metavar="MM", help="noise of a world coordinate too (Method A)"
     )
-    group.add_argument("--seed", type=seed, default=1, metavar="N", help="start of the random numbers (default 1)")
+    group.add_argument("--seed", type=seed, default=1, metavar="N", help="seed of the random numbers (default 1)")
     group.add_argument(
         "--alternate",
         metavar="MM,DEG",

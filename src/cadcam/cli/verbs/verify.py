@@ -33,7 +33,7 @@ every other feature is compared with where the CAD has it: its displacement in m
 is there at all. Each limit of the tolerance file gets a verdict by ISO 14253-1: with U = k sigma, PASS if |deviation|
 <= limit - U, FAIL if |deviation| > limit + U, else UNDECIDED. A photo too poor to judge does not say PASS.
 
-The uncertainty holds the photo's noise, what each edge has wrong as a whole, the pose, and the camera's calibration, as
+The uncertainty holds the photo's noise, what each edge is off by as a whole, the pose, and the camera's calibration, as
 far as its file has one. One photo shows no displacement along the line of sight."""
 _EXAMPLES = f"""\
   cadcam verify part.step --list -o names.png                     what a tolerance file can name, on a picture
@@ -75,8 +75,8 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--alarms", type=share, default=0.01, metavar="SHARE", help="share of false alarms allowed (default 0.01)"
     )
-    parser.add_argument("--serial", help="which one of these parts, for the report")
-    parser.add_argument("--station", help="where it was measured, for the report")
+    parser.add_argument("--serial", help="serial number of the part, for the report")
+    parser.add_argument("--station", help="name of the place of measurement, for the report")
     parser.add_argument(
         "-o",
         "--output",
@@ -85,7 +85,9 @@ def add_to(verbs: Verbs) -> None:
         metavar="FILE",
         help="report to write: .html or .json, may be repeated; with --list a picture, with --template a .yaml",
     )
-    parser.add_argument("--list", nargs="?", const=True, metavar="PART", help="only say what a tolerance file can name")
+    parser.add_argument(
+        "--list", nargs="?", const=True, metavar="PART", help="only list what a tolerance file can name"
+    )
     parser.add_argument("--template", action="store_true", help="only write (-o FILE.yaml) or print a tolerance file")
     add_json(parser)
 
