@@ -1,1 +1,1 @@
-"""From photos to the pose of a part: coarse search, edges along normals, matching, covariance, quality, sequences."""
+"""From photos to the pose of a part: search, refinement by edges, template matching, quality, tracking."""

@@ -1,4 +1,4 @@
-"""Additional observations of where a part is: points, lines or poses known by other means than its edges."""
+"""Further evidence of a part's pose: points, lines or poses known by other means than its edges."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid, by_twist
 from cadcam.locate.photo import Photo
 
-_NEVER_FREE = 1e-9  # share of the largest variance below which a direction is not free
+_NEVER_FREE = 1e-9  # share of the largest variance below which a direction was not free
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +39,7 @@ class PointEvidence:
 class LineEvidence:
     """A straight edge of the part through p (2, 3) mm, seen to pass through q (N, 2) px, each to sigma_px across it.
 
-    Of a photo with lens distortion the points must be near the image of p: the line between is taken as straight.
+    With lens distortion the points must be near the images of p: the line between these is treated as straight.
     """
 
     p: Array
@@ -64,9 +64,9 @@ class LineEvidence:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseEvidence:
-    """A pose world_from_part known by other means, covariance (6, 6) in part axes; zero along what is not free.
+    """A pose world_from_part known by other means, with covariance (6, 6) in part axes, zero along directions not free.
 
-    radius (mm): of the part; turns times it are comparable to shifts.
+    radius (mm): of the part; it makes rotations comparable with translations.
     """
 
     world_from_part: Rigid
@@ -78,7 +78,7 @@ class PoseEvidence:
         object.__setattr__(self, "covariance", frozen(self.covariance, "covariance of the pose", (6, 6)))
 
     def rows(self, photo: Photo, world_from_part: Rigid) -> tuple[Array, Array]:
-        """Return how far off it is in its own standard deviations, (k,) of its free directions, and the Jacobian."""
+        """Return the difference in its own standard deviations, (k,) along its free directions, and the Jacobian."""
         scale = np.repeat([1.0, self.radius], 3)
         values, axes = np.linalg.eigh(scale[:, None] * self.covariance * scale)
         free = values > _NEVER_FREE * values[-1]

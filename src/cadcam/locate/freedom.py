@@ -35,7 +35,7 @@ class Freedom:
         object.__setattr__(self, "basis", basis)
 
     def __repr__(self) -> str:
-        """Return what it lets move, in a few words: signatures show it."""
+        """Return a short description of the motions, for signatures."""
         k = self.basis.shape[1]
         return "Freedom()" if self.frame == "part" and k == 6 else f"Freedom({k} of 6 twists, frame={self.frame!r})"
 
@@ -60,7 +60,7 @@ class Freedom:
         return cls(np.r_[_unit(direction, "direction"), np.zeros(3)][:, None], frame)
 
     def without(self, twist: Array | None, world_from_part: Rigid) -> Freedom:
-        """Return this freedom less one twist (6,) of the part, if that is free at a pose; it stays where it is."""
+        """Return this freedom less one twist (6,) of the part, if the pose is free along it."""
         if twist is None:
             return self
         B = self.at(world_from_part)
@@ -84,11 +84,11 @@ FREE = Freedom()
 
 
 def aligned(B: Array, point: Array, sight: Array) -> Array:
-    """Return a basis (6, k) of the twists that B (6, k) spans: as far as may be, motions along and about three axes.
+    """Return a basis (6, k) of the span of B (6, k) made, as far as possible, of motions along and about three axes.
 
-    point (3,), mm, is where the axes meet, of the part; sight (3,) is the last of them, from a camera to that point, in
-    the part's frame. A solver that damps each motion by itself then leaves them all free: in other axes a part far from
-    the camera cannot come nearer but by sliding, nor one far from its frame's origin turn.
+    point (3,), mm, is where the axes meet, on the part; sight (3,) is the last of them, from a camera to that point, in
+    the part's frame. With such a basis a solver may damp each motion by itself and still leave all of them free: in
+    other axes a part far from the camera can only come nearer by sliding, and one far from its frame's origin not turn.
     """
     along = sight / np.linalg.norm(sight)
     axes = np.array([*axes_across(along), along]).T

@@ -1,4 +1,4 @@
-"""The answer to "where is the part?": pose, evidence, quality, and what else it could be."""
+"""The answer to "where is the part?": pose, evidence, quality, and the alternatives."""
 
 from __future__ import annotations
 
@@ -16,10 +16,10 @@ FOUND = 0.5  # quality from which a pose counts as found: one threshold for all 
 
 @dataclass(frozen=True, slots=True)
 class Disagreement:
-    """A photo that does not show the part where all photos together have it, beyond doubt.
+    """A photo that, beyond doubt, does not show the part where all photos together have it.
 
-    photo: its number; name: of its viewpoint. px: how far the lines move if the part is laid onto this photo alone, by
-    turning its camera; nan where nothing of the part shows there. left_out: whether the pose is that of the others.
+    photo: its number; name: of its viewpoint. px: how far the lines move if the part is fitted to this photo alone by
+    rotating its camera; nan where nothing of the part is found there. left_out: whether the pose ignores this photo.
     """
 
     photo: int
@@ -38,10 +38,10 @@ class Disagreement:
 class Location:
     """Where the part is, or the best pose that was tried.
 
-    quality in [0, 1]: how sure it is that the pose is right; at least `FOUND` means found. reason: one line for
-    people, why it is believed or not. alternatives: other poses that the photos allow nearly as well (symmetry, planar
-    flip), best first. doubted: whether little spoke for it at first, lines being few, faint or fitted only loosely.
-    disagreements: the photos of several that do not show the part there.
+    quality in [0, 1]: how certain it is that the pose is right; from `FOUND` on the part counts as found. reason: one
+    line of text, why it is believed or not. alternatives: other poses that the photos allow nearly as well (symmetry,
+    planar flip), best first. doubted: whether the evidence was weak at first: few or faint lines, or a loose fit.
+    disagreements: those of several photos that do not show the part there.
     """
 
     pose: PoseEstimate
@@ -54,7 +54,7 @@ class Location:
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:
-        """Return the answer where nothing speaks for the part: quality 0, no matches, at the pose it was sought."""
+        """Return the answer where there is no evidence of the part: quality 0, no matches, at the pose searched."""
         one, two, three, ids = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0, np.int32)
         pose = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=np.zeros((6, 0)))
         return cls(pose, EdgeMatches(two, two, one, one, one, three, ids, ids), 0.0, reason)
@@ -66,7 +66,7 @@ class Location:
 
     @property
     def left_out(self) -> frozenset[int]:
-        """Return the numbers of the photos that the pose does not rest on."""
+        """Return the numbers of the photos that the pose ignores."""
         return frozenset(one.photo for one in self.disagreements if one.left_out)
 
     @property

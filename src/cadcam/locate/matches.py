@@ -1,4 +1,4 @@
-"""What corresponds: places on the part's visible edges, and where the photos show those edges."""
+"""Correspondences: samples of the part's visible edges, and where the photos show those edges."""
 
 from __future__ import annotations
 

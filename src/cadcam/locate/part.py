@@ -1,4 +1,4 @@
-"""A part as it is looked for: its scene, and what is computed from it once."""
+"""A part to be located: its scene, and what is computed from it once."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from cadcam.render.view import Scene
 
 
 class Part:
-    """The CAD model to be found; make it once and use it for many photos.
+    """The CAD model to be found; create it once and use it for many photos.
 
-    What searches need of it (lines to draw, aspects) is made when first asked for and kept.
+    What searches need of it (lines to draw, aspects) is computed on first use and kept.
     """
 
     def __init__(self, scene: Scene) -> None:
@@ -41,7 +41,7 @@ class Part:
 
     @cached_property
     def aspects(self) -> Aspects:
-        """What the part shows from every side, each aspect made when first asked for."""
+        """The part's visible edges from every direction, each aspect computed on first use."""
         return Aspects(self.scene)
 
     @cached_property
@@ -51,7 +51,7 @@ class Part:
 
     @cached_property
     def spin(self) -> Array | None:
-        """The twist (6,) of a part of revolution's turn about its axis, which no photo shows; None for others."""
+        """The twist (6,) of a part of revolution's rotation about its axis, which no photo shows; None for others."""
         return spin_of(self.scene.mesh, self.scene.edges)
 
     @cached_property
@@ -61,5 +61,5 @@ class Part:
 
     @cached_property
     def likenesses(self) -> list[Likeness]:
-        """Near-symmetries: motions that lay the part, or its mirror image, nearly on itself; easily mistaken."""
+        """Near-symmetries: motions that lay the part, or its mirror image, nearly on itself."""
         return likenesses(self.scene.mesh, self.scene.edges, self.mirrored.scene.mesh)

@@ -1,4 +1,4 @@
-"""A photo and the camera that took it, where it stood."""
+"""A photo with the camera that took it and the camera's pose."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from cadcam.image.chroma import chroma_of
 from cadcam.image.picture import checked, to_gray
 from cadcam.image.profile import calming, noise_of
 
-_EDGE_PX = 0.1  # sigma of a stated viewpoint; edges bring their own noise, this one is not used for them
+_EDGE_PX = 0.1  # sigma of a viewpoint made here; not used for edges, whose noise is measured
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Photo:
-    """A grey picture (H, W) float32 in [0, 1] taken from `viewpoint` (camera, place in the world, what errs there).
+    """A grey picture (H, W) float32 in [0, 1] taken from `viewpoint` (camera, pose in the world, error sources).
 
-    chroma: its colour (H, W, 2) (`image.chroma`), or None; made from the picture where that is given in colour. calm:
-    the picture smoothed by a Gaussian of sd `spread` px, in which lines are looked for where noise hides them, or None.
+    chroma: its colour (H, W, 2) (`image.chroma`), or None; computed from the picture where that is in colour. calm: the
+    picture smoothed by a Gaussian of sd `spread` px, used for finding lines where noise hides them, or None.
     """
 
     gray: Picture
@@ -49,12 +49,12 @@ class Photo:
     def of(
         cls, picture: npt.ArrayLike, camera: Camera, camera_from_world: Rigid | None = None, *, name: str = "photo"
     ) -> Photo:
-        """Return the photo, grey or in colour, of an exactly known camera; by default the world is its frame."""
+        """Return the photo, grey or in colour, of an exactly known camera whose frame is, by default, the world."""
         pose = Rigid() if camera_from_world is None else camera_from_world
         return cls(checked(picture), Viewpoint.exact(name, camera, pose, sigma_px=_EDGE_PX))
 
     def calmed(self) -> Photo:
-        """Return the photo with a smoothed picture in which noise hides fewer lines; itself where it hides none."""
+        """Return the photo with a smoothed picture in which noise hides fewer lines, if it hides any; else itself."""
         from scipy.ndimage import gaussian_filter
 
         spread = calming(noise_of(self.gray))
@@ -65,7 +65,7 @@ class Photo:
 
     @property
     def lines(self) -> Picture:
-        """Return the picture (H, W) in which lines are looked for."""
+        """Return the picture (H, W) in which lines are searched for."""
         return self.gray if self.calm is None else self.calm
 
     @property

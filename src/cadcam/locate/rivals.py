@@ -1,10 +1,10 @@
-"""Tells a found pose from its look-alikes: the part one bay on, or turned over, or its mirror image.
+"""Distinguishes a found pose from its look-alikes: the part shifted by one bay, or turned over, or its mirror image.
 
-Moved by one bay, or turned over, a part may nearly coincide with itself, and so may its mirror image
-(`locate.views.likeness`). At such a pose, a rival, most lines are met as well, and no share of missing lines tells it
-from a part that is partly hidden. The lines that only one of the two poses has do (`locate.quality.apart`). At a right
-pose its own lines show about as often as those that both have. That is asked first, of the samples that the fit has
-measured already, so that few rivals need be drawn.
+Shifted by one bay, or turned over, a part may nearly coincide with itself, and so may its mirror image
+(`locate.views.likeness`). At such a pose, a rival, most lines are met as well, and the share of missing lines does not
+distinguish it from a partly hidden part. But the lines that only one of the two poses has do (`locate.quality.apart`):
+at a right pose its own lines are shown about as often as the common ones. That is tested first, on the samples that the
+fit has measured already, so that few rivals need to be drawn.
 """
 
 from __future__ import annotations
@@ -30,15 +30,15 @@ from cadcam.render.lines.visible import edge_points
 
 _DOUBTED = 0.45  # quality given to a pose where the photos show a rival
 _BELIEVED = 0.3  # weight in the fit from which a sample counts as shown
-_NEAR_PX = 2.0  # how near to lines their steps must be, of a pose that is good to a pixel
-_DENSE_PX = 3.0  # between points of an edge: less than what is near it
-_ROUNDS = 3  # how often a pose may be given up for a rival
-_LAID_PX = 5.0  # how far off a rival's lines may be before they are pulled onto the photos' steps
+_NEAR_PX = 2.0  # largest distance between lines and their steps, for a pose accurate to a pixel
+_DENSE_PX = 3.0  # between points of an edge: less than the distance at which lines are near each other
+_ROUNDS = 3  # how often a pose may be replaced by a rival
+_LAID_PX = 5.0  # largest error of a rival's lines before they are pulled onto the photos' steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rival:
-    """An alternative reading of a found pose: where it puts the part or its mirror image, and what tells them apart."""
+    """An alternative to a found pose: the pose of the part or its mirror image, and the evidence between the two."""
 
     like: Likeness
     pose: Rigid
@@ -47,7 +47,7 @@ class _Rival:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rivals:
-    """Holds found poses against their rivals: the part in photos, how it may move, constraints that its search met."""
+    """Compares found poses with their rivals, given the part, photos, freedom, and constraints met by the search."""
 
     part: Part
     photos: Sequence[Photo]
@@ -58,8 +58,8 @@ class Rivals:
     def beside(self, found: Location, sights: Sequence[Sight] | None = None) -> Location:
         """Return the found pose, the rival that the photos show instead, or a refusal where they show the mirror image.
 
-        sights: the part's lines as drawn about there, if they were. Where photos do not tell the part from its mirror
-        image, the reason says so.
+        sights: the part's lines as drawn near the pose, if available. Where photos do not distinguish the part from its
+        mirror image, the reason says so.
         """
         read: list[_Rival] = []
         for _ in range(_ROUNDS):
@@ -68,7 +68,7 @@ class Rivals:
             if not likely:
                 return found
             if sights is None or any(s.moved_px(s.drawn, pose) > _NEAR_PX for s in sights):
-                sights = self._sights(self.part, pose)  # drawn elsewhere they have lines that are hidden here
+                sights = self._sights(self.part, pose)  # drawn elsewhere, they include lines that are hidden here
             own = Reading.of(sights, pose, near=_NEAR_PX)
             every = (self._read(pose @ like.motion, like, own) for like in likely)
             read = [one for one in every if one is not None]
@@ -96,10 +96,10 @@ class Rivals:
         return not self.holds(other, poses[0]) and self.holds(one, poses[1])
 
     def holds(self, found: Location, other: Rigid, mirrored: bool = False) -> bool:
-        """Return whether lines of a found pose that lie far from all lines of another pose show as often as the rest.
+        """Return whether lines of a found pose far from all lines of another pose are shown as often as the rest.
 
-        mirrored: whether the other pose is one of the mirror image. Its edges are projected, hidden ones too, which
-        costs little. Its contours are unknown until they are drawn, and taken to be where the found pose has them.
+        mirrored: whether the other pose is one of the mirror image. Its edges are projected without removing hidden
+        ones, which is cheap. Its contours are unknown until drawn, and assumed where the found pose has them.
         """
         matches, part = found.matches, self._part(mirrored)
         every = np.arange(len(matches))[:: max(1, len(matches) // ASKED)]
@@ -114,9 +114,9 @@ class Rivals:
         return shows_alike(own[every], shown[every])
 
     def _read(self, start: Rigid, like: Likeness, own: Reading) -> _Rival | None:
-        """Return a rival, its lines pulled onto the photos' steps, and what tells it from the found pose.
+        """Return a rival, its lines pulled onto the photos' steps, with the evidence between it and the found pose.
 
-        None where the found one's own lines are there in any case.
+        None where the found pose's own lines are shown in any case.
         """
         part = self._part(like.mirrored)
         sights = self._sights(part, start)
@@ -129,7 +129,7 @@ class Rivals:
         return self.part.mirrored if mirrored else self.part
 
     def _freedom(self, like: Likeness) -> Freedom:
-        """Return how the part, or its mirror image, may move in another reading."""
+        """Return the freedom of the part, or its mirror image, in another reading."""
         if self.freedom is FREE or self.freedom.frame == "world":
             return self.freedom
         return Freedom(like.motion.inv.adjoint() @ self.freedom.basis)

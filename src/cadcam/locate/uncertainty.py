@@ -1,4 +1,4 @@
-"""What the errors of cameras do to a pose, and in which direction it is least certain, in words."""
+"""The covariance of a pose due to its cameras' errors, and its least certain direction in words."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 
 _ALONG = 0.9  # cosine from which a direction is named after an axis
-_RATIO = 1.5  # by which the weakest direction must stand out to be named
+_RATIO = 1.5  # ratio by which the weakest direction must stand out to be named
 
 
 def calibration_covariance(
     photos: Sequence[Photo], points: Sequence[Array], normals: Sequence[Array], gains: Sequence[Array], pose: Rigid
 ) -> Array:
-    """Return the covariance (6, 6) of the pose's twist by the errors of cameras and of where they stood.
+    """Return the covariance (6, 6) of the pose's twist due to the errors of cameras and of their poses.
 
     For each photo points (n, 3) mm of the part, normals (n, 2) along which they were measured, and gain (6, n): the
-    twist by the offsets. Errors of one source (one calibration, one motion) act on all photos together.
+    derivative of the twist by the offsets. Errors of one source (one calibration, one motion) act on all photos alike.
     """
     effects: dict[int, tuple[Array, Array]] = {}
     for photo, p, normal, gain in zip(photos, points, normals, gains, strict=True):
@@ -41,7 +41,7 @@ def calibration_covariance(
 
 
 def weakest_direction(pose: PoseEstimate, centre: Array, photos: Sequence[Photo]) -> str:
-    """Return words for how well the part's centre (3,) mm is known and where it is known least."""
+    """Return in words how well the part's centre (3,) mm is known, and where it is known least."""
     S = pose.point_covariance(centre[None])[0]
     variances, axes = np.linalg.eigh(S)
     sd = np.sqrt(np.maximum(variances, 0.0))

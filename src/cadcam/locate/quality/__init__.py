@@ -1,1 +1,1 @@
-"""Is the part really there? What speaks for a pose beyond chance, and what speaks against it."""
+"""Is the part really there? The evidence for a pose beyond chance, and the evidence against it."""

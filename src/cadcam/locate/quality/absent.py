@@ -1,7 +1,7 @@
-"""Lines that the photo shows nowhere, and what excuses that they are not there.
+"""Lines that the photo shows nowhere, and what excuses their absence.
 
-What stands before a part, or shade, takes all that lies to one side of a border; a wrong pose misses lines among others
-that it meets. A body of an assembly that is not there takes all of its own lines, and no others.
+An occluder in front of the part, or a shadow, hides everything on one side of a border; a wrong pose misses lines among
+others that happen to be met. A body missing from an assembly takes all of its own lines with it, and no others.
 """
 
 from __future__ import annotations
@@ -12,14 +12,14 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
 
-LEAST = 12  # samples that can tell anything at all
-_NOWHERE = 0.25  # share of a line's samples below which it is missed
-_BORDERS, _BEHIND = 32, 0.15  # directions of borders that are tried; share of the samples behind one that may be shown
-_GONE, _MOST_GONE = 0.05, 1 / 3  # share of a body that may be shown by chance, and of all samples that may be its own
+LEAST = 12  # fewest samples that allow a judgement
+_NOWHERE = 0.25  # share of a line's samples below which the line is missed
+_BORDERS, _BEHIND = 32, 0.15  # directions of borders that are tried; largest share of shown samples behind a border
+_GONE, _MOST_GONE = 0.05, 1 / 3  # shares: most of a missing body shown by chance; most of all samples in it
 
 
 def missed(shown: Mask, line: Longs) -> Array:
-    """Return which samples (n,) lie on lines that are nowhere shown, 0 to 1; a few shown make a line count less."""
+    """Return which samples (n,) lie on lines shown nowhere, 0 to 1: a few shown samples make a line count less."""
     share = np.bincount(line, shown) / np.bincount(line)
     return np.asarray(np.clip(1 - share / _NOWHERE, 0, None)[line])
 
@@ -27,11 +27,11 @@ def missed(shown: Mask, line: Longs) -> Array:
 def behind_border(q: Array, shown: Mask) -> Mask:
     """Return which samples (n,) at q (n, 2) px lie on a side of a straight border on which hardly any is shown.
 
-    Of all borders that have such a side, the one with most samples there.
+    If there are several such borders, the one with most samples behind it.
     """
     angle = 2 * np.pi * np.arange(_BORDERS // 2) / _BORDERS
     order = np.argsort(np.stack([np.cos(angle), np.sin(angle)], axis=1) @ q.T, axis=1)
-    order = np.concatenate([order[:, ::-1], order])  # each border from either side
+    order = np.concatenate([order[:, ::-1], order])  # each border, from both sides
     count = np.arange(1, len(q) + 1)
     bare = np.cumsum(shown[order], axis=1) <= _BEHIND * count
     behind = np.where(bare, count, 0).max(axis=1)
@@ -42,9 +42,9 @@ def behind_border(q: Array, shown: Mask) -> Mask:
 
 
 def body_gone(bodies: Sequence[tuple[Ids, Mask]]) -> tuple[int, float]:
-    """Return the body of which nothing is shown in any photo, the one with most samples, and its share; -1 for none.
+    """Return the body of which no photo shows anything, the one with most samples, and its share; -1 for none.
 
-    bodies: for each photo the body of each sample (n,), and whether it shows an edge.
+    bodies: for each photo the body of each sample (n,), and whether the sample shows an edge.
     """
     part, shown = np.concatenate([p for p, _ in bodies]), np.concatenate([s for _, s in bodies])
     if not len(part):

@@ -1,8 +1,8 @@
-"""Which of two readings of the photos is right, as the lines say that only one of them has.
+"""Which of two readings of the photos is right, judged by the lines that only one of them has.
 
-A reading is a pose of the part, or of its mirror image. Two of them may have most lines in common. Common lines do not
-say which is right, and a share of all lines hardly does. But of the lines that only one reading has, the photos show
-those of the right one and not those of the wrong one.
+A reading is a pose of the part, or of its mirror image. Two readings may have most lines in common, and common lines do
+not tell which is right; nor, hence, does the share of all lines that is shown. But of the lines that only one reading
+has, the photos show those of the right reading and not those of the wrong one.
 """
 
 from __future__ import annotations
@@ -18,14 +18,14 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.quality.absent import LEAST
 from cadcam.locate.quality.support import ASKED, ShownLines, with_room
 
-_OWN_PX, _CELL_PX = 4.0, 2.0  # a line farther than this from all others is its own; to one cell of a raster
-_CLEARLY = 0.4  # by how much larger a share of its own lines the right one must show
-_ALIKE = 0.5  # least ratio of shown own lines to shown common ones, of a right pose: there 0.8 to 1.3, else 0.3
+_OWN_PX, _CELL_PX = 4.0, 2.0  # least distance of a reading's own line from all others; cell of its raster
+_CLEARLY = 0.4  # difference of the shares of own lines shown that decides
+_ALIKE = 0.5  # least ratio of own to common lines shown, for a right pose: right ones have 0.8 to 1.3, wrong ones 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """How many samples lie on lines that only one reading has, or only the other, and the shares of them shown."""
+    """The numbers of samples on lines that only one reading, or only the other, has, and the shares of them shown."""
 
     own: int
     shown: float
@@ -37,7 +37,7 @@ class Apart:
 
     @property
     def against(self) -> bool:
-        """Return whether the photos show the other reading, and clearly so."""
+        """Return whether the photos clearly show the other reading."""
         enough = min(self.own, self.others) >= LEAST
         return enough and self.others_shown - self.shown > _CLEARLY
 
@@ -50,20 +50,20 @@ class Apart:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Reading:
-    """The lines of a part at a pose: in each photo the samples that can be judged, and where (n, 2) px all are."""
+    """The lines of a part at a pose: in each photo the samples that can be judged, and the places (n, 2) px of all."""
 
     lines: Sequence[ShownLines]
     every: Sequence[Array]
 
     @classmethod
     def of(cls, sights: Sequence[Sight], pose: Rigid, *, near: float) -> Reading:
-        """Return a reading; near: how near (px) to a line its step must be."""
+        """Return a reading; near: largest distance (px) between a line and its step."""
         most = ASKED // len(sights)
         every = [s.project(pose).q for s in sights]
         return cls([ShownLines.of(with_room(s, most), pose, near) for s in sights], every)
 
     def own_lines(self, others: Sequence[Array]) -> tuple[int, float]:
-        """Return how many samples lie away from another reading's, at (m, 2) px in each photo, and the share shown."""
+        """Return how many samples lie far from another reading's, at (m, 2) px in each photo, and the share shown."""
         n, shown = 0, 0
         for lines, q in zip(self.lines, others, strict=True):
             own = away(lines.q, q)
@@ -71,26 +71,26 @@ class Reading:
         return n, shown / max(n, 1)
 
     def holds_against(self, others: Sequence[Array]) -> bool:
-        """Return whether it shows so many of its own lines that no other reading can show clearly more."""
+        """Return whether so many of its own lines are shown that no other reading can show clearly more."""
         n, shown = self.own_lines(others)
         return n >= LEAST and shown >= 1 - _CLEARLY
 
 
 def told_apart(one: Reading, other: Reading) -> Apart:
-    """Return what distinguishes two readings of the same photos."""
+    """Return how many lines only one of two readings of the same photos has, and the shares shown."""
     return Apart(*one.own_lines(other.every), *other.own_lines(one.every))
 
 
 def shows_alike(own: Mask, shown: Mask) -> bool:
-    """Return whether samples (n,) that only this reading has show about as often as those that both have."""
+    """Return whether samples (n,) that only this reading has are shown about as often as those that both have."""
     enough = min(own.sum(), (~own).sum()) >= LEAST
     return bool(enough and shown[own].mean() >= _ALIKE * shown[~own].mean())
 
 
 def away(q: Array, others: Array) -> Mask:
-    """Return which places q (n, 2) px lie away from all samples (m, 2) of another reading, nan where it has none.
+    """Return which places q (n, 2) px lie far from all samples (m, 2) of another reading, nan where it has none.
 
-    By cells, of which a place's own and the two about it on each side count as near.
+    On a raster: a place is near if its own cell or one of the two next to it on each side holds a sample.
     """
     if not len(q):
         return np.zeros(0, bool)

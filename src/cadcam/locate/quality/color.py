@@ -1,15 +1,15 @@
-"""What colour says of a pose: whether the two sides of the part's lines differ as the part differs from what is around.
+"""The evidence of colour for a pose: whether the sides of the part's lines differ as part and surroundings do.
 
-A part of one material has its colour along the inner side of its outline and on both sides of its other edges, and it
-lies before something else. Which colours these are nobody says; the photo does: for each line, the colours beside all
-others tell what its own sides are more likely to be, the part's or the surroundings'. That is the posterior of two
-kernel densities, as region-based trackers have it of histograms (V. Prisacariu and I. Reid, PWP3D, IJCV 98, 2012), but
-each line is left out of what it is judged by, so that a pose cannot be made right by what it happens to cover. On
-ground of black and white, which is full of lines, a coloured part stands alone. Where the part is as grey as its
-surroundings, colour says nothing, neither for a pose nor against it.
+A part of one material has its colour on the inner side of its outline and on both sides of its other edges; beyond the
+outline lies something else. Which colours these are is estimated from the photo itself: the colours beside all other
+lines tell whether a side of this line is more likely part or surroundings. That is the posterior of two kernel
+densities, as region-based trackers use histograms (V. Prisacariu and I. Reid, PWP3D, IJCV 98, 2012), but each line is
+judged without its own colours, so that a pose cannot be made right by what it happens to cover. On a black and white
+background full of lines, a coloured part stands out. Where the part is as grey as its surroundings, colour is no
+evidence, neither for a pose nor against it.
 
-What stands before the part has the same colour on both sides of a line, and it is neither the part's nor that of what
-is around it. Samples there, on one side of a straight border, are hidden.
+An occluder in front of the part has the same colour on both sides of a line, and one that is neither the part's nor
+that of its surroundings. Samples with such a colour, on one side of a straight border, are hidden.
 """
 
 from __future__ import annotations
@@ -27,24 +27,24 @@ from cadcam.locate.quality.absent import behind_border
 from cadcam.locate.quality.worth import distinct_lines
 from cadcam.native.profiles import values_at
 
-_BESIDE = np.array([2.0, 3.0, 4.0])  # px from a line where its sides' colours are taken; codecs blur them so far
-_ROOM_PX, _CLEAR_PX = 2.5, 1.5  # room that a side needs, and what of it is left to the next line
-_ASKED, _TOGETHER = 400, 4  # samples that are asked, of all photos together; so many in a row are neighbours
-_KNOWN = 100  # of these tell the colours that all are judged by
-_WIDTH = 15 / 255  # of the kernel: by which colours of one surface differ
-_UNSEEN = 0.02  # density of colours that are met nowhere else
-_SURE = 0.7  # posterior from which a side counts as the part's or not
-_UNLIKE = 0.25  # of the part's usual density among its own colours: below it a colour is not the part's
-_BLENDED = 2  # samples beside a hidden one where its colour is mixed with others
-_OTHER = 3.0  # widths by which an occluder's colour differs from all that is known
-_MOST_HIDDEN = 0.5  # share of the samples that may be hidden
+_BESIDE = np.array([2.0, 3.0, 4.0])  # px from a line where colours are taken: codecs blur this far
+_ROOM_PX, _CLEAR_PX = 2.5, 1.5  # room that a side needs; distance kept from the next line
+_ASKED, _TOGETHER = 400, 4  # samples tested, in all photos together, in groups of neighbours
+_KNOWN = 100  # samples from which the two densities are estimated
+_WIDTH = 15 / 255  # of the kernel: the variation of colour over one surface
+_UNSEEN = 0.02  # density of colours that occur nowhere else
+_SURE = 0.7  # posterior from which a side counts as part or as surroundings
+_UNLIKE = 0.25  # density relative to the usual one among the part's colours below which a colour is not the part's
+_BLENDED = 2  # samples next to a hidden one whose colour is a mixture
+_OTHER = 3.0  # kernel widths by which an occluder's colour differs from all known ones
+_MOST_HIDDEN = 0.5  # largest share of samples that may be hidden
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ByColor:
-    """What colour says about a sight's samples: which are hidden (N,), and the share of the rest that it supports.
+    """The evidence of colour for a sight's samples: which are hidden (N,), and the share of the rest that it supports.
 
-    share: samples both of whose sides have the right colour, less those with a wrong one; 0 where colour tells nothing.
+    share: samples with the right colour on both sides, less those with a wrong one; 0 where colour is no evidence.
     """
 
     share: float
@@ -52,7 +52,7 @@ class ByColor:
 
 
 def by_color(part: Part, sight: Sight, world_from_part: Rigid) -> ByColor:
-    """Return what the photo's colours say about a pose."""
+    """Return the evidence of the photo's colours for a pose."""
     chroma, n = sight.photo.chroma, len(sight.samples)
     if chroma is None or not n:
         return ByColor(0.0, np.zeros(n, bool))
@@ -74,7 +74,7 @@ def by_color(part: Part, sight: Sight, world_from_part: Rigid) -> ByColor:
 def in_color(part: Part, sights: Sequence[Sight], world_from_part: Rigid) -> tuple[list[Sight], float]:
     """Return sights without the samples that colour shows to be hidden, and the share of the rest that it supports.
 
-    Sights of photos in colour come back with a part of their samples, those of grey photos as they are.
+    Sights of colour photos come back with a subset of their samples, those of grey photos unchanged.
     """
     seen, share, told = [], 0.0, 0
     for sight in sights:
@@ -87,7 +87,7 @@ def in_color(part: Part, sights: Sequence[Sight], world_from_part: Rigid) -> tup
 
 
 def _covered(part: Part, sight: Sight, world_from_part: Rigid, q: Array) -> Mask:
-    """Return at which places q (..., 2) px of the photo the part would be seen."""
+    """Return at which places q (..., 2) px of the photo the part would be visible."""
     camera_from_part = sight.photo.viewpoint.camera_from_world @ world_from_part
     caster, eye = part.caster, camera_from_part.origin
     ray = sight.photo.camera.unproject(q.reshape(-1, 2)) @ camera_from_part.rotation
@@ -98,7 +98,7 @@ def _covered(part: Part, sight: Sight, world_from_part: Rigid, q: Array) -> Mask
 
 
 def _judged(colors: Array, inside: Mask, told: Mask, line: Longs) -> tuple[Mask, Mask]:
-    """Return which samples (n,) have both sides (n, 2) of the right colour, and which have one of a wrong one."""
+    """Return which samples (n,) have the right colour on both sides (n, 2), and which have a wrong one on either."""
     value, own, part = np.nan_to_num(colors.reshape(-1, 2)), np.repeat(line, 2), inside.ravel()
     known = np.flatnonzero(np.repeat(told & _some(len(told)), 2))
     apart = ((value[:, None] - value[known]) ** 2).sum(axis=2)
@@ -106,24 +106,24 @@ def _judged(colors: Array, inside: Mask, told: Mask, line: Longs) -> tuple[Mask,
     of_part, around = (_mean(near, other & side[known]) for side in (part, ~part))
     likely = ((of_part + _UNSEEN) / (of_part + around + 2 * _UNSEEN)).reshape(-1, 2)
     usual = float(np.median(of_part[known][part[known]])) if part[known].any() else 0.0
-    unlike = (of_part < _UNLIKE * usual).reshape(-1, 2)  # what is around may be anything, seen elsewhere or not
+    unlike = (of_part < _UNLIKE * usual).reshape(-1, 2)  # the surroundings may have any colour, but the part not
     good = np.where(inside, likely > _SURE, (likely < 1 - _SURE) | unlike)
     bad = np.where(inside, likely < 1 - _SURE, likely > _SURE)
     return told & good.all(axis=1), told & bad.any(axis=1)
 
 
 def _some(n: int) -> Mask:
-    """Return which of n samples tell the colours that all are judged by: about _KNOWN of them, evenly."""
+    """Return which of n samples, about _KNOWN of them evenly, are used to estimate the two densities."""
     return np.asarray(np.arange(n) % max(1, n // _KNOWN) == 0)
 
 
 def _mean(values: Array, which: Mask) -> Array:
-    """Return the means (n,) of rows of values (n, m) over those chosen (n, m); 0 of none."""
+    """Return the means (n,) over the selected columns of values (n, m); 0 where none is selected."""
     return np.asarray((values * which).sum(axis=1) / np.maximum(which.sum(axis=1), 1))
 
 
 def _hidden(q: Array, colors: Array, right: Mask) -> Mask:
-    """Return which samples (n,) at q (n, 2) px are behind something of another colour than all that is known."""
+    """Return which samples (n,) at q (n, 2) px are behind something whose colour differs from all known ones."""
     if not right.any():
         return np.zeros(len(q), bool)
     known, middle = colors[right][_some(int(right.sum()))].reshape(-1, 2), colors.mean(axis=1)
@@ -134,7 +134,7 @@ def _hidden(q: Array, colors: Array, right: Mask) -> Mask:
 
 
 def _blended(hidden: Mask, right: Mask, run: Ids) -> Mask:
-    """Return the hidden samples (n,) and those beside them on their run that are not right."""
+    """Return the hidden samples (n,) and those next to them on their run that are not of the right colour."""
     out = hidden.copy()
     for k in range(1, _BLENDED + 1):
         same = run[k:] == run[:-k]

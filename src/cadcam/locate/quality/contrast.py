@@ -1,9 +1,9 @@
-"""Which of a part's lines the light can show: none between surfaces that it makes equally bright.
+"""Which of a part's lines can be visible under the light: none between surfaces of equal brightness.
 
-How bright surfaces are follows from the photo itself, the part being at a pose (`cadcam.locate.quality.light`). At the
-right one a line without contrast is known to be one, and does not speak against the pose. At a wrong one the surfaces
-lie on anything: their light fits badly, so that little is known of contrasts, and lines of which it is known are shown
-nowhere.
+How bright surfaces are is estimated from the photo itself, given the pose (`cadcam.locate.quality.light`). At the right
+pose a line without contrast is known to be invisible, and its absence does not speak against the pose. At a wrong pose
+the surfaces lie on anything: the light fits badly, so contrasts are hardly known, and lines of known contrast are
+not shown.
 """
 
 from __future__ import annotations
@@ -20,12 +20,12 @@ from cadcam.locate.quality.light import colors_of, fitted_light
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
 
-_ASIDE_PX = 1.5  # where the two sides of a line are looked at
-_FAINT = 2.0  # of the photo's noise: contrast, its uncertainty added, with which lines do not show
+_ASIDE_PX = 1.5  # distance from a line at which its two sides are evaluated
+_FAINT = 2.0  # largest contrast, plus its uncertainty, of invisible lines, in sds of the photo's noise
 
 
 def showing(part: Part, sights: Sequence[Sight], world_from_part: Rigid) -> list[Sight]:
-    """Return sights without the samples that lie between surfaces which the light makes equally bright at a pose."""
+    """Return sights without the samples between surfaces that the light makes equally bright at a pose."""
     return [sight.select(~_without(part, sight, world_from_part)) for sight in sights]
 
 
@@ -34,7 +34,7 @@ def _without(part: Part, sight: Sight, world_from_part: Rigid) -> Mask:
     photo = sight.photo
     camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
     view = open_renderer(part.scene).render(photo.camera, camera_from_part, channels=Channel.NORMAL | Channel.FACE)
-    normal, color = view.normal, colors_of(part, view.face)  # normals as the camera has them: the light moves with it
+    normal, color = view.normal, colors_of(part, view.face)  # normals in the camera frame: the light may move with it
     at = sight.project(world_from_part)
     seen = np.isfinite(at.q).all(axis=1)
     q = at.q[seen, None] + _ASIDE_PX * np.array([-1.0, 1.0])[:, None] * at.normal[seen, None]

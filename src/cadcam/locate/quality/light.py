@@ -1,9 +1,9 @@
-"""The light in a photo of a part: how bright its surfaces are, by their orientation and colour.
+"""The light in a photo of a part: how bright its surfaces are, depending on their orientation and colour.
 
-The brightness of a matt surface follows from its orientation: under distant lights, however many, it is to 1 % a
+The brightness of a matt surface depends on its orientation: under any number of distant lights it is, to 1 %, a
 quadratic form of the normal (R. Ramamoorthi and P. Hanrahan, J. Opt. Soc. Am. A 18, 2001). Its nine coefficients, and a
-gain for each colour of the model, are fitted to the photo itself, robustly; shadows and what is not where the model has
-it are strays.
+gain for each colour of the model, are fitted robustly to the photo itself; shadows, and surfaces that are not where the
+model has them, are outliers.
 """
 
 from __future__ import annotations
@@ -15,21 +15,21 @@ import numpy as np
 from cadcam.arrays import Array, Ids, Longs, Mask, Picture, quantile
 from cadcam.locate.part import Part
 
-EVERY = 5  # px between the pixels that the light is fitted to
+EVERY = 5  # px between the pixels used for the fit
 _ROUNDS = 8
-_PRIOR = 0.3  # sigma of the light's coefficients before anything is seen
-_LEAST_SCALE = 0.005  # brightness: a surface is never better known
-_LEAST_SPREAD = 0.02  # of the brightness of surfaces
-_NORMALS = 10.0  # steps to a unit normal's component within which surfaces are one
-_HIGHER_TERMS = 0.06  # of one light's brightness that a quadratic form misses: 0.03 rms, 0.09 at most
-_FULL = 20  # pixels (of those looked at) of a surface that counts full
+_PRIOR = 0.3  # prior sigma of the light's coefficients
+_LEAST_SCALE = 0.005  # least uncertainty of a surface's brightness
+_LEAST_SPREAD = 0.02  # least sd of the brightness of surfaces
+_NORMALS = 10.0  # quantisation of unit normals within which surfaces are one, steps per unit
+_HIGHER_TERMS = 0.06  # of one light's brightness missed by a quadratic form: 0.03 rms, at most 0.09
+_FULL = 20  # sampled pixels from which a surface has full weight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedLight:
-    """A fitted light: form (9,) with its covariance, a gain for each colour, and the brightness of what is no surface.
+    """A fitted light: form (9,) with its covariance, a gain per colour, and the brightness of what is no surface.
 
-    scale: how far surfaces are off, a robust standard deviation; mean, spread: of the brightness of surfaces.
+    scale: robust standard deviation of surfaces from the fit; mean, spread: of the surfaces' brightness.
     """
 
     form: Array
@@ -43,7 +43,7 @@ class FittedLight:
     def brightness(self, normal: Array, color: Ids) -> tuple[Array, Array]:
         """Return the brightness (N,) of surfaces of normals (N, 3) and colours (N,), and its covariance (N, N).
 
-        Of surfaces that none of the photo's others are like, no more is known than how bright these are.
+        For surfaces unlike any other in the photo, only the distribution of all surfaces' brightness is known.
         """
         by = np.array([self.gain.get(int(c), 1.0) for c in color])[:, None] * _basis(normal)
         brightest = _HIGHER_TERMS * (self.mean + 2 * self.spread)
@@ -65,7 +65,7 @@ class FittedLight:
 def fitted_light(gray: Picture, normal: Array | Picture, color: Ids, *, without: Mask | None = None) -> FittedLight:
     """Return the light that explains the photo (H, W) with these normals (H, W, 3) and colours (H, W).
 
-    Every surface counts once, however large it is: its pixels err together. without (H, W): pixels that do not count.
+    Each surface has the same weight whatever its size, as its pixels share their error. without (H, W): left out.
     """
     few = slice(None, None, EVERY)
     g, n = (a.astype(np.float64) for a in (gray[few, few].ravel(), normal[few, few].reshape(-1, 3)))
@@ -77,7 +77,7 @@ def fitted_light(gray: Picture, normal: Array | Picture, color: Ids, *, without:
 
 
 def light_of(g: Array, n: Array, c: Ids) -> FittedLight:
-    """Return the light that explains brightnesses g (N,) of pixels with these normals n (N, 3) and colours c (N,)."""
+    """Return the light that explains brightness g (N,) of pixels with normals n (N, 3) and colours c (N,)."""
     nothing = float(np.median(g[c < 0])) if (c < 0).any() else 0.5
     g, n, c, weight = _by_surface(g[c >= 0], n[c >= 0], c[c >= 0])
     gain = {int(k): 1.0 for k in np.unique(c)}
@@ -103,7 +103,7 @@ def light_of(g: Array, n: Array, c: Ids) -> FittedLight:
 
 
 def _by_surface(g: Array, n: Array, c: Ids) -> tuple[Array, Array, Ids, Array]:
-    """Return brightness, normal, colour and weight of surfaces: pixels of one colour and about one normal."""
+    """Return brightness, normal, colour and weight of surfaces: groups of pixels of one colour and similar normal."""
     _, first, at, count = np.unique(surfaces(n, c), return_index=True, return_inverse=True, return_counts=True)
     order = np.argsort(at, kind="stable")
     middle = np.array([quantile(part, 0.5) for part in np.split(g[order], np.cumsum(count)[:-1])]) if len(g) else g
@@ -111,9 +111,9 @@ def _by_surface(g: Array, n: Array, c: Ids) -> tuple[Array, Array, Ids, Array]:
 
 
 def surfaces(normal: Array, color: Ids, *, steps: float = _NORMALS) -> Longs:
-    """Return a number (N,) that pixels have in common which show one colour (N,) and about one normal (N, 3).
+    """Return the number (N,) of each pixel's surface: pixels of one colour (N,) and similar normal (N, 3).
 
-    steps: to a unit normal's component, within which normals are one.
+    steps: quantisation of a unit normal's components, steps per unit.
     """
     x, y, z = (np.rint(normal * steps).astype(np.int64) + int(steps)).T
     base = 2 * int(steps) + 1
@@ -127,11 +127,11 @@ def _basis(normal: Array) -> Array:
 
 
 def colors_of(part: Part, face: Ids) -> Ids:
-    """Return the number (H, W) of each pixel's colour, equal colours having one; -1 where there is no face."""
+    """Return the number (H, W) of each pixel's colour, equal for equal colours; -1 where there is no face."""
     return np.where(face >= 0, paints_of(part)[np.maximum(face, 0)], -1).astype(np.int32)
 
 
 def paints_of(part: Part) -> Ids:
-    """Return the number (F,) of each face's colour, equal colours having one."""
+    """Return the number (F,) of each face's colour, equal for equal colours."""
     _, number = np.unique(np.round(part.scene.colors, 3), axis=0, return_inverse=True)
     return np.asarray(number.reshape(-1)[part.scene.paint], np.int32)

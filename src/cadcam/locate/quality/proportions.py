@@ -1,14 +1,16 @@
 """Would the model fit better if it were longer or shorter along an axis? Then it is another part, or in other units.
 
 A pose fitted to a model of wrong proportions leaves most lines on edges of the photo; those at one end are off, and a
-robust fit leaves them out. Lengths enter beside the pose, x' = c + diag(f) (x - c) with c the middle of what is seen.
+robust fit ignores them. Here scales are estimated beside the pose, x' = c + diag(f) (x - c), c the centre of what is
+visible.
 
-1. Lines that the photo shows from end to end hold the pose: whatever f, it goes where those stay in place,
-   J x = -K (f - 1) by least squares. So an axis has one number, and a range of it is tried on the steps that samples
-   see far along their normals, like a Hough transform; a line counts by a power of its share that meets steps of one
-   sign, for pieces of it meet print. Lengths that move the lines less than the first pull reaches are one trial.
-2. The best are pulled onto the steps, as in `locate.lines.attraction`, all three lengths free but for their product:
-   one photo does not tell a size from a distance.
+1. Lines that the photo shows from end to end hold the pose: for any f it is the one that keeps these in place,
+   J x = -K (f - 1) by least squares. So each axis has one parameter. A range of it is tried on the steps found far
+   along the samples' normals, as in a Hough transform. A line is weighted by a power of its share of samples that meet
+   steps of one sign, because pieces of any line meet print. Scales that move the lines by less than the reach of the
+   first pull are one trial.
+2. The best are pulled onto the steps as in `locate.lines.attraction`, with all three scales free except for their
+   product, as one photo does not distinguish size from distance.
 
 On a model of right proportions nothing fits better than f = 1.
 """
@@ -27,24 +29,24 @@ from cadcam.locate.lines.attraction import pulled_onto
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import met
 
-_ASKED = 300  # samples, of all photos together
-_FAR, _FAR_PX = 0.16, (12.0, 48.0)  # how far lines are looked for: of the size of what is seen, within these px
-_STEPS = 8  # steps of a profile that are kept
-_ON_PX, _FAINT, _AROUND_PX = 2.0, 0.4, 6.0  # a sample meets a step so near, of those around nearly the strongest
-_HOLDS, _COUNTS = 8, 3  # powers of a line's share: by which it holds the pose, and counts
-_TRIED = np.exp(np.linspace(-0.25, 0.25, 25)) - 1  # f - 1
-# What is looked at closer: f - 1 so large, and so much of the lines that meet steps now.
+_ASKED = 300  # samples in all photos together
+_FAR, _FAR_PX = 0.16, (12.0, 48.0)  # search range: share of the size of what is visible, limits
+_STEPS = 8  # steps kept per profile
+_ON_PX, _FAINT, _AROUND_PX = 2.0, 0.4, 6.0  # a sample meets a step: within px, of this share of the strongest within px
+_HOLDS, _COUNTS = 8, 3  # powers of a line's share: its weight in holding the pose, and in the count
+_TRIED = np.exp(np.linspace(-0.25, 0.25, 25)) - 1  # values of f - 1
+# Trials looked at closer: least |f - 1|, and least share of lines that meet steps now.
 _NONE, _WORTH = 0.05, 0.9
-_LOOKED_AT, _APART = 4, 0.06  # how many such, and how far apart
-_PULLS = ((8, 3.5), (5, 1.5), (3, 0.7))  # reach and softness, px
-_CLOSE = 3  # px: how far from a line its steps may be after it
-_BACK = 0.03  # lengths that differ by less after the first pull are on their way back to those that were given
-_USUAL, _OF_PULL, _SUM = 0.15, 0.25, 100.0  # sd of log f, what it weighs in samples, how much stiffer their sum is held
+_LOOKED_AT, _APART = 4, 0.06  # most such trials, and least difference between them
+_PULLS = ((8, 3.5), (5, 1.5), (3, 0.7))  # reach and softness of successive pulls, px
+_CLOSE = 3  # px: largest distance between a line and its steps afterwards
+_BACK = 0.03  # scales that differ by less after the first pull are returning to the given ones
+_USUAL, _OF_PULL, _SUM = 0.15, 0.25, 100.0  # sd of log f; its weight in samples; stiffness of their sum
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stretched:
-    """The samples of a model whose lengths (3,) are so many times those that were given, and the pose that fits it."""
+    """The samples of a model scaled by lengths (3,) along its axes, and the pose that fits it."""
 
     sights: Sequence[Sight]
     world_from_part: Rigid
@@ -52,11 +54,11 @@ class Stretched:
 
     @property
     def by(self) -> float:
-        """Return by how much the lengths differ from each other: 0.1 is a tenth."""
+        """Return the largest difference between the scales: 0.1 is a tenth."""
         return float(self.lengths.max() / self.lengths.min() - 1)
 
     def moved_px(self, sights: Sequence[Sight], pose: Rigid) -> float:
-        """Return how far the lines, drawn in photos at a pose as the model was given, moved: nine tenths at most so."""
+        """Return how far the lines of the model as given, drawn at a pose, moved: the 90th percentile, px."""
         moved = []
         for before, now in zip(sights, self.sights, strict=True):
             was, at = before.project(pose), now.project(self.world_from_part)
@@ -73,10 +75,10 @@ class Stretched:
 
 
 def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
-    """Return which lengths of the model fit the photos best near a pose free to move along B (6, k), columns of twists.
+    """Return the scales with which the model fits the photos best near a pose free along B (6, k), columns of twists.
 
-    Good to about a pixel; sights come back whole, with their samples moved. Where nothing fits better than the model
-    as it is, they come back as they are.
+    Accurate to about a pixel; sights are returned whole, with their samples moved. Where nothing fits better than the
+    model as it is, they are returned unchanged.
     """
     few, k = [s.thinned(max(_ASKED // len(sights), 60)) for s in sights], B.shape[1]
     middle = _middle(sights)
@@ -97,7 +99,7 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
 def _pulled(
     sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array, seen: _Seen | None
 ) -> tuple[Rigid, Array]:
-    """Return the pose and logarithms of lengths after pulling the lines onto steps close by, first onto those seen."""
+    """Return the pose and the logarithms of the scales after pulling the lines onto steps nearby, seen ones first."""
     k = B.shape[1]
     for reach, soft in _PULLS:
         seen = seen or _Seen(sights, pose, s, B, middle, reach)
@@ -114,7 +116,7 @@ def _pulled(
 
 
 class _Seen:
-    """How motions and lengths move the lines, J (N, k + 3), and where (N, M) steps are along them and how steep."""
+    """Derivative J (N, k + 3) of the lines by motions and scales, and steps (N, M): places along normals, slopes."""
 
     def __init__(
         self, sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array, reach: int = _CLOSE
@@ -137,38 +139,38 @@ class _Seen:
         self.of_run = np.diff(self.first, append=len(run))  # samples
 
     def shares(self, moved: Array) -> Array:
-        """Return the share (T, R) of each line's samples that meet a step, all of one sign, moved by px (T, N)."""
+        """Return the share (T, R) of each line's samples that meet steps of one sign when moved by px (T, N)."""
         return met(self.offset, self.slope, self.first, moved, on=_ON_PX, faint=_FAINT, around=_AROUND_PX)
 
     def met(self, shares: Array) -> Array:
-        """Return for how many samples (...) there are lines that meet steps, by their shares (..., R)."""
+        """Return the number of samples on lines that meet steps, given the lines' shares (..., R)."""
         return np.asarray(shares**_COUNTS @ self.of_run)
 
     @property
     def shares_now(self) -> Array:
-        """Return the shares (R,) where the lines are."""
+        """Return the shares (R,) at the lines' present places."""
         return np.asarray(self.shares(np.zeros((1, len(self.J))))[0])
 
     @property
     def met_now(self) -> float:
-        """Return for how many samples lines meet steps where they are."""
+        """Return the number of samples on lines that meet steps at their present places."""
         return float(self.met(self.shares_now))
 
 
 def _tried(seen: _Seen, k: int) -> tuple[float, list[tuple[Array, Array]]]:
-    """Return how much of the lines meets steps as they are; motions (k,) and f - 1 (3,) of one axis that do better."""
+    """Return how much of the lines meets steps now, and motions (k,) and f - 1 (3,) along one axis that do better."""
     J, K = seen.J[:, :k], seen.J[:, k:]
     shares = seen.shares_now
     held = J * np.repeat(shares**_HOLDS, seen.of_run)[:, None]
     A = held.T @ J
     A[np.diag_indices(k)] += 1e-3 * np.diag(A) + 1e-300
     follows = -np.linalg.solve(A, held.T @ K)  # (k, 3)
-    by_length = (K + J @ follows).T  # (3, N): how each line moves, px
+    by_length = (K + J @ follows).T  # (3, N): movement of each line, px
     on = seen.met(seen.shares((_TRIED[:, None] * by_length[:, None]).reshape(-1, len(J)))).reshape(3, -1)
     as_it_is = float(seen.met(shares))
     far = np.array([quantile(np.abs(of_axis), 0.9) for of_axis in by_length])
     on[:, np.abs(_TRIED) < _NONE] = 0
-    here = np.abs(_TRIED) * far[:, None] < _PULLS[0][1]  # the first pull reaches them from where the lines are
+    here = np.abs(_TRIED) * far[:, None] < _PULLS[0][1]  # within reach of the first pull from the present places
     better = [(np.zeros(k), np.zeros(3))] if on[here].max(initial=0) > _WORTH * as_it_is else []
     on[here] = 0
     while len(better) < _LOOKED_AT and on.max() > _WORTH * as_it_is:
@@ -197,7 +199,7 @@ def _middle(sights: Sequence[Sight]) -> Array:
 
 
 def _far(sights: Sequence[Sight], pose: Rigid) -> int:
-    """Return how far (px) lines of a model of wrong proportions may be off, by the size of what is seen."""
+    """Return how far (px) lines of a model of wrong proportions may be off, given the size of what is visible."""
     every = (s.project(pose).q for s in sights)
     inside = [q[some] for q in every if (some := np.isfinite(q).all(axis=1)).any()]
     size = max((float(np.hypot(*np.ptp(q, axis=0))) for q in inside), default=0.0)

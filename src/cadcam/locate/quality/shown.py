@@ -1,8 +1,8 @@
 """Which of a part's lines the photo shows where they are drawn, and how many it would show anywhere.
 
-An edge counts as shown where brightness steps very near it, about as strongly as anywhere around, and where the next
-sample on the line finds it at the same distance and of the same sign: a line, not a speckle. The same is asked of the
-same lines shifted to where the part is not; what they find is chance.
+A sample counts as shown where brightness steps very near it, about as strongly as anywhere around, and where the next
+sample on the line finds a step at the same distance and of the same sign: a line, not a speckle. The same test on lines
+shifted to where the part is not gives the level of chance.
 """
 
 from __future__ import annotations
@@ -15,23 +15,23 @@ from cadcam.arrays import Array, Ids, Mask
 from cadcam.image.profile import slope_noise
 from cadcam.locate.lines.sight import Sight, in_noise
 
-_OTHERS_PX = 1.0  # of the room to another line: what of it that line needs
-ROOM_PX = 2.5 + _OTHERS_PX  # with less room to another line a sample says nothing
-_NEAR_PX, _SCATTERS = (0.8, 2.0), 4.0  # px, and times the scatter of edges: how near a line its step must be
-_REACH = 6  # px: how far around a line its step is compared
-_AGREE_PX = 0.5  # by which neighbours on a line may differ
-_FAINT = 0.4  # of the strongest slope nearby
-# Where noise hides lines: how far along a line steps are averaged to each side, px, and how clear they are, sd.
+_OTHERS_PX = 1.0  # part of the room between two lines that belongs to the other one
+ROOM_PX = 2.5 + _OTHERS_PX  # with less room to another line a sample cannot be judged
+_NEAR_PX, _SCATTERS = (0.8, 2.0), 4.0  # distance between a line and its step: px, and multiples of the scatter of edges
+_REACH = 6  # px: range around a line within which its step is compared with others
+_AGREE_PX = 0.5  # largest difference between neighbours on a line
+_FAINT = 0.4  # least slope, relative to the strongest nearby
+# Where noise hides lines: px along a line, to each side, over which steps are averaged; significance of steps, sd.
 _IN_NOISE = 4.0, 3.0
-_WIDE, _SURELY, _MOST_SHIFTED = 1.0, 1.5, 1.2  # px, blur of a step there; sd, and px, that noise may shift it by
+_WIDE, _SURELY, _MOST_SHIFTED = 1.0, 1.5, 1.2  # px, blur of a step there; sd, and most px, by which noise may shift it
 _FAR, _AT = np.array([0.0, 14.0, 22.0, 14.0, 22.0]), np.array([0.0, 0.3, 1.9, 3.4, 5.0])  # px, rad
 _SHIFTS = _FAR[:, None] * np.stack([np.cos(_AT), np.sin(_AT)], axis=1)  # px: in place, then elsewhere
 
 
 def near_px(sights: Sequence[Sight], scatter: float) -> float:
-    """Return how near (px) to its line a step must be, given by how much (px) edges scatter.
+    """Return the largest distance (px) between a line and its step, given the scatter (px) of edges.
 
-    In calmed photos no allowance is made for scatter: that there is for noise, not for another model.
+    In smoothed photos no allowance is made for scatter: there it is due to noise, not to a different model.
     """
     return _NEAR_PX[0] if in_noise(sights) else float(np.clip(_SCATTERS * scatter, *_NEAR_PX))
 
@@ -39,8 +39,8 @@ def near_px(sights: Sequence[Sight], scatter: float) -> float:
 def shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near: Array) -> tuple[Mask, Array]:
     """Return which samples (n,) show an edge, and the share that does in place and after each shift.
 
-    q, normal (n, 2), run (n,): where and on which lines they lie; room (n,) px: to the next line. near (n,) px:
-    how near its step must be (`near_px`). Samples near which there is no step at all count half.
+    q, normal (n, 2), run (n,): their places and lines; room (n,) px: to the next line. near (n,) px: largest distance
+    to their step (`near_px`). Samples without any step nearby count half.
     """
     room = np.minimum(room - _OTHERS_PX, _REACH)
     places = (q + _SHIFTS[:, None]).reshape(-1, 2)
@@ -64,8 +64,8 @@ def shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near: Ar
 def _sd_place(sight: Sight, slope: Array, half_length: float) -> Array:
     """Return the sd (N, M) px by which noise may shift steps of these slopes; 0 unless noise hides lines.
 
-    A step of slope a, smoothed to a width s by a filter of width f, bends by a / s^2 at its top; noise n of the slope
-    bends it by sqrt(3/2) n / f.
+    A step of slope a, smoothed to a width s by a filter of width f, has curvature a / s^2 at its top; noise n of the
+    slope changes the curvature by sqrt(3/2) n / f.
     """
     if sight.photo.calm is None:
         return np.zeros(slope.shape)
@@ -76,9 +76,9 @@ def _sd_place(sight: Sight, slope: Array, half_length: float) -> Array:
 
 
 def _continued(good: Mask, offset: Array, sign: Array, run: Ids, sd: Array) -> Mask:
-    """Return which good samples (..., n) have a neighbour on their run that is good, of the same sign and distance.
+    """Return which good samples (..., n) have a good neighbour on their run, of the same sign and distance.
 
-    sd (..., n) px: what noise may shift them by.
+    sd (..., n) px: their uncertainty by noise.
     """
     same = (run[1:] == run[:-1]) & (sign[..., 1:] == sign[..., :-1])
     apart = np.sqrt(_AGREE_PX**2 + sd[..., 1:] ** 2 + sd[..., :-1] ** 2)

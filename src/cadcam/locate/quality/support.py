@@ -1,29 +1,28 @@
-"""Is the part really there? How much of its edges the photo shows beyond what chance and the search give for nothing.
+"""Is the part really there? How much of its edges the photo shows beyond chance and beyond what a fit achieves.
 
 The photo shows some of the part's lines where they are drawn, and would show some anywhere (`locate.quality.shown`):
 
     share = (shown - by chance) / (1 - by chance)
 
-But the pose is not a random one. It was fitted, and k degrees of freedom lay that many constraints onto whatever the
-photo has; a start that was the best of very many poses used up some more. Evidence is what agrees beyond these
-(an event counts by how seldom it would come about anywhere in the search: Desolneux, Moisan and Morel, From Gestalt
-Theory to Image Analysis, 2008, ch. 3). With C constraints that the lines in sight are worth (`locate.quality.worth`)
+But the pose is not a random one. It was fitted, and k degrees of freedom satisfy k constraints whatever the photo
+shows; a start that was the best of very many poses has used up some more. Evidence is what agrees beyond these (an
+event counts by how rarely it would occur anywhere in the search: Desolneux, Moisan and Morel, From Gestalt Theory to
+Image Analysis, 2008, ch. 3). With C constraints that the visible lines are worth (`locate.quality.worth`)
 
     free = (k + those of the search) / C        net = (share - free) / (1 - free) - 0.6 absent - 20 scatter / extent
 
-A box has nine lines, so a third is free; a part seen edge-on, or cut by the picture's border, has hardly anything left
-that could speak for it. absent: share of the visible length that lies on lines shown nowhere; scatter: by how much
-edges are off as a whole (px), extent: size of what is seen (px). Edges that scatter little must also be met closely.
-Lines absent behind a straight border do not count against the pose, nor do they count for it; where the answer is in
-doubt, one body of which nothing is shown is left out of what is asked, as if the model did not have it
-(`locate.quality.absent`).
+A box has nine lines, so a third is free; a part seen edge-on, or cut off by the picture's border, has hardly anything
+left as evidence. absent: share of the visible length on lines shown nowhere; scatter: common error of each edge (px);
+extent: size of what is visible (px). Edges that scatter little must also be met closely. Lines absent behind a straight
+border count neither against the pose nor for it; where the answer is in doubt, one body of which nothing is shown is
+left out, as if the model did not have it (`locate.quality.absent`).
 
 A model of wrong proportions is the hardest case: most lines fit, and the others may lie to one side. So where the
 answer is in doubt other proportions are tried (`locate.quality.proportions`), and what they gain counts twice against
-the model as it is: net - 2 (net' - net), with nothing excused. Lines that run through the corners of a chequered ground
-are that ground's (`locate.quality.chequers`): they are not shown. In a photo in colour, the colours on both sides of
-the lines speak for a share c of them (`locate.quality.color`), which tells something else than that there are steps;
-two constraints are lost on which colours these are, the rest count as further ones that are met: c' = c (1 - 2 / C),
+the model as it is: net - 2 (net' - net), with nothing excused. Lines through the corners of a chequered background
+belong to the background (`locate.quality.chequers`) and do not count as shown. In a colour photo, the colours on both
+sides of the lines support a share c of them (`locate.quality.color`), which is independent of there being steps; two
+constraints are lost for estimating the colours, the rest count as further constraints that are met: c' = c (1 - 2 / C),
 
     share' = (share + c') / (1 + c')        free' = free / (1 + c')
 
@@ -48,31 +47,31 @@ from cadcam.locate.quality.shown import ROOM_PX, near_px, shown
 from cadcam.locate.quality.thin import Strips
 from cadcam.locate.quality.worth import distinct_lines, worth_of_lines, worth_of_stretches
 
-SEARCHED = 3  # constraints that the best of all poses of a part in a photo meets without it
-ASKED = 450  # samples, of all photos together
-_TOGETHER = 4  # of these in a row: a sample is shown only if its neighbour on the line agrees
-_MUCH = 0.2  # free share of the constraints above which straight stretches of bent lines are counted, too
-_ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # what these cost
-_IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; what makes them others
+SEARCHED = 3  # constraints met in any photo by the best of all poses of a part
+ASKED = 450  # samples in all photos together
+_TOGETHER = 4  # samples in a row: a sample is shown only if its neighbour on the line agrees
+_MUCH = 0.2  # free share above which straight stretches of bent lines are counted, too
+_ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # weights of these terms
+_IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; least difference
 _ALWAYS = 1.1  # more than any quality
-_TOLD = 0.05  # gain that is worth mentioning in the reason
-_SHARES = (0.0, 0.43, 0.95)  # net shares that make quality 0, 1/2 and 1
-_COLOR = 2  # constraints that tell which colour the part has
+_TOLD = 0.05  # gain that is mentioned in the reason
+_SHARES = (0.0, 0.43, 0.95)  # net shares that give quality 0, 1/2 and 1
+_COLOR = 2  # constraints spent on estimating the colours
 _WITHOUT = (0.1, 0.5)  # quality at which a body is left out
-_MOST_FITTED, _UNPROVEN = 0.8, 0.45  # share of constraints fitted that leaves enough for a proof; quality without one
+_MOST_FITTED, _UNPROVEN = 0.8, 0.45  # share of constraints fitted that still allows a proof; quality without one
 
 
 @dataclass(frozen=True, slots=True)
 class Support:
-    """What the photos show of the part's visible edges.
+    """The evidence of the photos for the part's visible edges.
 
-    samples: how many could tell; shown, by_chance: the share of them where the photo shows the edge, and where it would
-    anyway; free: the share of their constraints that any pose could be fitted to; absent: the share of samples on lines
-    shown nowhere, hidden: what of it lies behind a border; scatter: of edges, relative to the size of what is seen;
-    gain: how much larger the net share would be with a model of other proportions, and which those are; color: share
-    of constraints that the colours beside the lines add. gone: the body of which nothing is shown, -1: none; without:
-    the share of samples that were its own, where it was left out of all this; faint: the share of samples that were
-    left out because the light gives them no contrast.
+    samples: how many can be judged; shown, by_chance: the share of them where the photo shows the edge, and the share
+    expected by chance; free: the share of their constraints that any pose could be fitted to; absent: the share of
+    samples on lines shown nowhere, hidden: the part of it behind a border; scatter: of edges, relative to the size of
+    what is visible; gain: increase of the net share for a model of other proportions, and which those are; color: share
+    of constraints added by the colours beside the lines. gone: the body of which nothing is shown, -1: none; without:
+    its share of the samples, where it was left out of all this; faint: the share of samples left out because the light
+    gives them no contrast.
     """
 
     samples: int
@@ -96,7 +95,7 @@ class Support:
 
     @property
     def net(self) -> float:
-        """Return the share of the edges that speaks for the pose, less what speaks against it."""
+        """Return the share of the edges that is evidence for the pose, less the evidence against it."""
         share = (self.shown - self.by_chance) / (1 - min(self.by_chance, 0.9))
         share, free = (share + self.color) / (1 + self.color), self.fitted
         net = (share - free) / (1 - free) - _ABSENT * (self.absent - self.hidden)
@@ -104,7 +103,7 @@ class Support:
 
     @property
     def quality(self) -> float:
-        """Return how sure it is that the pose is right, 0 to 1."""
+        """Return how certain it is that the pose is right, 0 to 1."""
         if self.samples < LEAST or self.fitted >= 1:
             return 0.0
         quality = float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
@@ -137,9 +136,9 @@ def judged_support(
 ) -> Support:
     """Return the support of a pose fitted along B (6, k); in doubt, a model of other proportions is tried, too.
 
-    chosen: how many constraints the start met by being the best of many poses. color: the share of the samples for
-    which the colour on both sides speaks (`locate.quality.color`). bands: whether they lie beside the lines; then
-    proportions by which lines would only lie on the bands' other sides say nothing.
+    chosen: how many constraints the start met by being the best of many poses. color: the share of samples supported by
+    the colours on both sides (`locate.quality.color`). bands: whether bands lie beside the lines; then proportions that
+    would only move lines to the bands' other sides are no evidence.
     """
     constraints = B.shape[1] + chosen
     first = support_at(sights, world_from_part, constraints=constraints, scatter=scatter)
@@ -150,7 +149,7 @@ def judged_support(
         left = support_at(sights, world_from_part, constraints=constraints, scatter=scatter)
         first = replace(left, without=first.without)
     first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
-    most = _ALWAYS if in_noise(sights) else _IN_DOUBT[1]  # a line or two that is missing hardly shows in noise
+    most = _ALWAYS if in_noise(sights) else _IN_DOUBT[1]  # in noise a few missing lines hardly show
     if not _IN_DOUBT[0] < first.quality < most:
         return first
     other = stretched(sights, world_from_part, B)
@@ -164,7 +163,7 @@ def judged_support(
 
 
 def _alone(sights: Sequence[Sight]) -> list[Sight]:
-    """Return sights with the lines that have room of their own: of thin plates a stretch may meet the other border."""
+    """Return sights with only the lines that have room: beside thin plates a scaled line may meet the other border."""
     rooms = [np.minimum(s.samples.below, s.samples.above) for s in sights]
     return [s.select(room >= ROOM_PX) for s, room in zip(sights, rooms, strict=True)]
 
@@ -172,8 +171,8 @@ def _alone(sights: Sequence[Sight]) -> list[Sight]:
 def support_at(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Support:
     """Return how much of the part's visible edges the photos show at a pose.
 
-    constraints: how many of them its fit, and the search before it, could meet anywhere. scatter: sd (px) by which
-    edges are off as a whole.
+    constraints: how many its fit, and the search before it, could meet anywhere. scatter: sd (px) of the common error
+    of each edge.
     """
     near = near_px(sights, scatter)
     most = ASKED // len(sights)
@@ -195,13 +194,13 @@ def support_at(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: 
 
 
 def with_room(sight: Sight, most: int) -> Sight:
-    """Return a sight with about `most` of its samples, of those far enough from the next line to be judged."""
+    """Return a sight with about `most` of those of its samples that are far enough from the next line to be judged."""
     return sight.thinned(most, together=_TOGETHER, among=Strips.of(sight.samples).room >= ROOM_PX)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _InPhoto:
-    """What one photo shows of the samples that can be judged: the body of each, whether it is shown (n,), and sums."""
+    """The samples of one photo that can be judged: the body of each, whether it is shown (n,), and sums."""
 
     body: Ids
     here: Mask
@@ -221,7 +220,7 @@ class _InPhoto:
 class ShownLines:
     """Samples (n,) of a part's lines in a photo: their numbers, places, normals and runs, and which of them are shown.
 
-    share (1 + shifts,): of them that show in place and after each shift (`locate.quality.shown`).
+    share (1 + shifts,): of samples shown in place and after each shift (`locate.quality.shown`).
     """
 
     which: Longs
@@ -233,7 +232,7 @@ class ShownLines:
 
     @classmethod
     def of(cls, sight: Sight, world_from_part: Rigid, near: float) -> ShownLines:
-        """Return those of a sight at a pose; near: how near (px) to a line its step must be."""
+        """Return those of a sight at a pose; near: largest distance (px) between a line and its step."""
         at, samples = sight.project(world_from_part), sight.samples
         which = np.flatnonzero(np.isfinite(at.q).all(axis=1))
         strips, normal, run = Strips.of(samples.select(which)), at.normal[which], samples.run[which]

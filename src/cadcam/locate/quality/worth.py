@@ -1,7 +1,7 @@
-"""How many constraints lines lay on a pose.
+"""How many constraints lines impose on a pose.
 
-A line is worth two, where it lies and how it turns; a short one one. Lines that lie on one edge of the photo are one.
-Each straight stretch of a line that bends counts by itself: a corner that is rounded does not make one edge of two.
+A line is worth two, its position and its direction; a short one is worth one. Lines that lie on one edge of the photo
+count once. Each straight stretch of a bent line counts by itself, but a rounded corner does not split an edge in two.
 """
 
 from __future__ import annotations
@@ -12,17 +12,16 @@ from cadcam.arrays import Array, Ids, Longs
 from cadcam.native.profiles import along_runs
 
 _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, and two
-_CORNER, _CORNERS = np.radians(30.0), 16  # by which a line turns from one stretch to the next; most stretches of one
-_BENT, _AROUND = 1 / 170, 3  # rad a px, on the mean of so many samples to each side: from there on a line is bent
-_ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # px and turn within which lines lie on one edge of the photo
-_STRAIGHT = 0.95  # chord over arc of a line that may lie on another
+_CORNER, _CORNERS = np.radians(30.0), 16  # turn between two stretches of a line; most stretches of one
+_BENT, _AROUND = 1 / 170, 3  # rad per px, averaged over so many samples to each side, from which a line is bent
+_ONE_EDGE = 8.0, np.cos(np.radians(4.0))  # distance and angle within which lines lie on one edge of the photo
+_STRAIGHT = 0.95  # least chord over arc of a line that may lie on another one
 
 
 def distinct_lines(q: Array, run: Ids) -> tuple[Longs, Array]:
     """Return the number of the distinct line of each sample (n,), and the length (L,) px of each of these lines.
 
-    A straight run lies on another's line where both its ends are near that and its direction is about the same; it goes
-    to the longest such.
+    A straight run is merged into the longest line that both its ends are near and that has about its direction.
     """
     first = np.flatnonzero(np.diff(run, prepend=-1))
     last = np.append(first[1:], len(run)) - 1
@@ -42,14 +41,14 @@ def distinct_lines(q: Array, run: Ids) -> tuple[Longs, Array]:
 
 
 def worth_of_lines(length: Array) -> float:
-    """Return how many constraints lines of these lengths (L,) px lay on a pose, whether they bend or not."""
+    """Return how many constraints lines of these lengths (L,) px impose on a pose, whether they bend or not."""
     return float(np.searchsorted(_WORTH_PX, length, side="right").sum())
 
 
 def worth_of_stretches(q: Array, normal: Array, run: Ids, line: Longs, length: Array) -> float:
-    """Return how many constraints samples (n,) on lines of these lengths (L,) px lay on a pose.
+    """Return how many constraints samples (n,) on lines of these lengths (L,) px impose on a pose.
 
-    A line is worth what its straight stretches are; one that bends everywhere, or hardly, what its length is.
+    A line is worth the sum of its straight stretches; one that bends everywhere, or hardly, is worth its length.
     """
     same = run[1:] == run[:-1]
     step, turn = (np.append(0.0, same * np.hypot(*np.diff(a, axis=0).T)) for a in (q, normal))
