@@ -9,7 +9,7 @@ import pytest
 
 from cadcam.errors import NothingInView
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.in_photos import _ranked, locate_part
+from cadcam.locate.in_photos import _ranked, _Trial, locate_part
 from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.options import EDGES
@@ -119,9 +119,10 @@ def test_a_pose_that_is_hardly_found_is_held_against_the_start(
 def test_of_answers_that_are_as_good_one_without_doubt_is_first() -> None:
     """A pose that needs a body of the part to be absent, half a lattice off, had 0.5619 and the right one 0.5612."""
     doubted, right = replace(location(Rigid(), 0.5619), doubted=True), location(Rigid(), 0.5612)
-    assert _ranked([(1.0, doubted), (0.9, right)])[0][1] is right
+    assert _ranked([_Trial(1.0, doubted), _Trial(0.9, right)])[0].location is right
     for worse in (location(Rigid(), 0.3), location(Rigid(), 0.0)):
-        assert _ranked([(0.9, worse), (1.0, doubted)])[0][1] is doubted, "doubted, but the only one that holds"
+        ranked = _ranked([_Trial(0.9, worse), _Trial(1.0, doubted)])
+        assert ranked[0].location is doubted, "doubted, but the only one that holds"
 
 
 def test_a_hypothesis_that_leads_where_one_led_before_is_not_refined(

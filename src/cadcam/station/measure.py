@@ -60,7 +60,7 @@ def measure_marks(
         if sighting.camera not in known:
             raise UnknownName("camera (it has no calibration):", sighting.camera, known)
     index: list[int] = []
-    parts: list[_Rows] = []
+    parts: list[_CameraPoints] = []
     for camera in dict.fromkeys(s.camera for s in sightings):
         own = [i for i, s in enumerate(sightings) if s.camera == camera]
         index += own
@@ -111,7 +111,7 @@ class _Choice:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Rows:
+class _CameraPoints:
     """Points (n, 2) of one camera, their pixels' covariance (n, 2, 2), and effects (n, 2, k) of the shared sources."""
 
     points: Array
@@ -119,7 +119,7 @@ class _Rows:
     effects: list[tuple[ErrorSource, Array]]
 
 
-def _measured(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> _Rows:
+def _measured(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> _CameraPoints:
     """Return the camera's points, with the error at the re-calibration's mark subtracted."""
     if station.recalibration is None:
         return _raw(station, seen, choice)
@@ -129,12 +129,12 @@ def _measured(station: GantryCalibration, seen: Sequence[Sighting], choice: _Cho
     pixels = ErrorSource(KNOWN_MARK, raw.pixels[0], mark.sighting)
     place = ErrorSource(KNOWN_MARK, mark.sigma_mm**2 * np.eye(2), mark)
     both = np.broadcast_to(np.eye(2), (len(seen), 2, 2))
-    return _Rows(
+    return _CameraPoints(
         raw.points[1:] - (raw.points[0] - mark.known), raw.pixels[1:], [*effects, (pixels, -both), (place, both)]
     )
 
 
-def _raw(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> _Rows:
+def _raw(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> _CameraPoints:
     W = _weights(station, seen, choice)
     n, q, at = len(seen), np.stack([s.q for s in seen]), np.stack([s.position for s in seen])
     points, by_pixel = np.zeros((n, 2)), np.zeros((n, 2, 2))
@@ -151,7 +151,7 @@ def _raw(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) 
         effects += _of_position(one, share[:, :, None], by_entry, p)
         _add_plate(plates, one, share[:, :, None] * plate_effect(one, by_entry, p + one.position))
     noise = by_pixel @ np.stack([s.covariance for s in seen]) @ np.swapaxes(by_pixel, 1, 2)
-    return _Rows(points, noise, [*effects, *plates.values(), *_of_gantry(station, at, W)])
+    return _CameraPoints(points, noise, [*effects, *plates.values(), *_of_gantry(station, at, W)])
 
 
 def _relative(one: PlaneCalibration, q: Array, seen: Sequence[Sighting]) -> Array:
@@ -220,7 +220,9 @@ def _weights(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choi
     return np.stack([each, each])
 
 
-def _joined(parts: Sequence[_Rows], index: Sequence[int], sightings: Sequence[Sighting], rule: Rule) -> Measurement:
+def _joined(
+    parts: Sequence[_CameraPoints], index: Sequence[int], sightings: Sequence[Sighting], rule: Rule
+) -> Measurement:
     """Return all cameras' points in the order of the sightings, sources of one owner combined."""
     n = len(sightings)
     points, pixels = np.zeros((n, 3)), np.zeros((n, 3, 3))

@@ -39,7 +39,7 @@ _ROUNDS = 2  # of internals and robot noise in turn, where the internals are not
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Seen:
+class _CameraData:
     """What the camera contributes: views, camera, noise of a pixel, poses by picture alone, which are second ones."""
 
     observations: tuple[Observations, ...]
@@ -151,7 +151,7 @@ def _covariances(covariance: Array | None, n: int) -> Array:
 
 def _seen(
     observations: tuple[Observations, ...], camera: Camera, names: Sequence[str]
-) -> tuple[_Seen, TwoPoses, Array]:
+) -> tuple[_CameraData, TwoPoses, Array]:
     """Return the views with their noise, both poses of each, and the degrees of freedom of each pose's fit."""
     for name, o in zip(names, observations, strict=True):
         if len(o) < 4:
@@ -168,7 +168,7 @@ def _seen(
     dof = 2 * views.seen.sum(axis=1) - 6
     first = both.chosen(np.zeros(len(views), dtype=int))
     noise = _noise_px(observations, both.sum_of_squares[:, 0], dof)
-    return _Seen(observations, views, camera, noise, first, np.zeros(len(views), dtype=bool)), both, dof
+    return _CameraData(observations, views, camera, noise, first, np.zeros(len(views), dtype=bool)), both, dof
 
 
 def _noise_px(observations: Sequence[Observations], squares: Array, dof: Array) -> float:
@@ -185,7 +185,7 @@ def _directed(both: TwoPoses, held: bool) -> Rigid:
     return poses if held else poses.inv
 
 
-def _poses(base_from_flange: Rigid, seen: _Seen, held: bool) -> HandEyePoses:
+def _poses(base_from_flange: Rigid, seen: _CameraData, held: bool) -> HandEyePoses:
     """Return the poses with the covariance that the pixels give them."""
     C = seen.camera_from_target
     _, J = pose_jacobian(seen.camera, C.rotation, C.translation, seen.views.p)
@@ -224,7 +224,7 @@ class _Adjusted:
 
     problem: HandEyePixels
     solution: BlockSolution[HandEyeState]
-    seen: _Seen
+    seen: _CameraData
     poses: HandEyePoses
     fit: PosesFit
 
@@ -233,7 +233,7 @@ class _Adjusted:
         return self.solution.state
 
 
-def _adjusted(poses: HandEyePoses, fit: PosesFit, seen: _Seen, prior: InternalsPrior, held: bool) -> _Adjusted:
+def _adjusted(poses: HandEyePoses, fit: PosesFit, seen: _CameraData, prior: InternalsPrior, held: bool) -> _Adjusted:
     n = len(seen.views)
     still = Rigid(np.broadcast_to(np.eye(3), (n, 3, 3)), np.zeros((n, 3)))
     state = HandEyeState(fit.flange_from_held, fit.base_from_fixed, still, _internals(seen.camera))
@@ -253,7 +253,7 @@ def _adjusted(poses: HandEyePoses, fit: PosesFit, seen: _Seen, prior: InternalsP
     return _Adjusted(problem, solution, seen, poses, fit)
 
 
-def _seen_again(seen: _Seen, camera: Camera) -> _Seen:
+def _seen_again(seen: _CameraData, camera: Camera) -> _CameraData:
     """Return the same views through an adjusted camera."""
     both = poses_of_views(camera, seen.views)
     R0 = seen.camera_from_target.rotation
@@ -261,7 +261,7 @@ def _seen_again(seen: _Seen, camera: Camera) -> _Seen:
     poses = both.chosen(np.argmin(apart, axis=1))
     dof = 2 * seen.views.seen.sum(axis=1) - 6
     noise = _noise_px(seen.observations, both.sum_of_squares.min(axis=1), dof)
-    return _Seen(seen.observations, seen.views, camera, noise, poses, seen.second)
+    return _CameraData(seen.observations, seen.views, camera, noise, poses, seen.second)
 
 
 def _with_internals(problem: HandEyePixels, state: HandEyeState, poses: HandEyePoses, fit: PosesFit) -> PosesFit:

@@ -28,7 +28,7 @@ CORNER = 0.5  # COLMAP's (0, 0) is the corner of the top-left pixel, ours its ce
 
 
 @dataclass(frozen=True, slots=True)
-class _Model:
+class _CameraModel:
     number: int
     name: str
     focals: int  # 1: f, 2: fx, fy; then cx, cy
@@ -37,21 +37,21 @@ class _Model:
 
 
 _MODELS = (
-    _Model(0, "SIMPLE_PINHOLE", 1, 0, Ideal),
-    _Model(1, "PINHOLE", 2, 0, Ideal),
-    _Model(2, "SIMPLE_RADIAL", 1, 1, BrownConrady),
-    _Model(3, "RADIAL", 1, 2, BrownConrady),
-    _Model(4, "OPENCV", 2, 4, BrownConrady),
-    _Model(5, "OPENCV_FISHEYE", 2, 4, Fisheye),
-    _Model(6, "FULL_OPENCV", 2, 8, BrownConrady),
-    _Model(7, "FOV", 2, 1, FieldOfView),
-    _Model(8, "SIMPLE_RADIAL_FISHEYE", 1, 1, Fisheye),
-    _Model(9, "RADIAL_FISHEYE", 1, 2, Fisheye),
-    _Model(12, "SIMPLE_DIVISION", 1, 1, Division),
-    _Model(13, "DIVISION", 2, 1, Division),
-    _Model(14, "SIMPLE_FISHEYE", 1, 0, Fisheye),
-    _Model(15, "FISHEYE", 2, 0, Fisheye),
-    _Model(16, "EUCM", 2, 2, ExtendedUnified),
+    _CameraModel(0, "SIMPLE_PINHOLE", 1, 0, Ideal),
+    _CameraModel(1, "PINHOLE", 2, 0, Ideal),
+    _CameraModel(2, "SIMPLE_RADIAL", 1, 1, BrownConrady),
+    _CameraModel(3, "RADIAL", 1, 2, BrownConrady),
+    _CameraModel(4, "OPENCV", 2, 4, BrownConrady),
+    _CameraModel(5, "OPENCV_FISHEYE", 2, 4, Fisheye),
+    _CameraModel(6, "FULL_OPENCV", 2, 8, BrownConrady),
+    _CameraModel(7, "FOV", 2, 1, FieldOfView),
+    _CameraModel(8, "SIMPLE_RADIAL_FISHEYE", 1, 1, Fisheye),
+    _CameraModel(9, "RADIAL_FISHEYE", 1, 2, Fisheye),
+    _CameraModel(12, "SIMPLE_DIVISION", 1, 1, Division),
+    _CameraModel(13, "DIVISION", 2, 1, Division),
+    _CameraModel(14, "SIMPLE_FISHEYE", 1, 0, Fisheye),
+    _CameraModel(15, "FISHEYE", 2, 0, Fisheye),
+    _CameraModel(16, "EUCM", 2, 2, ExtendedUnified),
 )
 _WRITTEN = ("PINHOLE", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV", "DIVISION", "EUCM")  # with two focal lengths
 _BY_NAME = {model.name: model for model in _MODELS}
@@ -88,10 +88,10 @@ def read_text(source: ForeignFile) -> Foreign:
 def read_binary(source: ForeignFile) -> Foreign:
     """Return the cameras of images.bin if it is there, else those of cameras.bin."""
     name = "cameras.bin" if source.is_folder else ""
-    cameras = dict(_Binary(source.at(name), source.data(name)).cameras())
+    cameras = dict(_RecordReader(source.at(name), source.data(name)).cameras())
     poses = []
     if source.has("images.bin"):
-        poses = list(_Binary(source.at("images.bin"), source.data("images.bin")).images())
+        poses = list(_RecordReader(source.at("images.bin"), source.data("images.bin")).images())
     return _joined("colmap-bin", source, cameras, poses)
 
 
@@ -129,7 +129,7 @@ def write_binary(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
     return {"cameras.bin": camera_data, "images.bin": struct.pack("<Q", posed) + image_data, "points3D.bin": empty}
 
 
-def _parameters(camera: Camera) -> tuple[_Model, list[float]]:
+def _parameters(camera: Camera) -> tuple[_CameraModel, list[float]]:
     """Return the smallest model that holds the camera, and its parameters."""
     c = list(camera.lens.parameters.values())
     for name in _WRITTEN:
@@ -140,14 +140,14 @@ def _parameters(camera: Camera) -> tuple[_Model, list[float]]:
     raise BadValue("lens", camera.lens, "one that COLMAP has a model for")
 
 
-def _camera_of(model: _Model, size: tuple[int, int], values: Array) -> Camera:
+def _camera_of(model: _CameraModel, size: tuple[int, int], values: Array) -> Camera:
     fx, fy = values[0], values[model.focals - 1]
     cx, cy = values[model.focals : model.focals + 2] - CORNER
     lens = model.lens(*values[model.focals + 2 :].tolist())
     return Camera(size, np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]]), lens)
 
 
-def _count(model: _Model) -> int:
+def _count(model: _CameraModel) -> int:
     return model.focals + 2 + model.terms
 
 
@@ -212,7 +212,7 @@ def _whole(file: TextFile, line: int, word: str) -> int:
     return int(value)
 
 
-class _Binary:
+class _RecordReader:
     """Little-endian records, each read checked against the file's end."""
 
     def __init__(self, path: str, data: bytes) -> None:

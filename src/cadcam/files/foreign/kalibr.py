@@ -69,26 +69,26 @@ def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Model:
+class _KalibrModel:
     camera_model: str
     intrinsics: Array
     distortion_model: str
     distortion: Array
 
 
-def _written(camera: Camera) -> _Model:
+def _written(camera: Camera) -> _KalibrModel:
     lens, K = camera.lens, np.array([camera.fx, camera.fy, *camera.principal_point])
     c = np.array(list(lens.parameters.values()))
     if isinstance(lens, (ExtendedUnified, DoubleSphere)):
         name = "eucm" if isinstance(lens, ExtendedUnified) else "ds"
-        return _Model(name, np.concatenate([c, K]), "none", np.zeros(0))
+        return _KalibrModel(name, np.concatenate([c, K]), "none", np.zeros(0))
     if isinstance(lens, Fisheye):
-        return _Model("pinhole", K, "equidistant", c)
+        return _KalibrModel("pinhole", K, "equidistant", c)
     if isinstance(lens, FieldOfView):
-        return _Model("pinhole", K, "fov", c)
+        return _KalibrModel("pinhole", K, "fov", c)
     if isinstance(lens, BrownConrady):
-        return _Model("pinhole", K, "radtan", c[:4])
-    return _Model("pinhole", K, "none", np.zeros(0))
+        return _KalibrModel("pinhole", K, "radtan", c[:4])
+    return _KalibrModel("pinhole", K, "none", np.zeros(0))
 
 
 def _camera(place: Place) -> Camera:

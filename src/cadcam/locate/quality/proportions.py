@@ -83,13 +83,13 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     few, k = [s.thinned(max(_ASKED // len(sights), 60)) for s in sights], B.shape[1]
     middle = _middle(sights)
     B = aligned(B, middle, sights[0].towards(middle, pose))
-    far = _Seen(few, pose, np.zeros(3), B, middle, _far(few, pose))
+    far = _LineSteps(few, pose, np.zeros(3), B, middle, _far(few, pose))
     as_it_is, trials = _tried(far, k)
     pulled = [
         _pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle, None if f.any() else far) for x, f in trials
     ]
     away = any(np.ptp(s) >= _BACK for _, s in pulled)
-    on = [_Seen(few, *pose_and_s, B, middle).met_now for pose_and_s in pulled] if away else []
+    on = [_LineSteps(few, *pose_and_s, B, middle).met_now for pose_and_s in pulled] if away else []
     if max(on, default=0.0) <= as_it_is:
         return Stretched(sights, pose, np.ones(3))
     best, s = pulled[int(np.argmax(on))]
@@ -97,12 +97,12 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
 
 
 def _pulled(
-    sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array, seen: _Seen | None
+    sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array, seen: _LineSteps | None
 ) -> tuple[Rigid, Array]:
     """Return the pose and the logarithms of the scales after pulling the lines onto steps nearby, seen ones first."""
     k = B.shape[1]
     for reach, soft in _PULLS:
-        seen = seen or _Seen(sights, pose, s, B, middle, reach)
+        seen = seen or _LineSteps(sights, pose, s, B, middle, reach)
         if not len(seen.J):
             break  # out of all photos
         stiff = np.zeros((k + 3, k + 3))
@@ -115,7 +115,7 @@ def _pulled(
     return pose, s
 
 
-class _Seen:
+class _LineSteps:
     """Derivative J (N, k + 3) of the lines by motions and scales, and steps (N, M): places along normals, slopes."""
 
     def __init__(
@@ -157,7 +157,7 @@ class _Seen:
         return float(self.met(self.shares_now))
 
 
-def _tried(seen: _Seen, k: int) -> tuple[float, list[tuple[Array, Array]]]:
+def _tried(seen: _LineSteps, k: int) -> tuple[float, list[tuple[Array, Array]]]:
     """Return how much of the lines meets steps now, and motions (k,) and f - 1 (3,) along one axis that do better."""
     J, K = seen.J[:, :k], seen.J[:, k:]
     shares = seen.shares_now

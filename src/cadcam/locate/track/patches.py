@@ -194,7 +194,7 @@ def aligned(
 ) -> Alignment | None:
     """Return the pose near a start, some px off, at which patches are found again; None where too few are."""
     seen = [
-        _Seen(one, canvas, photo.viewpoint.camera_from_world)
+        _Followed(one, canvas, photo.viewpoint.camera_from_world)
         for one, canvas, photo in zip(patches, canvases, photos, strict=True)
         if canvas is not None and len(one)
     ]
@@ -204,7 +204,7 @@ def aligned(
     return found or _settled(seen, _shifted(max(seen, key=lambda one: len(one.patches)), start), freedom)
 
 
-class _Seen(NamedTuple):
+class _Followed(NamedTuple):
     """Patches of one photo, another photo by the same camera, and camera_from_world."""
 
     patches: Patches
@@ -212,7 +212,7 @@ class _Seen(NamedTuple):
     place: Rigid
 
 
-class _Rows(NamedTuple):
+class _Residuals(NamedTuple):
     """Residuals r (P, n) of P patches in view, their Jacobian J (P, n, 6) by the twist, and correlations alike (P,).
 
     by_px (P, 2, 6): derivative of the first sample's pixel by the twist.
@@ -224,8 +224,8 @@ class _Rows(NamedTuple):
     by_px: Array
 
 
-class _Step(NamedTuple):
-    """A Gauss-Newton step: the new pose, the largest shift (px), the covariance, and the patches' correlations."""
+class _Update(NamedTuple):
+    """A Gauss-Newton update: the new pose, the largest shift (px), the covariance, and the patches' correlations."""
 
     pose: Rigid
     moved_px: float
@@ -233,9 +233,9 @@ class _Step(NamedTuple):
     alike: Array
 
 
-def _settled(seen: Sequence[_Seen], pose: Rigid, freedom: Freedom) -> Alignment | None:
+def _settled(seen: Sequence[_Followed], pose: Rigid, freedom: Freedom) -> Alignment | None:
     """Return where Gauss-Newton converges, on the coarse and then on the fine level."""
-    step = _Step(pose, np.inf, np.zeros((6, 6)), np.zeros(0))
+    step = _Update(pose, np.inf, np.zeros((6, 6)), np.zeros(0))
     for level, (rounds, settled) in enumerate(zip(_ROUNDS, _SETTLED_PX, strict=True)):
         for _ in range(rounds):
             following = _stepped(seen, step.pose, freedom.at(step.pose), level)
@@ -248,7 +248,7 @@ def _settled(seen: Sequence[_Seen], pose: Rigid, freedom: Freedom) -> Alignment 
     return Alignment(step.pose, step.covariance, found) if found >= max(LEAST, _SHARE * len(step.alike)) else None
 
 
-def _stepped(seen: Sequence[_Seen], pose: Rigid, B: Array, level: int) -> _Step | None:
+def _stepped(seen: Sequence[_Followed], pose: Rigid, B: Array, level: int) -> _Update | None:
     """Return the next step in the basis B; None where too few patches correlate."""
     rows = [_rows(*one, pose, level) for one in seen]
     r, J, alike, by_px = (np.concatenate([one[k] for one in rows]) for k in range(4))
@@ -262,7 +262,7 @@ def _stepped(seen: Sequence[_Seen], pose: Rigid, B: Array, level: int) -> _Step 
     back = B @ np.linalg.pinv(H, hermitian=True)
     step = back @ g.sum(axis=0)
     covariance = back @ (g.T @ g) @ back.T * (_OVERLAP * n / max(n - len(H), 1))
-    return _Step(pose @ Rigid.exp(step), float(np.abs(by_px @ step).max()), covariance, alike)
+    return _Update(pose @ Rigid.exp(step), float(np.abs(by_px @ step).max()), covariance, alike)
 
 
 def _weights(r: Array, alike: Array) -> Array:
@@ -272,7 +272,7 @@ def _weights(r: Array, alike: Array) -> Array:
     return np.asarray(counts / (own + (np.median(own) if len(own) else 0.0) + 1e-12))
 
 
-def _rows(patches: Patches, canvas: Canvas, place: Rigid, pose: Rigid, level: int) -> _Rows:
+def _rows(patches: Patches, canvas: Canvas, place: Rigid, pose: Rigid, level: int) -> _Residuals:
     """Return residuals and Jacobian of the patches in view, with each one's a and b eliminated by projection."""
     camera_from_part = place @ pose
     facing, every = patches.facing(camera_from_part), _levels(patches.p)[level]
@@ -290,10 +290,10 @@ def _rows(patches: Patches, canvas: Canvas, place: Rigid, pose: Rigid, level: in
     J = J - J.mean(axis=1, keepdims=True)
     J -= look[:, :, None] * np.matmul(look[:, None], J)
     alike = along / np.maximum(np.linalg.norm(brightness, axis=1), 1e-9)
-    return _Rows(along[:, None] * look - brightness, J, alike, by_px)
+    return _Residuals(along[:, None] * look - brightness, J, alike, by_px)
 
 
-def _shifted(seen: _Seen, start: Rigid) -> Rigid:
+def _shifted(seen: _Followed, start: Rigid) -> Rigid:
     """Return the start shifted parallel to the image plane to where most patches correlate at the coarse level."""
     patches, canvas, place = seen
     camera_from_part = place @ start
