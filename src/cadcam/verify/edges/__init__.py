@@ -1,1 +1,1 @@
-"""What photos show along the edges of a located part: places on them, their light, the edge found for each."""
+"""What photos show along the edges of a located part: places on them, lighting, the edge found for each."""

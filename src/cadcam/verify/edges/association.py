@@ -1,8 +1,8 @@
-"""Which of the photo's edges belong to a feature: a shift of the whole feature, searched beyond what a pose allows.
+"""Which of the photo's edges belong to a feature: a common shift of the feature, beyond what a pose fit allows.
 
-Near every place on a feature's lines the photo may have several edges. A feature is rigid: in each photo all of its
-edges are displaced by one vector s (to first order), an edge with normal n by n . s. The shift that most places support
-is found on a grid; of shifts that are as well supported the nominal place is preferred.
+Near each place on a feature's lines the photo may have several edges. A feature is rigid: in each photo all of its
+edges are displaced by one vector s (to first order), an edge with normal n by n . s. The shift with most support is
+found on a grid; among equally well supported shifts the nominal place is preferred.
 """
 
 from __future__ import annotations
@@ -21,39 +21,39 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.verify.edges.shifts import CAPTURE_PX, NEAR_PX, all_round, best_shift, grown, supported
 from cadcam.verify.edges.sightlines import REACH_PX, STEP_PX, Sightlines, pieces
 
-ROOM_PX = 2.5  # beside a place that must be free of other lines, for a step to be fitted to the pixels there
-_APART = 1.5  # blurs: as far again, for other lines' own steps
-SEARCH_ROOM_PX = 1.5  # the same for an edge to be looked for
-_MOST = 6  # candidates a place
-_COARSE_PX = 0.3  # sigma of a candidate, about
-_NEIGHBOURS = 4  # places of other lines looked at near a candidate
-_ON_LINE_PX = 1.2  # across a line, that a candidate may be off to be taken for it
-# A twin's own step, blurred otherwise than it is taken to be, draws the fit: so far off at so many blurs (measured in
-# simulated pictures: 0.03 px at 3.5 blurs, 0.01 px at 4.5), falling fast with the distance.
+ROOM_PX = 2.5  # room without other lines that a place needs for a step to be fitted to the pixels
+_APART = 1.5  # blurs: the same again, for the steps of other lines
+SEARCH_ROOM_PX = 1.5  # room needed to search for an edge
+_MOST = 6  # candidates per place
+_COARSE_PX = 0.3  # approximate sigma of a candidate
+_NEIGHBOURS = 4  # places of other lines compared with a candidate
+_ON_LINE_PX = 1.2  # largest distance across a line of a candidate that belongs to it
+# A twin's own step, of a blur slightly different from the assumed one, biases the fit: by so much at so many blurs'
+# distance (measured in simulated pictures: 0.03 px at 3.5 blurs, 0.01 px at 4.5), falling fast with the distance.
 _TWIN_ERROR_PX, _TWIN_BLURS = 0.035, 3.5
-# What pixels do unevenly averages out along an edge that crosses them, not along one that follows a row: an edge of a
-# picture drawn with 4 x 4 samples a pixel is off by anything up to half of what lies between them, if it spans less of
-# the way from row to row than this. Diagonals are rows, too, and so are knight's moves, the nearer to each other the
-# less each errs.
+# The error of sampling by pixels averages out along an edge that crosses many rows, not along one that follows a row:
+# an edge of a picture drawn with 4 x 4 samples a pixel is off by anything up to half the distance of the samples, if it
+# spans less of the way from row to row than this. Diagonals and knight's moves are rows as well: the closer rows are to
+# each other, the smaller their error.
 _ROW_ERROR_PX, _ROW_SPAN = 0.25 / np.sqrt(12.0), 0.5
 _ROWS = np.array([(1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)], float)  # across which 1, 2, ...
-_LEAST_STEP = 1e-3  # of brightness: fainter is none
-_TWIN_SHARE = 0.6  # of how far apart twins are by the model that they must be in the photo
+_LEAST_STEP = 1e-3  # of brightness: fainter ones are no steps
+_TWIN_SHARE = 0.6  # least distance of twins in the photo, as a share of that in the model
 _PARALLEL = np.cos(np.radians(20.0))
 _STRAYS = 3.5  # robust sigmas
-_LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree before it counts as seen
+_LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree for it to count as seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Association:
     """What the photos show at N places.
 
-    coarse (N,) px: offset of the edge that the feature's shift points to, nan where there is none; offset, sigma (N,)
-    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be; common (N,) px:
-    error that a whole edge has beside that, by a twin or by lying along the pixels' rows. step (N,): change of
-    brightness across the line at that place, be it an edge or not; nan where there is no room to tell. shift (N, 2) px:
-    by how much the feature that a place belongs to was found displaced in its photo, to about a pixel; growth (N,) px:
-    by how much the rim that it is on was found larger, to about a pixel, 0 for what is no rim.
+    coarse (N,) px: offset of the edge that the feature's shift predicts, nan where there is none; offset, sigma (N,)
+    px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be measured; common
+    (N,) px: further error of a whole edge, by a twin or by running along the pixels' rows. step (N,): change of
+    brightness across the line at its place, with or without an edge; nan where there is no room. shift (N, 2) px:
+    displacement in its photo of the feature that a place belongs to, to about a pixel; growth (N,) px: by how much its
+    rim is larger, to about a pixel, 0 for other edges.
     """
 
     coarse: Array
@@ -78,7 +78,7 @@ class Association:
 def nearby_edges(lines: Sightlines, sights: Sequence[Sight], *, reach_px: float, way: Array | None = None) -> Array:
     """Return the offsets (N, K) px along the normals of the photos' edges within `reach_px`, nan where no more are.
 
-    way (N,): sign of the change of brightness that is looked for, 0 for either; by default either.
+    way (N,): sign of the change of brightness that is searched for, 0 for either; by default either.
     """
     out = []
     for i, sight in enumerate(sights):
@@ -106,10 +106,10 @@ def associated(
     reach_px: float,
     ought: Mask | None = None,
 ) -> Association:
-    """Return the photo's edge at each place; body (N,) numbers what moves as one, -1 for what is not looked at.
+    """Return the photo's edge at each place; body (N,) numbers what moves as one, -1 for places to ignore.
 
-    found (N, K): see `nearby_edges`; ought (N,): which should show one, by default all. Where bodies are found beside
-    their places, others are looked for once more: their edges are not those of the displaced ones.
+    found (N, K): see `nearby_edges`; ought (N,): which places should show an edge, by default all. Where bodies are
+    found displaced, the others are searched for once more: their edges are not those of the displaced ones.
     """
     n = len(lines)
     ought = np.ones(n, bool) if ought is None else ought
@@ -130,7 +130,7 @@ def associated(
     free = _told_from_twins(lines, sights, body, expected)
     places = np.where(np.isfinite(expected), expected, at_shift)
     first, *_ = _measured(lines, sights, places, free)
-    closer = _expected(first, lines)  # a linear fit, of twins above all, is best where the steps are
+    closer = _expected(first, lines)  # the fit is linear, most accurate where the steps are, above all with twins
     offset, sigma, common, step = _measured(lines, sights, np.where(np.isfinite(closer), closer, places), free)
     offset[~np.isfinite(coarse)] = np.nan
     offset[strays(offset, sigma, lines.edge, lines.along, asked, ought)] = np.nan
@@ -140,7 +140,7 @@ def associated(
 def _shifted(
     lines: Sightlines, found: Array, free: Array, body: Longs, ought: Mask, *, reach_px: float
 ) -> tuple[Array, Array]:
-    """Return the coarse offsets (N,) and shifts (N, 2) of bodies, each looked for by itself in each photo."""
+    """Return the coarse offsets (N,) and shifts (N, 2) of bodies, each searched for separately in each photo."""
     coarse, shift = np.full(len(lines), np.nan), np.zeros((len(lines), 2))
     for number in np.unique(body[body >= 0]):
         for photo in np.unique(lines.photo[body == number]):
@@ -156,7 +156,7 @@ def _shifted(
 
 
 def _rims(lines: Sightlines, found: Array, coarse: Array, body: Longs, shift: Array, *, reach_px: float) -> Array:
-    """Return by how many px (N,) rims are larger than drawn; coarse offsets and shifts of those that are become theirs.
+    """Return by how many px (N,) rims are larger than drawn; sets their coarse offsets and shifts accordingly.
 
     A rim is an edge that faces several ways; it may be larger by more than a displacement of its body explains.
     """
@@ -175,12 +175,12 @@ def _rims(lines: Sightlines, found: Array, coarse: Array, body: Longs, shift: Ar
 
 
 def _faces_all_ways(lines: Sightlines, rows: Mask) -> bool:
-    """Return whether places `rows` (N,) of one edge are on a rim: no contour, whose border is where light has it."""
+    """Return whether places `rows` (N,) of one edge are on a rim; not so a contour, which depends on the light."""
     return lines.kind[rows][0] != EdgeKind.CONTOUR and all_round(lines.normal[rows])
 
 
 def _expected(coarse: Array, lines: Sightlines) -> Array:
-    """Return where (N,) px the straight line through each edge's coarse offsets passes; nan for edges not seen."""
+    """Return the offset (N,) px of the straight line through each edge's coarse offsets; nan for edges not seen."""
     out = np.full(len(coarse), np.nan)
     for e in np.unique(lines.edge[np.isfinite(coarse)]):
         rows = np.flatnonzero(lines.edge == e)
@@ -193,9 +193,9 @@ def _expected(coarse: Array, lines: Sightlines) -> Array:
 def _measured(
     lines: Sightlines, sights: Sequence[Sight], expected: Array, free: Mask
 ) -> tuple[Array, Array, Array, Array]:
-    """Return offsets (N,), sigmas, common errors and steps, fitted to the pixels about where the edges are expected.
+    """Return offsets (N,), sigmas, common errors and steps, fitted to the pixels about the expected offsets.
 
-    free (N,): places whose step is not taken for that of another line.
+    free (N,): places whose step cannot be confused with that of another line.
     """
     offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
     common = np.zeros(len(lines))
@@ -215,9 +215,9 @@ def _measured(
 
 
 def _by_twins(lines: Sightlines, rows: Longs, away: Array, step: Array, blur: float) -> Array:
-    """Return the error (n,) px that twins bring to places `rows` (n,), `away` (n, 2) px along their normals.
+    """Return the error (n,) px of places `rows` (n,) due to twins `away` (n, 2) px along their normals.
 
-    What is left over of a twin's step is as large as that, and moves a fainter one by as much more.
+    The residual of a twin's step is proportional to that step, and shifts a fainter one the more.
     """
     out = np.zeros(len(rows))
     for side in range(2):
@@ -231,9 +231,9 @@ def _by_twins(lines: Sightlines, rows: Longs, away: Array, step: Array, blur: fl
 
 
 def _along_rows(lines: Sightlines) -> Array:
-    """Return the error (N,) px of edges that meet all pixels of a row at about one place within these.
+    """Return the error (N,) px of edges that cross all pixels of a row at nearly the same place within the pixel.
 
-    A row is any straight line of pixels' centres, a column or a diagonal as well.
+    A row is any straight line of pixel centres, a column or a diagonal as well.
     """
     out = np.zeros(len(lines))
     apart = 1.0 / np.linalg.norm(_ROWS, axis=1)
@@ -245,11 +245,10 @@ def _along_rows(lines: Sightlines) -> Array:
 
 
 def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, expected: Array) -> Mask:
-    """Return which places (N,) have a parallel line near, a twin, for which their step in the photo is not taken.
+    """Return which places (N,) have parallel lines nearby, twins, and are distinguishable from all of them.
 
-    That of another body may stand elsewhere; of twins of one body a fit knows how far apart they are. They are told
-    from each other where both are seen, each in a place of its own. expected (N,) px: where the steps are, nan for
-    edges not seen.
+    A twin on another body may be displaced; for twins of one body the fit knows their distance. Twins are distinguished
+    where both are seen, each in a place of its own. expected (N,) px: where the steps are, nan for edges not seen.
     """
     there = lines.q + expected[:, None] * lines.normal
     out = np.zeros(len(lines), bool)

@@ -1,8 +1,9 @@
-"""Limbs, the borders of round surfaces: what the photo shows there may be shade.
+"""Limbs, the borders of round surfaces: what the photo shows there may be shading.
 
-Brightness changes ever faster towards a limb, and under a lamp at the camera falls off there: of a dark limb before a
-dark ground the photo shows a border of light, inside of where the surface ends. No light makes it end farther out. So a
-limb seen inside of its place tells nothing as far as that is; one seen outside has been displaced.
+Brightness changes ever faster towards a limb, and under a light at the camera it falls off there: for a dark limb on a
+dark background the photo shows the border of the bright area, inside of where the surface ends. No light makes a
+surface seem to end farther out. So the offset of a limb seen inside its place is no evidence; one seen outside is
+displaced.
 """
 
 from __future__ import annotations
@@ -14,13 +15,13 @@ from cadcam.cad.edges import EdgeKind
 from cadcam.verify.edges.sightlines import Sightlines
 from cadcam.verify.edges.surroundings import EdgeSurroundings
 
-_LEAST_PX = 0.5  # by which limbs may be off, wherever they are seen
+_LEAST_PX = 0.5  # least error of limbs, wherever they are seen
 
 
 def limb_errors(lines: Sightlines, beside: EdgeSurroundings, offset: Array) -> Array:
-    """Return the error (N,) px by shade that a whole edge has, 0 for what is no limb; offset (N,) px: where it is seen.
+    """Return the common error (N,) px of each limb by shading, 0 for other edges; offset (N,) px: where it is seen.
 
-    At least as large as the edge is seen inside of its place, in the middle.
+    At least the median offset by which the edge is seen inside its place.
     """
     out = np.zeros(len(lines))
     inwards = -_outwards(lines, beside) * offset
@@ -32,9 +33,9 @@ def limb_errors(lines: Sightlines, beside: EdgeSurroundings, offset: Array) -> A
 
 
 def _outwards(lines: Sightlines, beside: EdgeSurroundings) -> Array:
-    """Return 1 where the normal of a limb points away from its surface, -1 where it points to it, 0 where neither is.
+    """Return 1 where the normal of a limb points away from its surface, -1 where towards it, 0 where undetermined.
 
-    The surface lies on that side from which it bends away towards the other.
+    The surface lies on the side from which it curves away towards the other.
     """
     bends = np.einsum("nki,ni->nk", beside.normal, lines.by_point) * [1.0, -1.0]
     bends = np.where(beside.part == lines.part[:, None], bends, 0.0)

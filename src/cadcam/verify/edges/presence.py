@@ -1,13 +1,14 @@
-"""Is a feature there at all? Edges seen against edges that ought to be, weighed by what this very picture shows.
+"""Is a feature there at all? Edges seen, compared with edges that ought to be seen in this very picture.
 
-Edges of a feature that should be visible are seen or not. Those between the same two surfaces have contrast, or lack
-it, together (`cadcam.verify.edges.surroundings`): such a group is one piece of evidence. With contrast each of its
-edges is seen but for a lapse; without, and where the feature is not there, it seems seen where clutter lies. All three
-probabilities are counted in the picture itself: contrast and lapse over the edges of the other features, clutter over
-decoys, lines shifted to where the model has nothing. The log likelihood ratio L of "there" against "not there" is a sum
-over groups. The places of an edge lie on one line, those of texture lie anywhere near it: that is evidence, too, and
-counted alike (`cadcam.verify.edges.closeness`). By Wald's inequality (Sequential Analysis, 1947) a feature that is
-there gives L <= -T with probability of at most exp(-T), and one that is not gives L >= T as rarely.
+The edges of a feature that should be visible are seen or not. Edges between the same two surfaces have contrast, or
+lack it, together (`cadcam.verify.edges.surroundings`), so such a group is one piece of evidence. With contrast each of
+its edges is seen, apart from lapses; without contrast, or where the feature is absent, an edge appears seen where
+clutter lies. All three probabilities are estimated from the picture itself: contrast and lapse from the edges of the
+other features, clutter from decoys, lines shifted to where the model has nothing. The log likelihood ratio L of
+"present" against "absent" is a sum over groups. The places of an edge lie on one line, while those of texture lie
+anywhere near it: that is evidence, too, and estimated likewise (`cadcam.verify.edges.closeness`). By Wald's inequality
+(Sequential Analysis, 1947) a feature that is present gives L <= -T with probability of at most exp(-T), and one that is
+absent gives L >= T as rarely.
 """
 
 from __future__ import annotations
@@ -23,38 +24,38 @@ from cadcam.verify.edges.shifts import CAPTURE_PX, best_shift
 from cadcam.verify.edges.sightlines import Sightlines, pieces
 from cadcam.verify.edges.surroundings import EdgeSurroundings, alike
 
-LEAST_PLACES = 4  # of an edge that can say anything
-_DECOY_SHARE = 0.65  # of the reach at which decoys stand
-_CLEAR_PX = 3.5  # from its own place before a decoy counts
+LEAST_PLACES = 4  # fewest places of an edge that are evidence
+_DECOY_SHARE = 0.65  # distance of decoys as a share of the reach
+_CLEAR_PX = 3.5  # distance from its own place from which a decoy counts
 _DECOYS = 6
-_SURE, _LEAST_STEP = 4.0, 0.008  # sigmas and brightness (two steps of eight bits) of a faint edge
-_AVERAGED = 5  # places whose steps were averaged
-_STEEP = 4.0  # of the curve from unseen to seen, by the logarithm of the contrast
-_MIDDLES, _USUAL_MIDDLE = np.geomspace(0.004, 0.12, 33), 0.015  # contrasts that are seen half the time
+_SURE, _LEAST_STEP = 4.0, 0.008  # a faint edge: sigmas, and brightness (two steps of eight bits)
+_AVERAGED = 5  # places over which steps were averaged
+_STEEP = 4.0  # steepness of the curve from unseen to seen, over the logarithm of the contrast
+_MIDDLES, _USUAL_MIDDLE = np.geomspace(0.004, 0.12, 33), 0.015  # contrasts seen half the time: tried, usual
 _SUREST = 0.998  # probability up to which a group is believed to have contrast
-_IN_PLACE, _LEAST_SIGMA_PX = 0.9, 0.05  # share of bodies' edges that are where they should be, as well as is believed
-_SIZES_PX = 16.0  # range of what a rim may be larger or smaller by
-_LAPSE = 0.01  # share of edges with ample contrast that are not seen, before any are counted
+_IN_PLACE, _LEAST_SIGMA_PX = 0.9, 0.05  # prior share of bodies' edges in place; least uncertainty of places
+_SIZES_PX = 16.0  # range of a rim's difference in size
+_LAPSE = 0.01  # prior share of edges with ample contrast that are not seen
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Presence:
-    """What a feature's edges say: how many should be visible, how many are seen, and L (natural logarithm)."""
+    """The evidence of a feature's edges: how many should be visible, how many are seen, and L (natural logarithm)."""
 
     expected: int
     seen: int
     log_ratio: float
-    # L where nothing is known of the light: each group has contrast as likely as not, which no faint edge speaks for
+    # L if nothing is known of the light: each group has contrast as likely as not, for which no faint edge speaks
     in_any_light: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeEvidence:
-    """The edges (E,) with enough places to tell: number, group, expected contrast, and whether the edge is seen.
+    """The edges (E,) with enough places to judge: number, group, expected contrast, and whether the edge is seen.
 
-    faint: whether it is so by a step only that is too faint to tell at each place; scatter: of its places about a line
-    (px), nan where they are too few or it is not plainly seen. Edges of one group lie between the same two surfaces.
-    The pieces of a bent one that face different ways are several: what hides one side of a rim does not hide the
+    faint: whether it is seen only by a step too faint to be certain at each place; scatter: of its places about a line
+    (px), nan where they are too few or it is not clearly seen. Edges of one group lie between the same two surfaces.
+    The pieces of a bent edge that face different ways count separately: what hides one side of a rim does not hide the
     others.
     """
 
@@ -87,7 +88,7 @@ class EdgeEvidence:
 
 
 def _steps_somewhat(step: Array) -> bool:
-    """Return whether the brightness changes across an edge, by the median of its places: fainter than each can tell."""
+    """Return whether the brightness changes across an edge in the median of its places, even if each is too faint."""
     known = step[np.isfinite(step)]
     if len(known) < LEAST_PLACES:
         return False
@@ -100,7 +101,7 @@ def _steps_somewhat(step: Array) -> bool:
 def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: Clutter, elsewhere: float = 0.0) -> Presence:
     """Return the evidence for the feature with the edges `mine` (E,).
 
-    elsewhere: logarithm of the number of places where it was looked for, if it was found at another than its own.
+    elsewhere: logarithm of the number of other places searched for the feature, if it was found at one of these.
     """
     others = edge_visibility(evidence, ~mine)
     total = log_ratio(evidence, mine, others, clutter.share)
@@ -114,7 +115,7 @@ def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: Clutter, elsewhere:
 def log_ratio(
     evidence: EdgeEvidence, mine: Mask, seen: EdgeVisibility, clutter: float, *, contrast: float | None = None
 ) -> float:
-    """Return L of the edges `mine` (E,), group by group; contrast: probability that it has it, default by the light."""
+    """Return L of the edges `mine` (E,), group by group; contrast: probability of it, by default from the light."""
     total = 0.0
     for group in np.unique(evidence.group[mine]):
         of = (evidence.group == group) & mine
@@ -129,7 +130,7 @@ def log_ratio(
 
 @dataclass(frozen=True, slots=True)
 class EdgeVisibility:
-    """Whether edges are seen, by their contrast: half of those of contrast `middle`, and all but a `lapse` of ample."""
+    """Which edges are seen: half of those of contrast `middle`, and of ample contrast all but a `lapse`."""
 
     middle: float
     lapse: float
@@ -140,10 +141,10 @@ class EdgeVisibility:
 
 
 def edge_visibility(evidence: EdgeEvidence, others: Mask) -> EdgeVisibility:
-    """Return how well edges are seen, as the others (E,) are.
+    """Return how well edges are seen, estimated from the others (E,).
 
-    A logistic curve in the logarithm of the contrast, with a lapse: even ample contrast is now and then not seen, for
-    shadows, dirt or something in front. Its middle is the most probable one.
+    A logistic curve in the logarithm of the contrast, with a lapse: even an edge of ample contrast is sometimes not
+    seen, because of shadows, dirt or an occluder. `middle` is the most probable one.
     """
     c, seen = np.maximum(evidence.contrast[others], 1e-4), evidence.seen[others]
 
@@ -157,11 +158,11 @@ def edge_visibility(evidence: EdgeEvidence, others: Mask) -> EdgeVisibility:
 
 
 def in_place_ratio(offset: Array, sigma: Array, clutter: float, *, rim: Mask | None = None) -> float:
-    """Return what the places (n,) px of edges that are seen add to L: those of clutter lie anywhere, a body's in place.
+    """Return what the places (n,) px of seen edges add to L: those of clutter lie anywhere, those of a body in place.
 
-    Clutter that is seen in a share of places within `CAPTURE_PX` has the density -log(1 - clutter) / (2 CAPTURE_PX)
-    there; of what is seen, the nearest one, divided by that share. A body may as well be displaced: then this tells
-    nothing, but for the pieces of a rim (n,) that is larger than drawn: what they are off agrees.
+    Clutter that is seen at a share of places within `CAPTURE_PX` has the density -log(1 - clutter) / (2 CAPTURE_PX)
+    there; the nearest one of those seen, divided by that share. A body may also be displaced, and then this is no
+    evidence, except for the pieces of a rim (n,) that is larger than drawn, whose offsets agree.
     """
     density = -np.log1p(-clutter) / (2 * CAPTURE_PX * clutter)
     s = np.maximum(sigma, _LEAST_SIGMA_PX)
@@ -172,7 +173,7 @@ def in_place_ratio(offset: Array, sigma: Array, clutter: float, *, rim: Mask | N
 
 
 def _as_one(offset: Array, sigma: Array, density: float) -> float:
-    """Return the logarithm of how much likelier pieces (n,) px all off by one value, any, are than those of clutter."""
+    """Return the log likelihood ratio of pieces (n,) px having one common offset, of any size, against clutter."""
     weight = sigma**-2.0
     mean = float(offset @ weight / weight.sum())
     agree = -0.5 * float((weight * (offset - mean) ** 2).sum()) - float(np.log(np.sqrt(2 * np.pi) * sigma).sum())
@@ -182,14 +183,14 @@ def _as_one(offset: Array, sigma: Array, density: float) -> float:
 
 @dataclass(frozen=True, slots=True)
 class Clutter:
-    """How often an edge is seen where there is none (share), and of those so seen, how many lie on one line."""
+    """How often an edge is seen where there is none (share), and how many of those so seen lie on one line."""
 
     share: float
     on_one_line: float
 
 
 def clutter_of(lines: Sightlines, found: Array, body: Longs, *, reach_px: float) -> Clutter:
-    """Return what edges are seen where there is none: over decoys, each shifted about to where it fits best."""
+    """Return what edges are seen where there is none: from decoys, each shifted slightly to where it fits best."""
     counts = np.zeros(4)
     radius = _DECOY_SHARE * reach_px
     angles = np.pi * (np.arange(_DECOYS) + 0.5) / _DECOYS * 2
@@ -199,13 +200,13 @@ def clutter_of(lines: Sightlines, found: Array, body: Longs, *, reach_px: float)
             for a in angles:
                 counts += _decoy(lines, found, rows, radius * np.array([np.cos(a), np.sin(a)]))
     tries, hits, told, straight = counts
-    # a share of 0.1 is believed until counted otherwise, and of them a half
+    # prior: a share of 0.1, of which half lies on one line
     share = float(np.clip((hits + 1.0) / (tries + 10.0), 0.01, 0.6))
     return Clutter(share, float((straight + 1.0) / (told + 2.0)))
 
 
 def _decoy(lines: Sightlines, found: Array, rows: Longs, s: Array) -> Array:
-    """Return of the edges of a feature shifted by about s: how many there are, seen, told, and on one line (4,)."""
+    """Return counts (4,) of a feature's edges shifted by about s: all, seen, with enough places, on one line."""
     normal, offset = lines.normal[rows], found[rows]
     clear = np.abs(normal @ s) > _CLEAR_PX
     if not clear.any():

@@ -1,7 +1,7 @@
-"""Where the photo's edges near a feature's lines say that it is: the shift, and the growth of a rim, that most support.
+"""Where a feature is according to the photo's edges near its lines: the best supported shift, and a rim's growth.
 
-Offsets of candidates along the lines' normals, a few at each place, are asked which of them agree: those of a rigid
-shift s are n . s, those of a rim that is larger all round are equal.
+Each place has a few candidates, offsets along its normal. Candidates agree with a rigid shift s if they equal n . s,
+and with a rim that is larger all round if they are equal.
 """
 
 from __future__ import annotations
@@ -11,19 +11,19 @@ import numpy as np
 from cadcam.arrays import Array, Mask
 from cadcam.verify.edges.sightlines import pieces
 
-CAPTURE_PX = 1.5  # how far an edge may be from the shifted model's and still support it
-NEAR_PX = 1.5  # shifts up to this are the nominal place
+CAPTURE_PX = 1.5  # how far a candidate may be from the shifted model and still support the shift
+NEAR_PX = 1.5  # shifts up to this count as the nominal place
 _GRID_PX = 0.75
-_GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # by which support elsewhere must exceed that of the nominal place
-_GUESSES, _GUESSES_APART_PX = 6, 2.0  # of a body's place
-_GUESS_SHARE = 0.5  # of the best one's support that others have
-_WAYS = 3  # pieces of a rim, facing different ways, that tell its size from a shift
+_GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # least gain in support over the nominal place: places, share
+_GUESSES, _GUESSES_APART_PX = 6, 2.0  # most guesses of a body's place, and their least distance
+_GUESS_SHARE = 0.5  # least support of the other guesses relative to the best
+_WAYS = 3  # pieces of a rim, facing different ways, that distinguish its size from a shift
 
 
 def best_shift(offset: Array, normal: Array, *, reach_px: float, free: Array | None = None) -> Array:
     """Return the shift (2,) px that most of the candidates `offset` (n, K) support, to the grid's step.
 
-    free (n, K): those of them that may tell of a shift away from the nominal place, by default all.
+    free (n, K): those that may be evidence of a shift away from the nominal place, by default all.
     """
     grid = _grid(reach_px)
     near = np.hypot(*grid.T) <= NEAR_PX
@@ -39,7 +39,7 @@ def best_shift(offset: Array, normal: Array, *, reach_px: float, free: Array | N
 
 
 def guessed_shifts(offset: Array, normal: Array, *, reach_px: float) -> Array:
-    """Return shifts (k, 2) px that many of the candidates `offset` (n, K) support, best first, clearly apart."""
+    """Return shifts (k, 2) px that many of the candidates `offset` (n, K) support, best first, clearly separated."""
     grid = _grid(reach_px)
     score = support(offset, normal, grid) - 1e-6 * np.hypot(*grid.T)
     out: list[Array] = []
@@ -51,15 +51,15 @@ def guessed_shifts(offset: Array, normal: Array, *, reach_px: float) -> Array:
 
 
 def all_round(normal: Array) -> bool:
-    """Return whether an edge with these normals (n, 2) faces so many ways that its size is told from a shift."""
+    """Return whether an edge with normals (n, 2) faces so many ways that its size is distinguishable from a shift."""
     return len(np.unique(pieces(np.zeros(len(normal), np.int64), normal))) >= _WAYS
 
 
 def grown(offset: Array, free: Array, normal: Array, shift: Array, *, reach_px: float) -> tuple[float, Array]:
-    """Return by how many px a rim is larger (along its normals) than drawn, and the shift (2,) px with that; 0 if none.
+    """Return by how many px a rim is larger (along its normals) than drawn, and the shift (2,) px then; 0 if it is not.
 
     offset, free (n, K): its candidates, and those that no other line of the model explains; shift (2,) px: of its body.
-    What it has to gain over the nominal size is what a shift has to, and all round: in most of each of its pieces.
+    The gain over the nominal size must be as large as for a shift, and all round: in most of each of its pieces.
     """
     piece = pieces(np.zeros(len(normal), np.int64), normal)
     near = shift + _grid(NEAR_PX)
@@ -82,7 +82,7 @@ def supported(offset: Array, normal: Array, shift: Array) -> Mask:
 
 
 def support(offset: Array, normal: Array, shifts: Array) -> Array:
-    """Return how many places (n,) have a candidate (n, K) near each shift (m, 2); nearer ones count more."""
+    """Return how many places (n,) have a candidate (n, K) near each shift (m, 2), weighted by closeness."""
     used = np.isfinite(offset).any(axis=1)
     o = np.where(np.isfinite(offset[used]), offset[used], 1e6)
     expected = shifts @ normal[used].T  # (m, n)

@@ -1,4 +1,4 @@
-"""What a part at a pose shows in each pixel of a photo: which face, how that is turned, of which colour and body."""
+"""What each pixel of a photo shows of a part at a pose: which face, its normal, colour and body."""
 
 from __future__ import annotations
 
@@ -25,9 +25,9 @@ _NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)
 class ShownFaces:
     """What a part shows in the pixels of a photo, or of a window of it.
 
-    face (h, w): number of the face among the n that are seen, 0 for nothing of the part. Of these: normal (n, 3) in the
-    part frame, turned to the camera, color and part (n,), surface (n,): equal for faces of one colour that are turned
-    about alike. Of nothing: no normal (zeros), colour and part -1.
+    face (h, w): index of the face among the n visible ones, 0 where the part is not seen. For these: normal (n, 3) in
+    the part frame, turned to the camera; color and part (n,); surface (n,): equal for faces of one colour and similar
+    normal. Entry 0: normal zero, colour and part -1.
     """
 
     face: Ids
@@ -55,7 +55,7 @@ class ShownFaces:
         if kept.any():
             scene = part.scene if kept.all() else Scene.of(mesh.select(kept), edges=_NO_EDGES)
             seen = open_renderer(scene).render(camera, camera_from_part, channels=Channel.FACE).face
-        else:  # of a part that is one body
+        else:  # a part that is a single body
             seen = np.full((camera.height, camera.width), -1, np.int32)
         return cls._of_faces(part, np.flatnonzero(kept), seen, camera_from_part.inv.translation)
 
@@ -63,7 +63,7 @@ class ShownFaces:
     def _of_faces(cls, part: Part, kept: Longs, seen: Ids, eye: Array) -> ShownFaces:
         """Return what is seen where the faces `seen` (h, w), of those `kept` of the part, meet the pixels."""
         among = np.zeros(len(kept) + 1, bool)
-        among[seen] = True  # -1, nothing, is the last
+        among[seen] = True  # -1, no face, is the last
         which = np.flatnonzero(among[:-1])
         number = np.zeros(len(kept) + 1, np.int32)
         number[which] = np.arange(1, len(which) + 1)
@@ -78,7 +78,7 @@ class ShownFaces:
         return np.asarray((self.part == body)[self.face])
 
     def light(self, photo: Photo, *, without: Mask | None = None) -> FittedLight:
-        """Return the light that explains a whole photo; without (H, W): pixels that do not count."""
+        """Return the light that explains a whole photo; without (H, W): pixels left out."""
         few = slice(None, None, EVERY)
         gray, face = photo.gray[few, few].ravel(), self.face[few, few].ravel()
         if without is not None:

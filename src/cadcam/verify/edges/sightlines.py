@@ -1,4 +1,4 @@
-"""Places on the part's visible edges, and all that moves their images: the part, its features, the camera's errors."""
+"""Places on the part's visible edges, and what moves their images: the part, its features, the camera's errors."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.lines.wireframe import LineOptions
 
-STEP_PX, REACH_PX = 4.0, 7.0  # length of the cell that a place stands for, and how far to each side it reaches
+STEP_PX, REACH_PX = 4.0, 7.0  # length of the cell that a place stands for; how far it reaches to each side
 _LINES = LineOptions(margin_px=0.0)
-_BENT, _LEAST = np.pi / 2, 3  # turn by which pieces of one edge face different ways; places of a piece
+_BENT, _LEAST = np.pi / 2, 3  # turn beyond which pieces of an edge face different ways; fewest places of a piece
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sightlines:
     """N places on visible edges, in the photos and on the part.
 
-    q (N, 2) px where the model puts them, normal (N, 2) across the edge, p (N, 3) mm in the part frame; by_point (N, 3)
-    px/mm: how the image moves along its normal when the place moves on the part; by_cause (N, r) px: how it moves with
-    each of r independent unit errors of cameras and their places; along (N,) px: position along its edge, 0 in the
-    edge's middle; room (N,) px: distance to the next other line across it; edge (N,): its edge in its photo, 0 ...;
-    part, kind, chain, photo (N,): of whose, of which kind, which one, where.
+    q (N, 2) px: where the model has them; normal (N, 2) across the edge; p (N, 3) mm in the part frame; by_point (N, 3)
+    px/mm: derivative of the image, along its normal, by the place on the part; by_cause (N, r) px: by each of r
+    independent unit errors of cameras and their poses; along (N,) px: position along its edge, 0 in the edge's middle;
+    room (N,) px: distance to the next other line across it; edge (N,): number of its edge in its photo, from 0; part,
+    kind, chain, photo (N,): to which it belongs.
     """
 
     q: Array
@@ -56,27 +56,27 @@ class Sightlines:
 
     @property
     def by_pose(self) -> Array:
-        """Return how the image moves along its normal with xi of world_from_part @ Rigid.exp(xi), (N, 6) px."""
+        """Return the derivative of the image along its normal by xi of world_from_part @ Rigid.exp(xi), (N, 6) px."""
         return np.concatenate([self.by_point, np.cross(self.p, self.by_point)], axis=1)
 
     @property
     def mm_per_px(self) -> Array:
-        """Return the distance (N,) in mm, at the edge's depth, between the planes in which neighbouring pixels see."""
+        """Return the length (N,) in mm at the edge's depth that one px covers."""
         return np.asarray(1.0 / np.linalg.norm(self.by_point, axis=1))
 
     @property
     def direction(self) -> Array:
-        """Return the unit direction (N, 3) in the part frame along which an offset along the normal is seen.
+        """Return the unit direction (N, 3) in the part frame along which an offset along the normal is observed.
 
-        It is perpendicular to the edge and to the line of sight: the one motion of the edge that the photo shows whole.
+        It is perpendicular to the edge and to the line of sight: the motion of the edge that the photo shows in full.
         """
         return self.by_point * self.mm_per_px[:, None]
 
 
 def pieces(edge: Longs, normal: Array) -> Longs:
-    """Return the number (N,) of the piece of its edge that each place is on: those of a bent edge face different ways.
+    """Return the number (N,) of the piece of its edge that each place is on; pieces of a bent edge face different ways.
 
-    An edge that bends by less than a right angle or so is one piece, the rim of a hole four.
+    An edge that turns by less than about a right angle is one piece, the rim of a hole four.
     """
     out = np.zeros(len(edge), np.int64)
     first = 0
@@ -98,7 +98,7 @@ def pieces(edge: Longs, normal: Array) -> Longs:
 def sightlines(part: Part, photos: Sequence[Photo], world_from_part: Rigid) -> tuple[Sightlines, list[Sight]]:
     """Return places every `STEP_PX` px on the edges and contours that the photos should show, and each photo's sight.
 
-    The places of a photo follow one another in the order of its sight's samples.
+    The places of a photo are consecutive, in the order of its sight's samples.
     """
     sources = _sources(photos)
     each = [_in_photo(part, photo, i, world_from_part, sources) for i, photo in enumerate(photos)]
@@ -141,7 +141,7 @@ def _imaged(samples: EdgeSamples, photo: Photo, camera_from_part: Rigid) -> Mask
 
 
 def _along(q: Array, edge: Longs) -> Array:
-    """Return the length of line (px) from the middle of its edge to each place."""
+    """Return the arc length (px) from the middle of its edge to each place."""
     if not len(q):
         return np.zeros(0)
     step = np.linalg.norm(np.diff(q, axis=0), axis=1)
@@ -152,7 +152,7 @@ def _along(q: Array, edge: Longs) -> Array:
 
 
 def _sources(photos: Sequence[Photo]) -> list[ErrorSource]:
-    """Return the error sources of all photos, each once: photos with one owner err together."""
+    """Return the error sources of all photos, each once: photos with one owner share its errors."""
     seen: dict[int, ErrorSource] = {}
     for photo in photos:
         for source, _ in photo.viewpoint.errors:

@@ -1,4 +1,4 @@
-"""What lies on both sides of an edge, and how bright it should be: whether an edge ought to show is a matter of light.
+"""What lies on both sides of an edge, and how bright it should be: whether an edge is visible depends on the light.
 
 Edges between the same two surfaces have contrast, or lack it, together.
 """
@@ -15,10 +15,10 @@ from cadcam.locate.photo import Photo
 from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines
 
-FAINT = 0.02  # contrast below which an edge may well not show
-_SURE_WAY = 4.0  # sigmas of a change of brightness whose sign is sure
-_ASIDE_PX = 1.5  # where the sides are looked at: twins are farther apart than this
-_ALIKE = 0.3  # distance of normals (about rad) up to which surfaces are taken to be lit alike
+FAINT = 0.02  # contrast below which an edge may be invisible
+_SURE_WAY = 4.0  # sigmas of a change of brightness from which its sign is certain
+_ASIDE_PX = 1.5  # distance at which the sides are evaluated: twins are farther apart
+_ALIKE = 0.3  # difference of normals (about rad) up to which surfaces are lit alike
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,9 +26,9 @@ class EdgeSurroundings:
     """What lies beside N places.
 
     normal (N, 2, 3): of the surfaces before and after the place along its normal, in the part frame, zero where there
-    is nothing of the part; part, color (N, 2): the numbers of their part and of their paint, -1 for nothing; contrast
-    (N,): by how much the brightness should at least change from one to the other, the light being known as well as it
-    is; way (N,): 1 where it should rise along the normal, -1 where it should fall, 0 where that is not sure.
+    is no part; part, color (N, 2): the numbers of their body and paint, -1 for none; contrast (N,): least change of
+    brightness between them, given the uncertainty of the light; way (N,): its expected sign, 1 where it should rise
+    along the normal, -1 where it should fall, 0 where that is uncertain.
     """
 
     normal: Array
@@ -39,7 +39,7 @@ class EdgeSurroundings:
 
 
 def edge_surroundings(photos: Sequence[Photo], shown: Sequence[ShownFaces], lines: Sightlines) -> EdgeSurroundings:
-    """Return what lies beside each place, in the light that the photos show; shown: what the part shows in each."""
+    """Return what lies beside each place, under the light of the photos; shown: what the part shows in each photo."""
     n = len(lines)
     normals = np.zeros((n, 2, 3))
     contrast, way = np.zeros(n), np.zeros(n)
@@ -61,7 +61,7 @@ def edge_surroundings(photos: Sequence[Photo], shown: Sequence[ShownFaces], line
 
 
 def alike(normal: Array, color: Ids) -> Longs:
-    """Return the number (E,) of the group of each edge by its two sides: normals (E, 2, 3), colours (E, 2)."""
+    """Return the group number (E,) of each edge, by its two sides: normals (E, 2, 3), colours (E, 2)."""
     group = np.full(len(normal), -1, np.int64)
     for i in range(len(normal)):
         if group[i] >= 0:

@@ -1,4 +1,4 @@
-"""All edges that the photos should show, which feature each place belongs to, and the photo's edge found for it."""
+"""All edges that the photos should show, the feature each place belongs to, and the photo's edge found for it."""
 
 from __future__ import annotations
 
@@ -22,20 +22,21 @@ from cadcam.verify.edges.sightlines import Sightlines, sightlines
 from cadcam.verify.edges.surroundings import FAINT, edge_surroundings
 from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
-_LEAST_GUESSED = 12  # places from which a feature's own place is guessed
-_BESIDE_SHARE = 0.5  # of an edge's places that show one beside it, and none there
-_BLIND = 0.05  # of the largest: what a displacement along the line of sight moves in a photo
+_LEAST_GUESSED = 12  # fewest places from which a feature's own place is guessed
+_BESIDE_SHARE = 0.5  # share of an edge's places that show an edge beside it and none in place
+_BLIND = 0.05  # of the largest image motion: below it a displacement is along the line of sight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Survey:
     """N places on visible edges.
 
-    nearby (N, K) px: offsets of the photos' edges near each. names: the features asked about, then the model's parts as
-    far as they are none of those; members: the places (N,) of each, which may be those of others too. body (N,): what
-    moves as one, each place in one of them: the widest feature that has it, or its part. usable (N,): whether its edge
-    can be told from its neighbours; datum (N,): whether the pose may be fitted to it; stated: whether the datum was, by
-    the tolerances. lever (N,) px/mm, mate (N,) and ground (N, 3): what the place is as a foot (`Feet`), the mate being
+    nearby (N, K) px: offsets of the photos' edges near each. names: the features in question, then those of the model's
+    parts that are not among them; members: the places (N,) of each, which may overlap. body (N,): what moves as one,
+    each place in exactly one: the widest feature that contains it, or its part. usable (N,): whether its edge is
+    distinguishable from its neighbours; datum (N,): whether the pose may be fitted to it; stated: whether the
+    tolerances state the datum. lever (N,) px/mm, mate (N,) and ground (N, 3): the place as a foot (`Feet`), with mate a
+    body; ought (N,): whether the light gives its edge contrast; shown: what the part shows in each photo.
     a body; ought (N,): whether the light gives its edge contrast; shown: what the part shows in each photo.
     """
 
@@ -62,18 +63,18 @@ class Survey:
         return np.asarray(self.members[number] & self.usable)
 
     def whole_part(self, number: int) -> int | None:
-        """Return the number of the part whose places in view are just those of a feature; None if there is none."""
+        """Return the number of the part whose visible places are exactly those of a feature; None if there is none."""
         own = np.unique(self.lines.part[self.members[number]])
         if len(own) != 1 or (self.lines.part == own[0]).sum() != self.members[number].sum():
             return None
         return int(own[0])
 
     def mm_per_px(self, number: int) -> float:
-        """Return how many mm a px is at a feature's edges, in their middle."""
+        """Return the median length in mm of one px at a feature's edges."""
         return float(np.median(self.lines.mm_per_px[self.members[number]]))
 
     def shows_beside(self, number: int) -> bool:
-        """Return whether an edge of a feature that ought to show is not seen in its place, but one beside it."""
+        """Return whether some edge of a feature that ought to be seen is not seen in place, but one beside it is."""
         asked = self.members[number] & self.ought
         for e in np.unique(self.lines.edge[asked]):
             rows = asked & (self.lines.edge == e)
@@ -90,9 +91,9 @@ class Survey:
         return presence(self.evidence, mine, clutter=self.clutter, elsewhere=elsewhere)
 
     def guesses(self, number: int, *, reach_px: float) -> list[Array]:
-        """Return displacements (3,) mm of a feature that many of the edges nearby agree with, from where it is drawn.
+        """Return displacements (3,) mm of a feature, from where it is drawn, that many of the edges nearby agree with.
 
-        Feet, which may not follow, are asked where there is little else. Along the line of sight there is none.
+        Feet, which may not follow, are used where there is little else. None has a component along the line of sight.
         """
         rows = self.members[number]
         own = rows & (self.mate < 0)
@@ -124,7 +125,7 @@ def surveyed(
 ) -> Survey:
     """Return what the photos show along the part's lines, within `reach_px` of them.
 
-    by (P, 3) mm: how far its bodies stand beside where the CAD has them; default nothing.
+    by (P, 3) mm: displacement of its bodies from where the CAD has them; default none.
     """
     by = np.zeros((len(part.scene.mesh.part_names), 3)) if by is None else by
     lines, sights = sightlines(part, photos, world_from_part)
@@ -165,7 +166,7 @@ def surveyed(
 def _from_place(
     matched: Association, lines: Sightlines, photos: Sequence[Photo], world_from_part: Rigid, by: Array
 ) -> Association:
-    """Return offsets and shifts from where the CAD has the bodies, which were drawn `by` (P, 3) mm beside."""
+    """Return offsets and shifts relative to the CAD for bodies that were drawn displaced `by` (P, 3) mm."""
     if not by.any():
         return matched
     mm = by[lines.part]
@@ -191,7 +192,7 @@ def _members(scene: Scene, lines: Sightlines, asked: Tolerances) -> tuple[tuple[
 
 
 def _bodies(members: Sequence[Mask]) -> Longs:
-    """Return the body (N,) of each place: of the features that have it, the one with most places."""
+    """Return the body (N,) of each place: of the features that contain it, the one with most places."""
     body = np.full(len(members[0]) if members else 0, -1, np.int64)
     for i in sorted(range(len(members)), key=lambda i: (-int(members[i].sum()), i)):
         body[members[i] & (body < 0)] = i
