@@ -1,4 +1,4 @@
-"""From photos and a pose to what deviates from the CAD: all edges and features, before anything is judged."""
+"""From photos and a pose to deviations from the CAD: all edges and features, before anything is judged."""
 
 from __future__ import annotations
 
@@ -37,9 +37,9 @@ from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import Tolerances, whole_parts
 
-_SURVEYS, _REDRAW_PX = 3, 0.3  # while the datum moves lines by so much they are drawn again; so often at most
+_SURVEYS, _REDRAW_PX = 3, 0.3  # the lines are redrawn, at most so often, while the datum moves them by more than this
 _CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
-_LEAST_SEEN = 0.35  # of the datum's places that must show an edge for the pose to be believed
+_LEAST_SEEN = 0.35  # least share of the datum's places that must show an edge for the pose to be believed
 _CARRIED = (
     "the datum edges seen do not hold the part: fitted to them it would move by {:.0f} px, and edges were looked for "
     "within {:.0f} px; take more features into the datum, or another photo"
@@ -48,10 +48,10 @@ _CARRIED = (
 
 @dataclass(frozen=True, slots=True)
 class InspectionOptions:
-    """reach_px: how far features are looked for beside their places. alarms: share of false ones that is allowed.
+    """reach_px: how far beside their places features are searched for. alarms: accepted share of false alarms.
 
     At most in that share of pictures any feature is wrongly called displaced (a quarter of it; Holm over features) or
-    missing (the rest; Bonferroni over features). Of the edges that are marked as off at most that share is not
+    missing (the rest; Bonferroni over features). Of the edges marked as deviating at most that share does not deviate
     (Benjamini and Hochberg over edges).
     """
 
@@ -72,11 +72,11 @@ PLAIN_OPTIONS = InspectionOptions()
 class Inspection:
     """What the photos show of a part at a pose.
 
-    pose: fitted to the datum's edges. datum: names of the bodies it was fitted to; left_out: those of them that do not
-    agree with the others, and were not used (never of a stated datum). tau_px: common error of an edge; noise_scale:
-    scatter along edges over what the photos' noise predicts; clutter: see `cadcam.verify.edges.presence`; seen_share:
-    of the datum's places, those where the photos show an edge. found: whether the part is where the pose has it; if
-    not, `reason` says why.
+    pose: fitted to the datum's edges. datum: names of the bodies it was fitted to; left_out: those that disagree with
+    the others and were not used (never of a stated datum). tau_px: common error of an edge; noise_scale: scatter along
+    edges over what the photos' noise predicts; clutter: see `cadcam.verify.edges.presence`; seen_share: share of the
+    datum's places where the photos show an edge. found: whether the part is where the pose has it; if not, `reason`
+    says why.
     """
 
     pose: PoseEstimate
@@ -93,7 +93,7 @@ class Inspection:
     reason: str
     measured: MeasuredEdges | None
     survey: Survey
-    passable: float = float("nan")  # log likelihood ratio from which a feature asked for passes as present
+    passable: float = float("nan")  # log likelihood ratio from which a required feature passes as present
 
     def feature(self, name: str) -> FeatureDeviation:
         """Return a feature by its name."""
@@ -109,13 +109,13 @@ def inspect(
     options: InspectionOptions = PLAIN_OPTIONS,
     freedom: Array | None = None,
 ) -> Inspection:
-    """Return what deviates from the CAD, the part standing about where `world_from_part` has it (to a pixel or so).
+    """Return what deviates from the CAD, given the pose `world_from_part` to a pixel or so.
 
-    tolerances say which features there are and which of them the pose is fitted to; by default every body of the model
-    is a feature, and the pose is fitted to those that agree: while the worst of them is significantly displaced
-    against the others, it is left out (data snooping; W. Baarda, Netherlands Geodetic Commission 2/5, 1968). freedom
-    (6, k): motions that are free (`PoseEstimate`), default all. Where the datum's edges in view do not hold the part,
-    or hardly any are seen, the part is not found. Raises `UnknownName` or `BadValue` for names that the part has not.
+    tolerances state the features and the datum; by default every body of the model is a feature, and the pose is fitted
+    to those that agree: while the worst of them is significantly displaced relative to the others, it is left out (data
+    snooping; W. Baarda, Netherlands Geodetic Commission 2/5, 1968). freedom (6, k): motions that are free
+    (`PoseEstimate`), default all. The part is not found where the visible edges of the datum do not determine its pose,
+    or hardly any are seen. Raises `UnknownName` or `BadValue` for names that the part does not have.
     """
     asked = whole_parts(part.scene) if tolerances is None else tolerances
     asked.check(part.scene)
@@ -135,9 +135,9 @@ def inspect(
         moved_px = quantile(np.abs(survey.lines.by_pose @ xi), 0.9)
         if moved_px < _REDRAW_PX:
             break
-        if moved_px > options.reach_px:  # farther than edges were looked for: few of them, which tell too little
+        if moved_px > options.reach_px:  # farther than edges were searched for: few of them, too few to judge
             return _not_found(survey, pose, F, _CARRIED.format(moved_px, options.reach_px))
-        pose = pose @ Rigid.exp(xi)  # from there other lines are seen, and fewer of the photo's are taken for them
+        pose = pose @ Rigid.exp(xi)  # there other lines are visible, and fewer mistaken for others
     return _reported(case, findings_redrawn(case, look), options)
 
 
@@ -187,7 +187,7 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
 
 
 def _doubted(case: Case, look: Findings) -> tuple[MeasuredEdges, list[Doubt], list[float]]:
-    """Return what is measured without edges astray of features that are in place, each one's doubt, and its p-value."""
+    """Return the measurement without edges astray of features in place, each feature's doubt, and its p-value."""
     survey, measured = look.survey, look.measured
     moved = [measured.moved(i) for i in range(len(measured.members))]
     doubts = [Doubt.of(measured, i, doubted=not _elsewhere(case, look, i, moved[i])) for i in range(len(moved))]
@@ -203,9 +203,10 @@ def _doubted(case: Case, look: Findings) -> tuple[MeasuredEdges, list[Doubt], li
 
 
 def _elsewhere(case: Case, look: Findings, number: int, moved: Displacement | None) -> bool:
-    """Return whether a feature was drawn, and then measured, farther off than edges are taken for its own, and surely.
+    """Return whether a feature was drawn, and then surely measured, farther off than its edges are searched for.
 
-    All pixels that it covers there or in its place then say so, as surely as an alarm has to be: not a few edges alone.
+    Then all pixels that it covers, there or in its place, show that as surely as an alarm requires, not just a few
+    edges.
     """
     survey = look.survey
     part = survey.whole_part(number)
@@ -218,7 +219,7 @@ def _elsewhere(case: Case, look: Findings, number: int, moved: Displacement | No
 
 
 def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdges) -> list[Presence]:
-    """Return the evidence that features are there, with that of where those edges lie that are seen."""
+    """Return the evidence that features are there, including where their seen edges lie."""
     out = []
     larger = np.unique(survey.lines.edge[survey.matched.growth != 0])
     for found, rows in zip(presence, measured.members, strict=True):
@@ -267,9 +268,9 @@ def _features(
 def _state(
     presence: Presence, moved: Displacement | None, alarm: bool, enough: float, *, near: bool, rare: float
 ) -> tuple[State, Unclear | None]:
-    """Return the state; of an unclear one also why, where that follows from what is asked here.
+    """Return the state; of an unclear one also the reason, as far as it follows from this evidence.
 
-    rare: share of false alarms of displacements; where edges disagree, what they say together has to be as sure.
+    rare: accepted share of false alarms of displacements; where edges disagree, their joint evidence has to meet it.
     """
     if presence.expected == 0 and moved is None:
         return State.OUT_OF_VIEW, None
@@ -281,18 +282,18 @@ def _state(
         return State.UNCLEAR, None
     alone = presence.seen < 2 and (not near or presence.expected > 2)
     if alarm and moved.edges < 2 and alone and presence.log_ratio < enough:
-        return State.UNCLEAR, Unclear.ALONE  # others ought to show, or the body is far off
+        return State.UNCLEAR, Unclear.ALONE  # others ought to be seen, or the body is far off
     if not alarm and _believed(moved) is None:
-        return State.UNCLEAR, None  # what cannot be told is not in place either
+        return State.UNCLEAR, None  # what cannot be measured is not known to be in place either
     if alarm and moved.estimate.misfit > DISAGREE and _of_none(moved) > rare:
-        return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no displacement of all of it
+        return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no common displacement
     return (State.DISPLACED if alarm else State.IN_PLACE), None
 
 
 def _believed(moved: Displacement | None) -> Displacement | None:
-    """Return a displacement if its size is known, and does not say "displaced" where its edges say "in place".
+    """Return a displacement if its size is known and it does not contradict edges that agree with the body's place.
 
-    It can where feet tell nothing of a body that sinks, and a bend of its one other edge seems to tell how far.
+    It may do so where feet are no evidence of a body that sinks, and a bend of its one other edge suggests how far.
     """
     if of_known_size(moved) is None or moved is None or moved.p_value <= AS_IN_PLACE:
         return of_known_size(moved)
@@ -300,12 +301,12 @@ def _believed(moved: Displacement | None) -> Displacement | None:
 
 
 def _of_none(moved: Displacement) -> float:
-    """Return how probable a displacement as large as this is where there is none, by its own uncertainty."""
+    """Return the probability of a displacement as large as this where there is none, given its own uncertainty."""
     return tail_probability(moved.estimate.value, moved.estimate.covariance, np.inf)
 
 
 def _beyond(survey: Survey, number: int, moved: Displacement | None, options: InspectionOptions) -> bool:
-    """Return whether a displacement is farther than was looked: then its edges are not those that were taken for it."""
+    """Return whether a displacement exceeds the search range: then its edges are not those assigned to it."""
     return _px(survey, number, moved) > 2 * options.reach_px
 
 

@@ -1,4 +1,4 @@
-"""A located part against its tolerances: what each limit asks, what was measured of it, the verdict."""
+"""A located part judged by its tolerances: for each limit what was measured, and the verdict."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Toleran
 from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, overall, towards
 
 _NAN = float("nan")
-_NAMED = 3  # features that fail, in the one line for people
-_AXIS = 1e-9  # of a direction that may be off an axis by rounding
+_NAMED = 3  # most failing features named in the summary
+_AXIS = 1e-9  # largest deviation of a direction from an axis by rounding
 _NEAR_AXIS = np.cos(np.radians(15.0))
 _ANOTHER_VIEW, _IN_VIEW = "take another view", "take a photo that shows it"
 _ALONG = "judge a direction, or add a photo from another side"
@@ -35,7 +35,7 @@ _LESS_OF = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Verification:
-    """The verdict on a part, what it follows from, and all that was measured; reason: one line for people."""
+    """The verdict on a part, what it follows from, and all that was measured; reason: one line of text."""
 
     verdict: Verdict
     reason: str
@@ -56,9 +56,9 @@ def verify_part(
 ) -> Verification:
     """Return the verdict on the part that `located` has in the photos.
 
-    The pose is fitted anew to the datum that the tolerances name, and every feature is judged against a pose fitted
-    without it. A part that was not found gets no verdict: NOT FOUND, and why. Photos that `located` left out are not
-    looked at; where it rests on photos that disagree, no place is judged, for a camera that is off displaces bodies of
+    The pose is fitted again, to the datum that the tolerances name, and every feature is judged relative to a pose
+    fitted without it. A part that was not found gets no verdict but NOT FOUND, and why. Photos that `located` left out
+    are not used; where it rests on photos that disagree, no place is judged, because a wrong camera displaces bodies of
     a good part. Raises as `inspect`.
     """
     tolerances.check(part.scene)
@@ -78,7 +78,7 @@ def verify_part(
 
 
 def _in_agreement(seen: Inspection, kept: Sequence[int], *, disputed: bool) -> Inspection:
-    """Return what was seen in the photos that were kept, numbered as all are; no displacement where they disagree."""
+    """Return what was seen in the photos kept, numbered as all; no displacements where they disagree."""
     features = tuple(f.disputed() for f in seen.features) if disputed else seen.features
     edges = tuple(replace(e, photo=kept[e.photo], off=e.off and not disputed) for e in seen.edges)
     extra = tuple(replace(e, photo=kept[e.photo]) for e in seen.extra)
@@ -110,7 +110,7 @@ def _judgement(name: str, limit: Limit, found: FeatureDeviation, seen: Inspectio
 
 
 def _closer(found: FeatureDeviation) -> str:
-    """Return what makes a deviation surer that is too near to its limit: less of what makes most of its uncertainty."""
+    """Return how to improve a deviation too near to its limit: reduce the cause of most of its uncertainty."""
     shares = found.shares
     return "measure it more surely: " + _LESS_OF.get(
         max(shares, key=lambda c: shares[c]) if shares else "", _ANOTHER_VIEW
@@ -140,7 +140,7 @@ def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
         return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, "its edges do not agree on one place")
     verdict = decided(found.size, sigma, limit)
     reason = f"displaced by {_vector(found.vector)} mm"
-    if verdict is Verdict.FAIL and found.p_value > AS_IN_PLACE:  # told by few pixels, or where it can hardly be seen
+    if verdict is Verdict.FAIL and found.p_value > AS_IN_PLACE:  # by a few pixels, or hardly visible there
         reason += f", but its edges are as likely (p {found.p_value:.2g}) of a feature in place"
         return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, reason)
     one_photo = seen.measured is not None and seen.measured.eye is not None
@@ -173,7 +173,7 @@ def _angle(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -
 
 
 def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
-    """Judge the pieces of all edges; k is raised so that all of them together err as rarely as one would."""
+    """Judge the pieces of all edges, with k raised so that any of them errs as rarely as a single one would."""
     pieces = [(s, e) for e in seen.edges if name in e.features for s in e.station if np.isfinite(s[2])]
     if not pieces:
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "none of its edges is seen")
@@ -196,7 +196,7 @@ _QUANTITIES: dict[Quantity, Callable[[str, Limit, FeatureDeviation, Inspection],
 
 
 def together(k: float, n: int) -> float:
-    """Return the coverage factor at which n independent values err, any of them, as rarely as one does at k."""
+    """Return the coverage factor at which any of n independent values errs as rarely as one does at k."""
     from scipy.special import ndtr, ndtri
 
     return float(-ndtri(-np.expm1(np.log1p(-ndtr(-k)) / n)))
@@ -241,7 +241,7 @@ def _nothing(reason: str, tolerances: Tolerances, located: Location, seen: Inspe
 
 
 def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
-    """Return a direction in the part's axes: the axis' name where it is one, else its components."""
+    """Return a direction in the part's axes: the axis' name if it is one, else its components."""
     d = np.asarray(v, np.float64)
     axis = int(np.argmax(np.abs(d)))
     if np.abs(d).sum() - abs(d[axis]) < _AXIS * abs(d[axis]):
@@ -250,7 +250,7 @@ def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
 
 
 def _towards(v: np.typing.NDArray[np.float64]) -> str:
-    """Return a direction (3,) that may as well be its opposite, for people: by the axis near it, or its components."""
+    """Return a direction (3,) of unknown sign, for people: by the axis near it, or its components."""
     axis = int(np.argmax(np.abs(v)))
     d = v * (np.sign(v[axis]) or 1.0)
     return f"nearly along {'xyz'[axis]}" if d[axis] >= _NEAR_AXIS * np.linalg.norm(d) else f"along {_vector(d)}"

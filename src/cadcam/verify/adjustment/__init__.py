@@ -1,1 +1,1 @@
-"""The pose fitted to datum edges, with errors of edges as they are: scatter, feet that follow, how sure an alarm is."""
+"""The pose fitted to datum edges: errors common to an edge, feet that follow, the significance of an alarm."""

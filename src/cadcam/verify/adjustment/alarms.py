@@ -1,4 +1,4 @@
-"""How sure an alarm must be when many are possible."""
+"""How significant an alarm must be when many are possible."""
 
 from __future__ import annotations
 
@@ -6,16 +6,16 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask
 
-AS_IN_PLACE = 0.05  # probability, of a feature in place, from which its edges are no evidence that it is displaced
-_SINGULAR = 1e-12  # of the largest variance: a direction that tells nothing of its own
+AS_IN_PLACE = 0.05  # probability, for a feature in place, from which its edges are no evidence of a displacement
+_SINGULAR = 1e-12  # of the largest variance: a direction without information of its own
 
 
 def false_discoveries_below(p_values: Floats, share: float) -> Mask:
-    """Return which of the hypotheses (n,) are given up so that at most `share` of these, on average, are true.
+    """Return which of the hypotheses (n,) are rejected so that at most `share` of these, on average, are true.
 
-    Y. Benjamini and Y. Hochberg, J. R. Stat. Soc. B 57 (1995). Where all of them are true, the probability of giving up
-    any is at most `share`: a picture in which nothing is wrong raises an alarm in at most that share of pictures. nan:
-    not tested.
+    Y. Benjamini and Y. Hochberg, J. R. Stat. Soc. B 57 (1995). Where all of them are true, the probability of rejecting
+    any is at most `share`: a picture without a fault raises an alarm in at most that share of pictures. nan: not
+    tested.
     """
     p = np.asarray(p_values, np.float64)
     tested = np.flatnonzero(np.isfinite(p))
@@ -28,7 +28,7 @@ def false_discoveries_below(p_values: Floats, share: float) -> Mask:
 
 
 def surely_below(p_values: Floats, share: float) -> Mask:
-    """Return which of the hypotheses (n,) are given up so that, whichever are true, any is in at most `share` of cases.
+    """Return which of the hypotheses (n,) are rejected so that, whichever are true, one is in at most `share` of cases.
 
     S. Holm, Scand. J. Stat. 6 (1979). nan: not tested.
     """
@@ -42,11 +42,11 @@ def surely_below(p_values: Floats, share: float) -> Mask:
 
 
 def tail_probability(value: Array, covariance: Array, dof: float) -> float:
-    """Return how probable a value (m,) this large is where the truth is zero, its covariance known to `dof` degrees.
+    """Return the probability of a value (m,) this large where the truth is zero, its covariance known to `dof` degrees.
 
-    Hotelling's statistic against F(m, dof): with few edges, tails are wide.
+    Hotelling's statistic, with the F(m, dof) distribution: with few edges, its tails are wide.
     """
-    from scipy.special import chdtrc, fdtrc  # what scipy.stats wraps: that takes half a second to import
+    from scipy.special import chdtrc, fdtrc  # wrapped by scipy.stats, which takes half a second to import
 
     if not len(value):
         return float("nan")
@@ -62,7 +62,7 @@ def tail_probability(value: Array, covariance: Array, dof: float) -> float:
 
 
 def either(p: float, other: float) -> float:
-    """Return the probability of what two tests of the same edges say, `other` heard where p is evidence by itself.
+    """Return the joint probability of two tests of the same edges, `other` counting where p is evidence by itself.
 
     Twice the smaller of the two (Bonferroni), never more than p.
     """

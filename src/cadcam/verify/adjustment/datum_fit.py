@@ -1,9 +1,9 @@
-"""The pose fitted to datum edges, and what other edges deviate from it: generalised least squares, errors kept apart.
+"""The pose fitted to datum edges, and what other edges deviate from it: generalised least squares, by cause of error.
 
-Offsets y = J xi + G u + C c + e: xi the motion of the whole part, u what is asked of some edges (a displacement, an
-angle), c unit errors of cameras and their places, e the errors of `EdgeNoise`. xi comes from datum edges other than
-those asked about, so that u is free of what it is compared with; as c moves both, its effect on u is what the pose does
-not follow.
+Offsets y = J xi + G u + C c + e: xi the motion of the whole part, u a parameter of some edges (a displacement, an
+angle), c unit errors of cameras and their poses, e the errors of `EdgeNoise`. xi is estimated from datum edges other
+than those of u, so that u is independent of its reference; as c moves both, its effect on u is what the pose does not
+follow.
 """
 
 from __future__ import annotations
@@ -18,15 +18,15 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment.scatter import EdgeNoise
 
 CAUSES = ("noise", "edges", "pose", "calibration")
-_BLIND = 1e-12  # of the largest: information that is rounding
+_BLIND = 1e-12  # of the largest: information below it is rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Estimate:
-    """Values (m,) with the covariance (m, m) that each cause brings, in the unit of the design they were asked in.
+    """Values (m,) with the covariance (m, m) due to each cause, in the unit of their design.
 
-    noise: the photos' in these edges; edges: their common errors, and what else may have moved them; pose: noise and
-    common errors of the datum's edges, through the pose; calibration: cameras and their places, through these edges
+    noise: the photos', in these edges; edges: their common errors, and whatever else may have moved them; pose: noise
+    and common errors of the datum's edges, through the pose; calibration: cameras and their poses, through these edges
     and the pose together. misfit: chi-square over degrees of freedom of the edges as wholes, 1 where there are none.
     """
 
@@ -51,7 +51,7 @@ class Estimate:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FittedPose:
-    """A motion xi (6,) of the part, its covariance (6, 6) by errors of edges, and how (6, r) it follows cameras'."""
+    """A motion xi (6,) of the part, its covariance (6, 6) by errors of edges, and derivative (6, r) by cameras."""
 
     xi: Array
     covariance: Array
@@ -71,7 +71,7 @@ class Adjustment:
 
     @cached_property
     def _white(self) -> Array:
-        """V^-1 (J F, y, C) of all offsets; edges do not mix, so rows of some edges are theirs alone."""
+        """V^-1 (J F, y, C) of all offsets; edges are independent, so the rows of an edge depend on it alone."""
         return self.errors.white(np.column_stack([self.J @ self.freedom, self.offset, self.C]))
 
     @cached_property
@@ -79,9 +79,9 @@ class Adjustment:
         return np.asarray((self.J[self.datum] @ self.freedom).T @ self._white[self.datum])
 
     def pose(self, *, without: Mask | None = None) -> FittedPose:
-        """Return the motion xi fitted to the datum's offsets, whole edges `without` (N,) left out.
+        """Return the motion xi fitted to the datum's offsets, without the whole edges `without` (N,).
 
-        Raises `DegenerateGeometry` where the others do not hold the part.
+        Raises `DegenerateGeometry` where the others do not determine the pose.
         """
         F, k = self.freedom, self.freedom.shape[1]
         sums = self._datum_sums
@@ -93,7 +93,7 @@ class Adjustment:
         return FittedPose(F @ solution[:, 0], F @ inverse @ F.T, F @ solution[:, 1:])
 
     def information(self, rows: Mask, design: Array) -> Array:
-        """Return the information (m, m) that the offsets of `rows` hold on u in their design, whatever the pose."""
+        """Return the information (m, m) in the offsets of `rows` on u, in their design, for an unknown pose."""
         return np.asarray(design.T @ self.errors.of_rows(rows).white(design))
 
     def estimate(
@@ -105,10 +105,10 @@ class Adjustment:
         prior: float = np.inf,
         enlarged: bool = False,
     ) -> Estimate:
-        """Return what the offsets of `rows` (N,) say of u in their design (n, m) px, against a pose without them.
+        """Return the estimate of u by the offsets of `rows` (N,), of design (n, m) px, against a pose without them.
 
-        prior: standard deviation of u before anything is measured. enlarged: where the edges disagree with u by more
-        than their errors, these are taken to be larger by as much (R. T. Birge, Phys. Rev. 40, 1932).
+        prior: standard deviation of u before the measurement. enlarged: where the edges disagree on u by more than
+        their errors, these are scaled up accordingly (R. T. Birge, Phys. Rev. 40, 1932).
         """
         errors = self.errors.of_rows(rows)
         WG = errors.white(design)
@@ -128,9 +128,9 @@ class Adjustment:
         return Estimate(value, noise, common, HJ @ pose.covariance @ HJ.T, seen @ seen.T, misfit)
 
     def mean(self, rows: Mask, design: Array, pose: FittedPose) -> tuple[Array, float]:
-        """Return the variances (4,) of `CAUSES`, and the value, of one u in its design (n,): as `estimate`, but quick.
+        """Return the variances (4,) of `CAUSES`, and the value, of one u in its design (n,): as `estimate`, but faster.
 
-        It is asked of every piece of every edge.
+        It is called for every piece of every edge.
         """
         errors, J = self.errors.of_rows(rows), self.J[rows]
         weights = errors.white(design[:, None])[:, 0]
@@ -167,7 +167,7 @@ def _white(errors: EdgeNoise, K: Array, X: Array) -> Array:
 
 
 def _misfit(errors: EdgeNoise, left: Array, *, fitted: int) -> float:
-    """Return chi-square over degrees of freedom of edges as wholes, what scatters along them taken off; 1 for none."""
+    """Return chi-square over degrees of freedom of edges as wholes, without the scatter along them; 1 for none."""
     total = float(left @ errors.white(left[:, None])[:, 0])
     within, lines = errors.about_lines(left)
     dof = lines - fitted
@@ -175,7 +175,7 @@ def _misfit(errors: EdgeNoise, left: Array, *, fitted: int) -> float:
 
 
 def _inverse(N: Array, F: Array) -> Array:
-    """Return the inverse of the pose's information; `DegenerateGeometry` naming the motion it leaves free."""
+    """Return the inverse of the pose's information; raise `DegenerateGeometry` naming the motion it leaves free."""
     scale = np.sqrt(np.maximum(np.diag(N), 1e-300))
     w, V = np.linalg.eigh(N / np.outer(scale, scale))
     if not len(w) or w[0] <= _BLIND * max(len(N), 1) or not np.isfinite(w).all():

@@ -1,11 +1,11 @@
-"""How far a body is displaced whose feet follow it to one side of their ground only: up from it, not down into it.
+"""The displacement of a body whose feet follow it only to one side of their ground: up from it, not down into it.
 
-A foot is where a side of the body meets the ground, normal b. The displacement d of a body that is lifted, or slides
-(b . d >= 0), takes the line along: by G d in the photo. A body that sinks leaves it behind by the lever l for each mm,
-so that it moves by (G - l b) d. The line thus moves by a function of d that is linear on each side of the ground and
-continuous between them. The sides are told from each other by Bayes' rule: each is as probable as the offsets are with
-it, times the probability that what is then measured lies on that side; the estimate is the mean over sides, and what it
-is on each of them adds to its covariance.
+A foot is where a side of the body meets the ground, of normal b. The displacement d of a body that is lifted, or slides
+(b . d >= 0), takes the line along, by G d in the photo. A body that sinks moves relative to the line by the lever l per
+mm, so that the line moves by (G - l b) d. Its motion is thus a continuous function of d, linear on each side of the
+ground. The sides are weighted by Bayes' rule: with the probability of the offsets on each side, times the probability
+that the displacement estimated there lies on that side. The estimate is the mean over sides, and the differences
+between sides add to its covariance.
 """
 
 from __future__ import annotations
@@ -17,9 +17,9 @@ import numpy as np
 from cadcam.arrays import Array, Mask
 from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
 
-_ALIKE = 10.0  # steps to a unit normal's component within which grounds are one
-_DIRECTIONS = 200  # of displacements that are asked which sides there are
-_NEGLIGIBLE = 1e-3  # weight of a side that is not counted
+_ALIKE = 10.0  # quantisation of unit normals within which grounds are one, steps per unit
+_DIRECTIONS = 200  # of displacements that are sampled to find the possible sides
+_NEGLIGIBLE = 1e-3  # weight below which a side is ignored
 
 
 def following(
@@ -33,10 +33,10 @@ def following(
     basis: Array,
     prior_mm: float,
 ) -> Estimate:
-    """Return the displacement (m,) mm along a basis (3, m) of a body whose offsets are those of `rows` (N,).
+    """Return the displacement (m,) mm along a basis (3, m) of the body with the offsets of `rows` (N,).
 
     by_point (n, 3) px/mm, lever (n,) px/mm and ground (n, 3): of these rows. prior_mm: standard deviation of a
-    displacement along each vector of the basis before anything is measured; along others there is none.
+    displacement along each vector of the basis before the measurement; along others there is none.
     """
     normals, number = _grounds(ground, lever)
     found: list[Estimate] = []
@@ -52,7 +52,7 @@ def following(
 
 
 def _grounds(ground: Array, lever: Array) -> tuple[Array, np.typing.NDArray[np.int64]]:
-    """Return the distinct grounds (g, 3) of feet, and the number (n,) of each place's; 0 for what is no foot."""
+    """Return the distinct grounds (g, 3) of feet, and the number (n,) of each place's; 0 where it is no foot."""
     number = np.zeros(len(lever), np.int64)
     feet = lever != 0
     if not feet.any():
@@ -64,14 +64,14 @@ def _grounds(ground: Array, lever: Array) -> tuple[Array, np.typing.NDArray[np.i
 
 
 def _sides(normals: Array, basis: Array) -> list[Mask]:
-    """Return into which of the grounds (g,) a body may have sunk together: the signs that displacements can have."""
+    """Return the combinations of grounds (g,) that a body may have sunk into: the possible signs of displacements."""
     m = basis.shape[1]
     way = np.random.default_rng(0).normal(size=(_DIRECTIONS, m)) if m > 1 else np.array([[1.0], [-1.0]])
     return list(np.unique(way @ (normals @ basis).T < 0, axis=0))
 
 
 def _log_probability(estimate: Estimate, normals: Array, sunk: Mask) -> float:
-    """Return the logarithm of how probable it is that what is told lies on that side of the grounds (g, m)."""
+    """Return the log probability that the estimated displacement lies on that side of the grounds (g, m)."""
     from scipy.special import log_ndtr
 
     up = normals @ estimate.value
@@ -80,7 +80,7 @@ def _log_probability(estimate: Estimate, normals: Array, sunk: Mask) -> float:
 
 
 def _mixed(found: Sequence[Estimate], log_weight: Array) -> Estimate:
-    """Return the mean of estimates with weights, and by total variance the covariance of each cause."""
+    """Return the weighted mean of estimates and, by the law of total variance, the covariance due to each cause."""
     weight = np.exp(log_weight - log_weight.max())
     weight = np.where(weight < _NEGLIGIBLE, 0.0, weight)
     weight /= weight.sum()

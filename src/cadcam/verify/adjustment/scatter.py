@@ -1,9 +1,9 @@
-"""The errors of edges in a photo: white noise along an edge, and what a whole edge has wrong.
+"""The errors of edges in a photo: white noise along an edge, and an error common to the whole edge.
 
-Offsets along one edge err together: chamfers, shadows, unequal blur, neighbouring edges. An edge's common error is
-taken for a random straight line, a shift and a tilt of variance tau^2 each (variance components):
-V = diag(sigma^2) + tau^2 Z Z^T with Z = (1, t) for each edge, t its position scaled to unit mean square. A covariance
-from the noise alone is too small by what tau is; it does not fall with more samples.
+Offsets along one edge have errors in common: chamfers, shadows, unequal blur, neighbouring edges. An edge's common
+error is modelled as a random straight line, a shift and a tilt of variance tau^2 each (variance components): V =
+diag(sigma^2) + tau^2 Z Z^T with Z = (1, t) for each edge, t its position scaled to unit mean square. A covariance from
+noise alone lacks tau, which does not average out over the samples of an edge.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 
-_LEAST_PX, _MOST_PX = 1e-4, 3.0  # where tau is looked for
+_LEAST_PX, _MOST_PX = 1e-4, 3.0  # range in which tau is searched for
 _TRIES = 40
 _LEAST_FOR_SCALE = 5
 _GOLDEN = (np.sqrt(5.0) - 1) / 2
@@ -41,12 +41,12 @@ class EdgeNoise:
         return cls(np.asarray(sigma, np.float64), number, Z, np.full(len(count), float(tau)))
 
     def of_rows(self, rows: Mask) -> EdgeNoise:
-        """Return the errors of some offsets (mask over N); a part of an edge keeps the edge's line."""
+        """Return the errors of some offsets (mask over N); part of an edge keeps the edge's common line."""
         edges, number = np.unique(self.edge[rows], return_inverse=True)
         return EdgeNoise(self.sigma[rows], number.reshape(-1).astype(np.int64), self.Z[rows], self.tau[edges])
 
     def with_more(self, more: Array) -> EdgeNoise:
-        """Return the errors with another one common to each edge, more (N,) px at its places."""
+        """Return the errors with a further one common to each edge, more (N,) px at its places."""
         count = np.maximum(np.bincount(self.edge, minlength=self.edges), 1)
         square = np.bincount(self.edge, more**2, minlength=self.edges) / count
         return replace(self, tau=np.sqrt(self.tau**2 + square))
@@ -66,7 +66,7 @@ class EdgeNoise:
         return np.asarray(by_noise - np.einsum("ni,nik->nk", self.Z, drawn[self.edge]) / self.sigma[:, None] ** 2)
 
     def common(self, H: Array) -> Array:
-        """Return Q (m, 2 edges), by which H (m, N) of the edges' common errors has the covariance Q Q^T."""
+        """Return Q (m, 2 edges) with Q Q^T the covariance of H (m, N) times the edges' common errors."""
         Q = np.zeros((len(H), 2 * self.edges))
         for i in range(2):
             for m in range(len(H)):
@@ -79,7 +79,7 @@ class EdgeNoise:
         return float(2 * np.log(self.sigma).sum() + np.linalg.slogdet(inner)[1].sum())
 
     def about_lines(self, X: Array) -> tuple[float, int]:
-        """Return chi-square of values X (N,) about a line along each edge, and how many numbers these lines have."""
+        """Return chi-square of values X (N,) about a line fitted to each edge, and these lines' parameters in all."""
         W = self.Z / self.sigma[:, None] ** 2
         A, b = self.sums(W), self.sums(X[:, None] / self.sigma[:, None] ** 2)[:, :, 0]
         numbers = 1 + (A[:, 1, 1] > 0).astype(np.int64)
@@ -96,9 +96,9 @@ class EdgeNoise:
 
 
 def white_scale(offset: Array, noise: EdgeNoise) -> float:
-    """Return by what factor offsets scatter about straight lines along their edges, over what sigma says.
+    """Return the ratio of the offsets' scatter about straight lines along their edges to that predicted by sigma.
 
-    The root of the median over edges of chi-square, by what that usually is: one bad edge does not count.
+    The root of the median over edges of chi-square over its usual value: a single bad edge has no influence.
     """
     ratios = []
     for e in range(noise.edges):
@@ -116,7 +116,7 @@ def white_scale(offset: Array, noise: EdgeNoise) -> float:
 def improbability(offset: Array, noise: EdgeNoise, J: Array, K: Array) -> float:
     """Return minus twice the logarithm of the restricted likelihood of offsets (N,), up to a constant.
 
-    J (N, k): the motion that was fitted to them; K (N, r) px: what else moved them, each column by a unit error. (H. D.
+    J (N, k): the motion fitted to them; K (N, r) px: other effects on them, each column by a unit error. (H. D.
     Patterson and R. Thompson, Biometrika 58, 1971.)
     """
     W = noise.white(np.column_stack([J, offset, K]))
@@ -129,11 +129,11 @@ def improbability(offset: Array, noise: EdgeNoise, J: Array, K: Array) -> float:
 
 
 def common_error(offset: Array, noise: EdgeNoise, J: Array, *, usual: float | None = None) -> float:
-    """Return tau (px), beside those that the noise has, of offsets (N,) that a motion with Jacobian J (N, k) explains.
+    """Return tau (px), beyond that of the noise model, for offsets (N,), J (N, k) being the Jacobian of the fit.
 
-    Where they are most probable by the restricted likelihood, which knows that the motion was fitted to the same
-    offsets. 0 where the noise alone explains them. usual (px): what it is in most photos, within a factor of e; few
-    edges that happen to agree then do not say that there is none.
+    The maximum of the restricted likelihood, which accounts for the fit of the motion to the same offsets. 0 where
+    noise alone explains them. usual (px): prior value, within a factor of e, so that a few edges that happen to agree
+    do not make it vanish.
     """
     sums = _Sums.of(np.column_stack([J, offset]), noise)
 
@@ -161,7 +161,7 @@ def common_error(offset: Array, noise: EdgeNoise, J: Array, *, usual: float | No
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Sums:
-    """What offsets y (N,) of edges and the motion J (N, k) fitted to them add up to, whatever tau is.
+    """Sums over offsets y (N,) of edges and the Jacobian J (N, k) of the fitted motion, independent of tau.
 
     whole (k + 1, k + 1): X^T X over sigma^2 for X = (J, y); of_lines (edges, 2, 2): Z^T Z over sigma^2, and of_edges
     (edges, 2, k + 1): Z^T X over sigma^2, edge by edge; log_noise: log det of the noise alone.
@@ -180,7 +180,7 @@ class _Sums:
         return cls(X.T @ W, lines, noise.sums(W), float(2 * np.log(noise.sigma).sum()))
 
     def improbability(self, tau2: Array) -> float:
-        """Return what `improbability` does where edges have the variances tau2 (edges,), and nothing else moves them.
+        """Return `improbability` for edges of variances tau2 (edges,) and no other effects.
 
         X^T V^-1 X = X^T D X - sum over edges of S^T T (1 + T Z^T D Z)^-1 S for S = Z^T D X, D = diag(sigma^-2).
         """

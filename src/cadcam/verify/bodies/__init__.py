@@ -1,1 +1,1 @@
-"""Which bodies are there, and where they stand: by their tones, what they uncover, and the part drawn anew."""
+"""Which bodies are there, and where: judged by tones, by what they would hide, and by drawing the part again."""

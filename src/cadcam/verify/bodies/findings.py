@@ -1,4 +1,4 @@
-"""What the photos show of a part's bodies: which of them are there, which agree on a pose, where the others stand."""
+"""What the photos show of a part's bodies: which are present, which agree on a pose, where the others are."""
 
 from __future__ import annotations
 
@@ -23,19 +23,19 @@ from cadcam.verify.edges.presence import EdgeVisibility, Presence, edge_visibili
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import Tolerances
 
-OF_DISPLACED = 0.25  # of the alarms: a displacement that matters is far beyond any doubt, an absence is not
-DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a part may not be there
-_RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which it is asked what a part hides
-_CELL_PX = 1.5  # places where a shifted feature is looked for are about this far apart
-_ROUNDS = 4  # of drawing displaced bodies again where they were found
+OF_DISPLACED = 0.25  # share of alarms for displacements, which are far beyond doubt if they matter; absences are not
+DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a body may be missing
+_RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which the edges behind a body are searched for
+_CELL_PX = 1.5  # distance of places at which a shifted feature is searched for
+_ROUNDS = 4  # of redrawing displaced bodies where they were found
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Case:
     """What is inspected, and how.
 
-    freedom (6, k): motions that are free; reach_px: how far bodies are looked for; alarms: share of false ones allowed;
-    lacking: the part without some of its bodies, as far as that was asked for.
+    freedom (6, k): motions that are free; reach_px: how far bodies are searched for; alarms: accepted share of false
+    ones; lacking: the part without some of its bodies, as far as computed.
     """
 
     part: Part
@@ -48,9 +48,9 @@ class Case:
     lacking: dict[int, Part] = field(default_factory=dict)
 
     def without(self, body: int, by: Array) -> Part:
-        """Return the part without one of its bodies, the others drawn `by` (P, 3) mm beside their places.
+        """Return the part without one of its bodies, the others drawn displaced `by` (P, 3) mm.
 
-        Its edges are found once: as `redrawn` has it, they are those of the CAD.
+        Its edges are computed once: as in `redrawn`, they are those of the CAD.
         """
         if body not in self.lacking:
             mesh = self.part.scene.mesh
@@ -59,7 +59,7 @@ class Case:
 
     @property
     def eye(self) -> Array | None:
-        """Return the camera's place (3,) in the part frame; None where there are several photos."""
+        """Return the camera's place (3,) in the part frame; None if there are several photos."""
         if len(self.photos) > 1:
             return None
         return np.asarray((self.photos[0].viewpoint.camera_from_world @ self.world_from_part).inv.translation)
@@ -67,7 +67,7 @@ class Case:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Findings:
-    """What is seen with the bodies drawn in some places: is each of them there, what is measured, who disagrees."""
+    """One drawing of the bodies in some places: whether each is present, the measurements, and who disagrees."""
 
     drawn: Part
     survey: Survey
@@ -76,18 +76,18 @@ class Findings:
     left_out: Sequence[int]
 
     def explained(self, seen: EdgeVisibility, clutter: float) -> float:
-        """Return how much more probable the photos' edges are with all bodies there than with none (logarithm).
+        """Return the log likelihood ratio of the photos' edges with all bodies present to all absent.
 
-        Looks compare by one measure of how well edges are seen.
+        All looks are compared with the same estimate of how well edges are seen.
         """
         evidence = self.survey.evidence
         return log_ratio(evidence, np.ones(len(evidence.seen), bool), seen, clutter)
 
 
 def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
-    """Return what a survey of the part, drawn in whatever places, shows.
+    """Return what a survey of the part, drawn in any places, shows.
 
-    Raises `DegenerateGeometry` where what is seen of the datum does not hold the part.
+    Raises `DegenerateGeometry` where the visible part of the datum does not determine the pose.
     """
     presence = _presences(case, drawn, survey)
     measured, left_out = _snooped(survey, _there(presence), case)
@@ -95,10 +95,10 @@ def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
 
 
 def findings_redrawn(case: Case, look: Findings) -> Findings:
-    """Return the look with displaced bodies drawn where they stand, as far as that explains more of the photos.
+    """Return the look with displaced bodies drawn where they are, as far as that explains more of the photos.
 
-    One body at a time, the one farthest from where it is drawn first. Where a body stands is measured, or guessed from
-    the edges nearby; of these places that one is tried which the photos look most like.
+    One body at a time, the farthest from where it is drawn first. Its place is measured, or guessed from the edges
+    nearby; of several places the one that resembles the photos most is tried.
     """
     evidence, clutter = look.survey.evidence, look.survey.clutter.share
     seen = edge_visibility(evidence, np.ones(len(evidence.seen), bool))
@@ -117,10 +117,10 @@ def findings_redrawn(case: Case, look: Findings) -> Findings:
 
 
 def _suspects(case: Case, look: Findings) -> list[int]:
-    """Return the features, whole parts, that may stand elsewhere: measured beside where they are drawn, or unclear.
+    """Return the features, whole parts, that may be elsewhere: measured off the place where they are drawn, or unclear.
 
-    The farthest first; last those displaced by less, those of which an edge is not where it should show but beside, and
-    those that may not be there at all.
+    The farthest first; last those displaced by less, those with an edge that is not seen in place but beside it, and
+    those that may be absent.
     """
     out = []
     for i, found in enumerate(look.presence):
@@ -139,9 +139,9 @@ def _suspects(case: Case, look: Findings) -> list[int]:
 
 
 def _likeliest(case: Case, look: Findings, number: int) -> tuple[Array | None, float]:
-    """Return which displacement (3,) mm of a body makes the drawn part look most like the photos, and by how much.
+    """Return the displacement (3,) mm of a body that makes the drawn part resemble the photos most, and by how much.
 
-    That is 0 where it was measured there already; the place is None where that is as drawn, or without the body.
+    The gain is 0 where it was measured there already; the place is None for the body as drawn, or absent.
     """
     survey, part = look.survey, look.survey.whole_part(number)
     assert part is not None  # a suspect
@@ -161,12 +161,12 @@ def _likeliest(case: Case, look: Findings, number: int) -> tuple[Array | None, f
     if moved is not None:
         apart = place - moved.basis @ moved.estimate.value
         if off_px(survey, survey.rows(number), apart) <= AGREES_PX:
-            return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it stands
+            return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it really is
     return place, float(likeness[best] - likeness[0])
 
 
 def elsewhere_by(case: Case, look: Findings, part: int) -> float:
-    """Return how much likelier (log likelihood) a body is where it is drawn than in its place, by all its pixels."""
+    """Return the log likelihood ratio of a body where it is drawn to its nominal place, over all its pixels."""
     there = redrawn(case.part, _with(look.survey.by, part, np.zeros(3)))
     if there is None:
         return 0.0
@@ -177,7 +177,7 @@ def elsewhere_by(case: Case, look: Findings, part: int) -> float:
 def _least_gain(case: Case, look: Findings, number: int) -> float:
     """Return how much more of the photos (log likelihood) a body drawn elsewhere has to explain.
 
-    As much as an alarm takes, where its edges, measured from where it is drawn, say that it is in place.
+    As much as for an alarm, if its edges, measured from where it is drawn, say that it is in place.
     """
     moved = displaced(look.measured, number)
     in_place = moved is not None and moved.p_value > AS_IN_PLACE
@@ -191,7 +191,7 @@ def _with(by: Array, part: int, to: Array) -> Array:
 
 
 def _redrawn_look(case: Case, look: Findings, number: int, to: Array) -> Findings | None:
-    """Return the look with a feature's part drawn `to` (3,) mm beside its place; None where nothing is measured."""
+    """Return the look with a feature's part drawn displaced `to` (3,) mm; None where nothing is measured."""
     part = look.survey.whole_part(number)
     assert part is not None  # a suspect
     by = _with(look.survey.by, part, to)
@@ -207,18 +207,18 @@ def _redrawn_look(case: Case, look: Findings, number: int, to: Array) -> Finding
 
 
 def sure(presence: Sequence[Presence], alarms: float) -> float:
-    """Return the log likelihood ratio beyond which a body is called missing (-) or there (+), none of all wrongly.
+    """Return the log likelihood ratio beyond which a body is called missing (-) or present (+), none of all wrongly.
 
-    Bonferroni over the bodies in view.
+    Bonferroni over the visible bodies.
     """
     return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - OF_DISPLACED) * alarms)))
 
 
 def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
-    """Return the evidence for each feature; where it was looked for at many places, that is taken off.
+    """Return the evidence for each feature, corrected for the number of places searched.
 
-    Of whole parts that are not clearly there, it is asked how bright they are, and of those that seem to be gone then,
-    whether what they hide is seen.
+    For whole parts that are not clearly present, tones are evaluated too, and for those that then seem missing, the
+    edges that they would hide.
     """
     out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
     tones = Tones(drawn, case.photos, case.world_from_part, survey.shown)
@@ -234,7 +234,7 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
 
 
 def _uncovered(case: Case, survey: Survey, body: int) -> float:
-    """Return what the edges that a body hides add to its log likelihood ratio; 0 if there is no other body."""
+    """Return what the edges that a body would hide add to its log likelihood ratio; 0 if there is no other body."""
     if (case.part.scene.mesh.part == body).all():
         return 0.0
     without = case.without(body, survey.by)
@@ -244,20 +244,20 @@ def _uncovered(case: Case, survey: Survey, body: int) -> float:
 def _by_its_edges(survey: Survey, number: int) -> Presence:
     rows = survey.rows(number)
     shift = np.hypot(*survey.matched.shift[rows].T).max(initial=0.0)
-    cells = max(np.pi * (shift / _CELL_PX) ** 2, 1.0)  # looked at before this one, the nearest first
+    cells = max(np.pi * (shift / _CELL_PX) ** 2, 1.0)  # searched before this one, the nearest first
     sizes = max(2 * np.abs(survey.matched.growth[rows]).max(initial=0.0) / _CELL_PX, 1.0)
     return survey.presence(number, elsewhere=float(np.log(cells * sizes)))
 
 
 def _there(presence: Sequence[Presence]) -> Mask:
-    """Return which bodies are rather there than not: those whose edges are measured."""
+    """Return which bodies are rather present than not: those whose edges are measured."""
     return np.array([p.seen > 0 and p.log_ratio > 0 for p in presence], bool)
 
 
 def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, list[int]]:
-    """Return what is measured with the pose fitted to the bodies that agree, and those that do not.
+    """Return the measurement with the pose fitted to the bodies that agree, and the bodies that do not.
 
-    Bodies between which the photos hardly decide are left out together: the rest then tells which of them is in place.
+    Bodies between which the photos hardly decide are left out together: the rest then shows which of them is in place.
     Feet on a body that does not agree are not used: they move with it.
     """
     left_out: list[int] = []
@@ -265,7 +265,7 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, li
         used = there[survey.body] & ~np.isin(survey.mate, left_out)
         datum = survey.datum & ~np.isin(survey.body, left_out)
         measured = MeasuredEdges.of(survey, used, datum, case.eye, case.freedom)
-        measured.adjustment.pose()  # an error here says what is free
+        measured.adjustment.pose()  # an error here says which motion is free
         if survey.stated:
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
@@ -277,16 +277,16 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, li
         least = min(suspect)[0]
         worst = [i for loss, i in suspect if loss - least <= -2 * np.log(case.alarms)]
         if measured.pose_without(np.isin(measured.body, [*left_out, *worst])) is None:
-            return measured, left_out  # the others would not hold the part: they cannot outvote it
+            return measured, left_out  # the others would not determine the pose: they cannot outvote it
         left_out += worst
 
 
 def _against_others(measured: MeasuredEdges, body: int) -> tuple[float, float]:
-    """Return how probable a body's offsets are if it is in place, and how improbable its being off leaves the photos.
+    """Return the probability of a body's offsets if it is in place, and how improbable the photos are if it is off.
 
-    In place is where the rest of the datum has it; edges' own errors too are those of the rest. Of several bodies that
-    are displaced against the others the one is to blame whose displacement explains most: those that it pulled the pose
-    away from are in place without it.
+    In place is relative to the rest of the datum, which also determines the errors of edges. If several bodies are
+    displaced relative to the others, the one whose displacement explains most is to blame: those from which it pulled
+    the pose away are in place without it.
     """
     its = (measured.body == body) | (measured.mate == body)
     others = measured.fitted_to(measured.adjustment.datum & ~its)

@@ -1,11 +1,12 @@
-"""How much photos look like the part with its bodies drawn in some places: surfaces as bright as the light makes them.
+"""The likelihood of photos given the part with its bodies in some places: surfaces as bright as the light makes them.
 
-Edges alone are taken for each other where a displacement brings one near another's place. What lies between them is
-not: a wrong guess leaves strips of a wrong tone beside every edge. Places of a body are compared by all pixels that it
-covers in any of them. The pixels of a surface are off together, as far as the light is not known: each surface has its
-own tone, about as bright as the light makes it, and falling slowly along it; a guess is not preferred because it puts
-a surface where a tone that is wrong for all of it would be less so. Neighbouring pixels are off together too, and some
-by anything: their squared residuals are bounded, and each counts as a small part of an observation.
+Edges alone are mistaken for each other where a displacement brings one near another's place. The surfaces between them
+are not: a wrong guess leaves strips of a wrong tone beside every edge. Places of a body are compared over all pixels
+that it covers in any of them. The errors of a surface's pixels are correlated through the uncertainty of the light:
+each surface has a tone of its own, about as bright as the light predicts, with a small gradient. So a guess is not
+preferred for placing a surface where a tone that is wrong for all of it would be less so. Neighbouring pixels are
+correlated as well, and some are outliers: squared residuals are bounded, and each counts as a fraction of an
+observation.
 """
 
 from __future__ import annotations
@@ -23,22 +24,22 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import FittedLight
 from cadcam.verify.edges.shown import ShownFaces, Window
 
-_RIM_PX = 4  # around a body's picture that counts too
-_BLUR_PX, _BLURRED_PX = 0.7, 3  # of the photo, about; how far it reaches
-_WORST = 9.0  # squared sigmas that a pixel is off at most
-_TOGETHER = 12.0  # pixels that count as one
-_OWN_PX = 100  # of a surface that has its own tone
-_FALL = 5e-4  # of brightness along a surface, for each px: standard deviation
+_RIM_PX = 4  # px around a body's picture that are included
+_BLUR_PX, _BLURRED_PX = 0.7, 3  # approximate blur of the photo; its extent
+_WORST = 9.0  # bound of a pixel's squared residual, sigmas^2
+_TOGETHER = 12.0  # correlated pixels that count as one observation
+_OWN_PX = 100  # least size of a surface with a tone of its own
+_FALL = 5e-4  # sd of the gradient of brightness along a surface, per px
 _ROUNDS = 3
 
 
 def likenesses(
     photos: Sequence[Photo], world_from_part: Rigid, guesses: Sequence[Part], body: int, shown: Sequence[ShownFaces]
 ) -> tuple[Array, float]:
-    """Return the log likelihoods (k,) of what the photos show where any of the guesses has a body, and that without it.
+    """Return the log likelihoods (k,) of the photos wherever any of the guesses has a body, and that without the body.
 
-    Up to a common constant. guesses: the part, that body drawn in several places; shown: what the first of them shows
-    in each photo.
+    Up to a common constant. guesses: the part, drawn with that body in several places; shown: what the first of them
+    shows in each photo.
     """
     scores = np.zeros(len(guesses) + 1)
     for photo, first in zip(photos, shown, strict=True):
@@ -50,7 +51,7 @@ def likenesses(
 
 
 def _window(photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body: int) -> Window | None:
-    """Return the rows and columns of a photo in which any of the guesses has a body; None where none has."""
+    """Return the rows and columns of a photo in which any of the guesses has a body; None if none has."""
     points = []
     for part in guesses:
         mesh = part.scene.mesh
@@ -84,9 +85,9 @@ def _in_photo(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pixels:
-    """The pixels of a window that count, and those n around them that blur brings into them.
+    """The pixels of a window that count, and the n pixels that blur mixes into them.
 
-    shape: of the window; at (2, n): row and column, counts (n,): whether it counts itself; gray (n,).
+    shape: of the window; at (2, n): row and column; counts (n,): whether a pixel counts itself; gray (n,).
     """
 
     shape: tuple[int, int]
@@ -96,7 +97,7 @@ class _Pixels:
 
     @classmethod
     def of(cls, gray: Array, where: Mask) -> _Pixels:
-        """Return the pixels `where` (h, w) that count of a window, and those around them."""
+        """Return the pixels `where` (h, w) of a window that count, and those around them."""
         from scipy.ndimage import maximum_filter
 
         near = maximum_filter(where, 2 * _BLURRED_PX + 1)
@@ -104,7 +105,7 @@ class _Pixels:
         return cls((where.shape[0], where.shape[1]), at, where[near], gray[near])
 
     def blurred(self, value: Array) -> Array:
-        """Return values (n,) as the photo has them, blurred, of those that count."""
+        """Return values (n,) blurred as in the photo, for the pixels that count."""
         from scipy.ndimage import gaussian_filter
 
         picture = np.zeros(self.shape)
@@ -114,9 +115,9 @@ class _Pixels:
 
 
 def _log_likelihood(shown: ShownFaces, pixels: _Pixels, light: FittedLight, noise: float) -> float:
-    """Return the log likelihood of the pixels that count, up to a constant, whatever the tones are."""
+    """Return the log likelihood of the pixels that count, up to a constant, marginalised over the tones."""
     face = shown.face[tuple(pixels.at)]
-    of = shown.surface * (int(shown.part.max(initial=0)) + 2) + shown.part  # of one surface and part, one number
+    of = shown.surface * (int(shown.part.max(initial=0)) + 2) + shown.part  # one number per surface and part
     seen = np.flatnonzero(np.bincount(shown.face.ravel(), minlength=len(of)))
     _, first, kind = np.unique(of[seen], return_index=True, return_inverse=True)
     tone, V = light.brightness(shown.normal[seen[first]], shown.color[seen[first]])
@@ -128,7 +129,7 @@ def _log_likelihood(shown: ShownFaces, pixels: _Pixels, light: FittedLight, nois
     at = of_face[face]
     large = np.bincount(at[pixels.counts], minlength=len(tone)) >= _OWN_PX
     k = int(large.sum())
-    number = np.where(large, np.cumsum(large) - 1, k)  # small ones are off together
+    number = np.where(large, np.cumsum(large) - 1, k)  # small surfaces share a tone
     off = np.diag(np.full(k + 1, light.spread**2))
     off[:k, :k] = V[np.ix_(large, large)]
     sigma = float(np.hypot(noise, light.scale))
@@ -139,18 +140,18 @@ def _log_likelihood(shown: ShownFaces, pixels: _Pixels, light: FittedLight, nois
 
 
 def _shade(pixels: _Pixels, left: Array, surface: Longs, off: Array, sigma: float) -> tuple[Array, float]:
-    """Return by how much surfaces are brighter at the pixels (n,) than the light has it, and what it costs.
+    """Return by how much surfaces are brighter at the pixels (n,) than the light predicts, and the cost of that.
 
-    left (n,): what the pixels are brighter, each by sigma; surface (n,): of each pixel; off (k, k): how far surfaces
-    may be off. The light may also be nearer than it is taken to be, so that brightness falls along a surface, slowly.
-    The cost is minus twice the logarithm of the probability of such tones, and of the room there was to choose.
+    left (n,): difference of the pixels' brightness in sigmas; surface (n,): of each pixel; off (k, k): covariance of
+    the surfaces' tones. A light nearer than assumed gives each surface a small gradient. The cost is minus twice the
+    logarithm of the probability of such tones, and of the volume of the alternatives (an Occam factor).
     """
     n, counts = len(off), pixels.counts
     its, own = surface[counts], left[counts]
     count = np.maximum(np.bincount(its, minlength=n), 1)
     across = [v - (np.bincount(its, v[counts], minlength=n) / count)[surface] for v in pixels.at]
     basis = np.stack([np.ones(len(left)), _FALL * across[0], _FALL * across[1]])
-    number = surface + n * np.arange(3)[:, None]  # of each pixel's tone and falls
+    number = surface + n * np.arange(3)[:, None]  # of each pixel's tone and gradients
     B, mine, weight = basis[:, counts], number[:, counts], np.full(len(own), 1 / sigma**2)
     known = np.eye(3 * n)
     known[:n, :n] = np.linalg.inv(off)

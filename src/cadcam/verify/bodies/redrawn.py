@@ -1,8 +1,8 @@
-"""The part drawn with displaced bodies where they seem to stand, so that edges are looked for where they then are.
+"""The part drawn with displaced bodies where they appear to be, so that edges are searched for there.
 
-A body that stands some pixels beside its place hides other edges than the CAD has it, shows other ones of its own, and
-its edges pass those of its neighbours on the way there: seen from its own place they are taken for each other. Drawn
-where it stands none of this is left, and its edges are as near to their lines as those of bodies in place.
+A body some pixels off its place hides other edges than in the CAD, shows other ones of its own, and its edges cross
+those of its neighbours on the way there: seen from its nominal place they are mistaken for each other. Once it is drawn
+where it is, none of this remains, and its edges are as near to their lines as those of bodies in place.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cadcam.locate.part import Part
 from cadcam.verify.deviations.measured import Displacement, MeasuredEdges, of_known_size
 from cadcam.verify.edges.survey import Survey
 
-AGREES_PX = 1.0  # up to which a body is drawn where it was found: its edges are then surely told from others
+AGREES_PX = 1.0  # accuracy to which a body is drawn where it was found: enough to tell its edges from others
 
 
 def redrawn(part: Part, by: Array) -> Part | None:

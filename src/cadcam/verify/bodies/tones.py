@@ -1,10 +1,11 @@
-"""How bright a photo is where a body ought to be: as that body should be in this light, or as what it would hide.
+"""How bright a photo is where a body ought to be: as the body would be in this light, or as what it would hide.
 
-Pixels of the body's picture are taken together by what they show with the body and without it. The light, fitted to all
-the rest of the photo (`cadcam.locate.quality.light`), says how bright each of these surfaces is, and how surely; pieces
-of one surface err together. Either way the light may not be as it was fitted, for a shadow say, with a probability that
-no surface can make up for: then the tones are any that the photo has elsewhere, and edges that ought to show need not;
-where edges show that ought not to, they may also be those of what the body hides, as both lie in one shadow.
+The pixels of the body's picture are grouped by what they show with the body and without it. The light, fitted to the
+rest of the photo (`cadcam.locate.quality.light`), predicts the brightness of each of these surfaces and its
+uncertainty; pieces of one surface have correlated errors. In either case the light may differ from the fitted one,
+because of a shadow for instance, with a probability that no surface can outweigh: then the tones are any that the photo
+has elsewhere, and edges that ought to be seen need not be; edges seen where none ought to be may then also belong to
+what the body hides, as both lie in one shadow.
 """
 
 from __future__ import annotations
@@ -22,21 +23,21 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import FittedLight, surfaces
 from cadcam.verify.edges.shown import ShownFaces, Window
 
-_RIM_PX = 3  # of the body's picture, which is blurred or another body's where that one is off
-_LEAST_PX = 60  # of a piece whose brightness counts: small ones are borders and corners
-_LAPSE = 0.02  # probability that the light is not as it was fitted
-_ONE_SHADOW = 0.05  # of these cases those in which a body looks as what it hides
-_UNEVEN = 0.006  # sigma of the brightness of pieces of one surface
-_BESIDE_PX = 14  # how far beside a body what it hides is looked at, and how far inside what is compared with it
-_ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # brightness of what is no part, and of the light as a whole
+_RIM_PX = 3  # margin of the body's picture, which is blurred, or another body's if that one is off
+_LEAST_PX = 60  # least size of a piece that counts: small ones are borders and corners
+_LAPSE = 0.02  # probability that the light differs from the fitted one
+_ONE_SHADOW = 0.05  # share of these cases in which a body looks like what it hides
+_UNEVEN = 0.006  # sd of brightness between pieces of one surface
+_BESIDE_PX = 14  # range beside a body, and inside it, in which what it hides is compared with it
+_ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # prior brightness of what is no part, and of the light as a whole
 _ONE_SURFACE = 0.995  # cosine between normals of one surface
-_ROUND_SHARE = 0.25  # of a body's picture that narrow strips have where it is round: a flat one's have a tenth
-_ROUND_STEPS = 1.0  # to a unit normal's component within which the strips of a round surface are one piece
+_ROUND_SHARE = 0.25  # share of narrow strips in the picture of a round body: flat ones have a tenth
+_ROUND_STEPS = 1.0  # quantisation of normals, steps per unit, within which the strips of a round surface are one piece
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pixels:
-    """Some pixels: normal (n, 3) and colour (n,) of what they show, and that surface's number (n,)."""
+    """Some pixels: normal (n, 3) and colour (n,) of what they show, and the number (n,) of that surface."""
 
     normal: Array
     color: Ids
@@ -49,7 +50,7 @@ class _Pixels:
         return cls(shown.normal[face], shown.color[face], shown.surface[face])
 
     def log_density(self, light: FittedLight, tones: Array, pieces: Sequence[Longs]) -> float:
-        """Return the log probability density of tones (r,), each that of a piece: of some of the n pixels."""
+        """Return the log probability density of tones (r,), each the mean of a piece: a subset of the n pixels."""
         if not len(pieces):
             return 0.0
         at = np.concatenate(pieces)
@@ -60,12 +61,12 @@ class _Pixels:
         share /= share.sum(axis=1, keepdims=True)
         each, V = self._brightness(light, at[first])
         mean = share @ each
-        turned = np.maximum(share @ each**2 - mean**2, 0.0)  # a round piece has not one brightness
-        mostly = np.argmax(share, axis=1)  # pieces of one surface are off together, as are the strips of a round one
+        turned = np.maximum(share @ each**2 - mean**2, 0.0)  # a round piece has no single brightness
+        mostly = np.argmax(share, axis=1)  # pieces of one surface are correlated, as are the strips of a round one
         return _log_normal(tones - mean, V[np.ix_(mostly, mostly)] + np.diag(_UNEVEN**2 + turned))
 
     def _brightness(self, light: FittedLight, at: Longs) -> tuple[Array, Array]:
-        """Return the brightness (r,) of what the pixels `at` (r,) show, and its covariance (r, r)."""
+        """Return the predicted brightness (r,) of what the pixels `at` (r,) show, and its covariance (r, r)."""
         mean, V = light.brightness(self.normal[at], self.color[at])
         nothing = self.color[at] < 0
         mean[nothing], V[nothing], V[:, nothing] = _ANY_MEAN, 0.0, 0.0
@@ -75,7 +76,7 @@ class _Pixels:
 
 @dataclass(frozen=True)
 class Tones:
-    """A part at a pose in photos: what their brightness says of each of its bodies; shown: what it shows in each."""
+    """A part at a pose in photos: the evidence of brightness for each of its bodies; shown: what each photo shows."""
 
     part: Part
     photos: Sequence[Photo]
@@ -83,10 +84,11 @@ class Tones:
     shown: Sequence[ShownFaces]
 
     def log_ratio(self, body: int, *, edges: float = 0.0, any_light: float = 0.0) -> float:
-        """Return the logarithm of the likelihood ratio of "there" to "not there" of part number `body`.
+        """Return the log likelihood ratio of "present" to "absent" of part number `body`.
 
-        edges: what its edges say, which goes by the same light where they are not seen; any_light: what they say where
-        nothing is known of the light: if that is for it, it may look as what it hides in spite of the fitted light.
+        edges: that of its edges, which assumes the same light for edges that are not seen; any_light: that of its edges
+        if nothing is known of the light: if it favours the body, this may look like what it hides in spite of the
+        fitted light.
         """
         densities = [self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self.shown, strict=True)]
         there, not_there, other = np.sum(densities, axis=0)
@@ -99,7 +101,7 @@ class Tones:
         return _lapsing(edges + there, lapsed) - _lapsing(not_there, other)
 
     def _in_photo(self, photo: Photo, whole: ShownFaces, body: int) -> tuple[float, float, float]:
-        """Return the log densities of the tones with the body, without it, and in any other light."""
+        """Return the log densities of the tones with the body, without it, and under any other light."""
         from scipy.ndimage import binary_erosion
 
         everywhere = whole.shows(body)
@@ -132,9 +134,9 @@ class Tones:
 
 
 def _pieces(own: _Pixels, behind: _Pixels) -> list[Longs]:
-    """Return the pixels of each piece: one surface before one other; of a round body, narrow strips together.
+    """Return the pixels of each piece: one surface in front of one other; of a round body, narrow strips together.
 
-    The narrow pieces of a body that is mostly flat are its borders and corners: they say nothing.
+    The narrow pieces of a mostly flat body are its borders and corners, which are no evidence.
     """
     pairs = _pairs(own.surface, behind.surface)
     large = np.bincount(pairs)[pairs] >= _LEAST_PX
@@ -147,7 +149,7 @@ def _pieces(own: _Pixels, behind: _Pixels) -> list[Longs]:
 
 
 def _around(mask: Mask, room: int) -> Window:
-    """Return the rows and columns of a mask's box, with some room about it (px)."""
+    """Return the rows and columns of a mask's bounding box, with a margin (px)."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
     low, high = (int(rows[0]), int(columns[0])), (int(rows[-1]) + 1, int(columns[-1]) + 1)
     return (
@@ -168,7 +170,7 @@ def _from_beside(
 ) -> tuple[float, float]:
     """Return how much brighter a piece (h, w) is than what it would hide is beside it, and how uneven that is.
 
-    nan where too little of that surface is to be seen beside it.
+    nan where too little of that surface is visible beside it.
     """
     from scipy.ndimage import binary_dilation, distance_transform_edt
 
@@ -198,13 +200,13 @@ def _level(gray: Array) -> tuple[float, float]:
 
 
 def _pairs(one: Longs, other: Longs) -> Longs:
-    """Return the number (n,) of each pair of two numbers (n,), 0 ... ."""
+    """Return the number (n,) of each pair of numbers (n,), from 0."""
     numbers, at = np.unique(other, return_inverse=True)
     return np.asarray(np.unique(one * len(numbers) + at, return_inverse=True)[1], np.int64)
 
 
 def _lapsing(as_told: float, other: float) -> float:
-    """Return the log density where the light is as it was fitted, but for a lapse."""
+    """Return the log density under the fitted light, but for a lapse."""
     return float(np.logaddexp(np.log1p(-_LAPSE) + as_told, np.log(_LAPSE) + other))
 
 

@@ -1,4 +1,4 @@
-"""Edges that a part hides as long as it is there: seen, they say that it is not."""
+"""Edges that a body hides as long as it is there: if they are seen, it is missing."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ from cadcam.verify.edges.sightlines import Sightlines, sightlines
 from cadcam.verify.edges.surroundings import edge_surroundings
 from cadcam.verify.edges.survey import Survey
 
-_INSIDE_PX = 3.0  # across the line, that must lie on the part that hides it
+_INSIDE_PX = 3.0  # px to each side of the line that must lie on the body that hides it
 
 
 def uncovered_ratio(without: Part, photos: Sequence[Photo], world_from_part: Rigid, body: int, survey: Survey) -> float:
-    """Return what the edges behind part number `body` add to the log likelihood ratio of "there" to "not there".
+    """Return what the edges behind part number `body` add to the log likelihood ratio of "present" to "absent".
 
-    without: the part that lacks it; survey: of the one that has it.
+    without: the part without it; survey: of the part with it.
     """
     lines, sights = sightlines(without, photos, world_from_part)
     behind = _behind(survey.shown, body, lines) & (lines.room >= SEARCH_ROOM_PX)
@@ -39,7 +39,7 @@ def uncovered_ratio(without: Part, photos: Sequence[Photo], world_from_part: Rig
 
 
 def _behind(shown: Sequence[ShownFaces], body: int, lines: Sightlines) -> Mask:
-    """Return which places (N,) the part hides, with some room."""
+    """Return which places (N,) the body hides, with some margin."""
     out = np.zeros(len(lines), bool)
     for i, seen in enumerate(shown):
         mask = seen.shows(body)

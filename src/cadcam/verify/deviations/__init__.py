@@ -1,1 +1,1 @@
-"""How far edges and features are from where the CAD has them, how sure that is, and what may lead edges astray."""
+"""Deviations of edges and features from the CAD, their uncertainty, and what may lead edges astray."""

@@ -1,21 +1,21 @@
-"""Edges that something else than their body moved: a shadow's border beside them, a reflection, dirt.
+"""Edges moved by something else than their body: a shadow's border beside them, a reflection, dirt.
 
-The errors of edges are taken to be Gaussian, and in an even light they are. A shadow leads single edges astray, by many
-sigmas: then a body of which one edge tells is called displaced, surely and wrongly. So edges are taken from a
-contaminated distribution (J. W. Tukey, 1960): each may be astray, and then tells nothing, with a probability that is
-counted in the picture itself, over the other bodies; that goes by what lies beside it
-(`cadcam.verify.deviations.ground`), by whether it shows wholly, and by how far off it surely is, as few are led far.
-Where all edges lie on even ground there is nothing that could lead them astray. A body in place whose edges
-e = 1 ... n are astray with chances c_e shows a displacement as improbable as this one with the probability
+The errors of edges are modelled as Gaussian, and under even light they are. But a shadow moves single edges by many
+sigmas, and then a body that is measured by one edge would be called displaced, confidently and wrongly. So edges have a
+contaminated distribution (J. W. Tukey, 1960): each may be astray, and then is no evidence, with a probability that is
+estimated from the picture itself, over the other bodies. It depends on what lies beside the edge
+(`cadcam.verify.deviations.ground`), on whether all of the edge is seen, and on its offset, as few edges go far astray.
+Where all edges lie on even ground nothing could lead them astray. A body in place whose edges e = 1 ... n are astray
+with probabilities c_e shows a displacement as improbable as this one with the probability
 
     p + sum_e c_e p_e + c_f sum_e c_e p_ef + ...,
 
-where p_e is that of its edges without e, 1 where these tell nothing, and f is the edge that matters most. One edge
-alone is never sure, two that are off by much are if edges are rarely astray, and more soon are. Edges that are led
-astray together count as one, as far as they are off by little: parallel ones side by side, as the two of a plate's rim
-(what is beside both cannot be taken for both of them), and a body's feet, along which its own shadow lies: where one of
-two is astray the other is in a quarter of cases. The few edges of other bodies that a body's place hangs on are doubted
-with its own: they may have led the pose astray.
+where p_e is that of its edges without e, 1 where these are no evidence, and f is the edge that matters most. A single
+edge is never certain; two that are far off are if edges are rarely astray, and three sooner. Edges that go astray
+together count as one as long as they are off by little: parallel edges side by side, as the two of a plate's rim (what
+is beside both cannot be mistaken for both), and a body's feet, along which its own shadow lies: where one of two is
+astray the other is as well in a quarter of the cases. The few edges of other bodies that a body's place depends on are
+doubted along with its own: they may have led the pose astray.
 """
 
 from __future__ import annotations
@@ -32,36 +32,36 @@ from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.sightlines import REACH_PX, Sightlines, pieces
 from cadcam.verify.edges.survey import Survey
 
-# Share of edges that are astray in light with shadows before any are counted, and how many edges that is worth; how
-# many times as often as these all together those are that show wholly, beside even ground; how many times as often as
-# those, again, such beside uneven ground, and such that show in part; and how far off an edge may be for it. Twice as
-# far off are four times as few of those that show wholly, and half as many of those that show in part, until it is
-# rather another line of the photo (2872 edges in photographs of a block under a lamp; docs/benchmarks/verify.md).
+# Prior share of edges that are astray in light with shadows, and how many edges that is worth; how many times as often
+# as all of these together an edge is astray that is seen wholly, beside even ground; how many times as often as that
+# one beside uneven ground, and one seen in part; and the offset for which this holds. At twice the offset, edges seen
+# wholly are astray a quarter as often and those seen in part half as often, until another line of the photo is likelier
+# (2872 edges in photographs of a block under a lamp; docs/benchmarks/verify.md).
 _USUAL, _BELIEVED = 0.02, 50
 _SELDOM, _OFTEN, _IN_PART = 0.3, 10.0, 2.0
-_WHOLLY = 0.9  # share of the places that an edge can be told at, where it shows wholly
+_WHOLLY = 0.9  # share of the distinguishable places of an edge from which it is seen wholly
 _FAR_PX, _ANOTHER_PX = 0.25, 1.0
 _SURELY = 2.0  # sigmas
-_UNEVEN = 0.2  # share of edges beside uneven ground from which all of that is believed
-_DOUBTED = 0.01  # probability, of a body in place, below which it is asked whether edges are astray
-_MOST = 4  # edges of a body that may be astray at once
-_PARALLEL, _MOST_OF_IT = np.cos(np.radians(20.0)), 0.5  # edges side by side: about parallel, over half of their length
-_DRAWN_PX = 1.0  # up to which both of them may be off by one cause
-_LOOKED_AT = 6  # edges of a body that may be one of them, those that are farthest off
-_HELD_BY = 3  # edges of other bodies that are doubted, as its place hangs on them
+_UNEVEN = 0.2  # share of edges beside uneven ground from which all such ground is believed
+_DOUBTED = 0.01  # probability, for a body in place, below which edges are suspected of being astray
+_MOST = 4  # most edges of a body that may be astray at once
+_PARALLEL, _MOST_OF_IT = np.cos(np.radians(20.0)), 0.5  # edges side by side: parallel, and over half of their length
+_DRAWN_PX = 1.0  # largest offset of both from one cause
+_LOOKED_AT = 6  # edges of a body that may be astray: those farthest off
+_HELD_BY = 3  # edges of other bodies that are doubted, as its place depends on them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeGroup:
-    """Edges of a body that are led astray together: their numbers, and how far off they surely are (px)."""
+    """Edges of a body that go astray together: their numbers, and the least offset that is certain (px)."""
 
     edges: tuple[int, ...]
     off_px: float = 0.0
 
     def chance(self, usual: float, uneven: Mapping[int, bool], broken: Collection[int] = ()) -> float:
-        """Return how probable it is that they are astray, and so far, if that `usual` share of edges is.
+        """Return the probability that they are astray, and so far, given the `usual` share of edges that is.
 
-        uneven: edges beside uneven ground; broken: those that show in part.
+        uneven: edges beside uneven ground; broken: those seen in part.
         """
         often = _SELDOM * (_OFTEN if any(uneven.get(e, False) for e in self.edges) else 1.0)
         in_part = any(e in broken for e in self.edges)
@@ -72,12 +72,12 @@ class EdgeGroup:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Doubt:
-    """What a body's edges say if some of them are astray.
+    """The evidence of a body's edges if some of them are astray.
 
-    groups: the edges that are measured, those side by side together: as many as `own` are the feature's, then come
-    those others that its place hangs on, as the pose is fitted to them; tried (k, groups): for each k the probabilities
-    without the first k - 1 that matter most and each of the others, 0 where that is not asked; kept (n,): the feature's
-    places without all that matter; rest: what these say.
+    groups: the measured edges, those side by side together: the first `own` are the feature's, then those of others
+    that its place depends on, as the pose is fitted to them; tried (k, groups): for each k the probabilities without
+    the first k - 1 that matter most and each of the others, 0 where not computed; kept (n,): the feature's places
+    without all that matter; rest: the evidence of these.
     """
 
     groups: tuple[EdgeGroup, ...]
@@ -88,7 +88,7 @@ class Doubt:
 
     @classmethod
     def of(cls, measured: MeasuredEdges, number: int, *, doubted: bool = True) -> Doubt:
-        """Return the doubt about a feature: none where it is not `doubted`, or its edges say that it is in place."""
+        """Return the doubt about a feature: none where it is not `doubted`, or its edges agree with its place."""
         moved, rows = measured.moved(number), measured.members[number]
         places = side_by_side(measured, rows)
         own = len(places)
@@ -96,7 +96,7 @@ class Doubt:
             return cls(tuple(EdgeGroup(_edges(measured, place)) for place in places), own)
         far, off_px = _off(measured, rows, places)
         left = np.argsort(far)[::-1][:_LOOKED_AT].tolist()
-        for place in _holding(measured, rows):  # how far off these are is not known: the pose hangs on them
+        for place in _holding(measured, rows):  # their offsets are unknown: the pose depends on them
             left.append(len(places))
             places, off_px = [*places, place], np.append(off_px, 0.0)
         groups = [EdgeGroup(_edges(measured, place), float(px)) for place, px in zip(places, off_px, strict=True)]
@@ -116,17 +116,17 @@ class Doubt:
 
     @property
     def gone(self) -> int:
-        """Return how many of the edges matter: without them the others say in place, or nothing."""
+        """Return how many of the edges matter: without them the others agree with its place, or are no evidence."""
         return len(self.tried)
 
     @property
     def astray(self) -> int:
-        """Return how many of its edges, and no others, are rather astray than displaced: hardly more than half."""
+        """Return the number of its edges if just these are rather astray than displaced: hardly more than half."""
         own = all(int(np.argmax(ps)) < self.own for ps in self.tried)
         return self.gone if own and self.gone <= max(1, self.own // 2) else 0
 
     def in_place(self, moved: Displacement) -> bool:
-        """Return whether the edges that are not astray say in place, in all directions in which all of them tell."""
+        """Return whether the edges not astray agree with its place, in all directions that all of them measure."""
         rest = self.rest
         if not self.astray or rest is None or not rest.known or rest.p_value < AS_IN_PLACE:
             return False
@@ -134,11 +134,11 @@ class Doubt:
 
     @property
     def rest_p(self) -> float:
-        """Return how probable what the other edges show is of a body in place; nan where they tell nothing."""
+        """Return the probability of what the other edges show for a body in place; nan where they are no evidence."""
         return float("nan") if self.rest is None else self.rest.p_value
 
     def p_value(self, p: float, chance: Array) -> float:
-        """Return how probable what the edges show is of a body in place, p if none is astray; chance (groups,)."""
+        """Return the probability of what the edges show for a body in place, p if none is astray; chance (groups,)."""
         together = 1.0
         for ps in self.tried:
             p += together * float(chance @ ps)
@@ -147,7 +147,7 @@ class Doubt:
 
 
 def broken_edges(survey: Survey) -> set[int]:
-    """Return the edges that are measured at some of the places only at which they can be told from others.
+    """Return the edges measured at only some of the places at which they are distinguishable from others.
 
     A shadow's border that leads an edge astray hardly follows all of it.
     """
@@ -162,9 +162,9 @@ def chances(
     uneven: Callable[[], Mapping[int, bool]],
     broken: Collection[int] = (),
 ) -> list[Array]:
-    """Return for each feature how probable it is of its groups of edges that they are astray, by those of the others.
+    """Return for each feature the probability of each group of its edges to be astray, estimated from the others'.
 
-    uneven: which edges lie beside uneven ground, asked for only where there is a doubt; broken: see `broken_edges`.
+    uneven: which edges lie beside uneven ground, computed only where there is a doubt; broken: see `broken_edges`.
     """
     if not any(d.gone for d in doubts):
         return [np.zeros(len(d.groups)) for d in doubts]
@@ -179,7 +179,7 @@ def chances(
 
 
 def _possible(uneven: Mapping[int, bool], own: set[int]) -> float:
-    """Return in how far edges can be astray: not where all ground is even, the own edges' and that of the others."""
+    """Return how far edges can be astray at all: not where all ground is even, their own and that of the others."""
     if any(uneven[e] for e in own if e in uneven):
         return 1.0
     others = [theirs for e, theirs in uneven.items() if e not in own]
@@ -187,9 +187,9 @@ def _possible(uneven: Mapping[int, bool], own: set[int]) -> float:
 
 
 def side_by_side(measured: MeasuredEdges, rows: Mask) -> list[Mask]:
-    """Return the places (n,) of each of a feature's edges, parallel edges side by side together, and so its feet.
+    """Return the places (n,) of each of a feature's edges; parallel edges side by side are one, and so are its feet.
 
-    An edge that is bent counts as several: what lies beside one side of a hole's rim does not move the others with it.
+    A bent edge counts as several: what lies beside one side of a hole's rim does not move the others with it.
     """
     lines, offset = measured.lines, np.abs(measured.adjustment.offset)
     piece = pieces(lines.edge[rows], lines.normal[rows])
@@ -213,7 +213,7 @@ def _only(rows: Mask, some: Mask) -> Mask:
 
 
 def _beside(one: Sightlines, other: Sightlines) -> bool:
-    """Return whether most of the shorter of two edges lies within reach of the other, and along it."""
+    """Return whether most of the shorter of two edges runs along the other, within reach."""
     if one.photo[0] != other.photo[0]:
         return False
     short, long = (one, other) if len(one) < len(other) else (other, one)
@@ -224,7 +224,7 @@ def _beside(one: Sightlines, other: Sightlines) -> bool:
 
 
 def _off(measured: MeasuredEdges, rows: Mask, places: Sequence[Mask]) -> tuple[Array, Array]:
-    """Return how far off groups of edges are against the pose without the feature: in their sigmas, surely in px."""
+    """Return how far off groups of edges are from the pose without the feature: in sigmas, and surely in px."""
     pose = measured.pose_without(rows) if len(places) else None
     if pose is None:
         return np.zeros(len(places)), np.zeros(len(places))
@@ -242,9 +242,9 @@ def _edges(measured: MeasuredEdges, rows: Mask) -> tuple[int, ...]:
 
 
 def _holding(measured: MeasuredEdges, rows: Mask) -> list[Mask]:
-    """Return the edges, of other bodies, that a feature's place hangs on most.
+    """Return the edges, of other bodies, that a feature's place depends on most.
 
-    Those without which the pose that is fitted to all others moves the feature's lines by most.
+    Those without which the pose fitted to all others moves the feature's lines most.
     """
     whole, lines = measured.pose_without(rows), measured.lines
     edges = np.unique(lines.edge[measured.adjustment.datum & ~np.isin(lines.edge, lines.edge[rows])])

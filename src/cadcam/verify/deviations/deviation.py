@@ -1,4 +1,4 @@
-"""Deviations of edges and features from where the CAD has them, in mm, each with what makes it uncertain."""
+"""Deviations of edges and features from the CAD, in mm, each with the causes of its uncertainty."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cadcam.verify.edges.presence import Presence
 
 
 class State(Enum):
-    """What became of a feature. UNCLEAR: its edges do not tell where it is; OUT_OF_VIEW: nothing of it."""
+    """The state of a feature. UNCLEAR: its edges do not show where it is; OUT_OF_VIEW: nothing of it is visible."""
 
     IN_PLACE = "in place"
     DISPLACED = "displaced"
@@ -23,7 +23,7 @@ class State(Enum):
 
 
 class Unclear(Enum):
-    """Why the photos do not tell where a feature is, and what would."""
+    """Why the photos do not show where a feature is, and the remedy."""
 
     UNSEEN = "none of its edges that should show is seen: give more light, or light from another side"
     SHORT_EDGES = "its edges in view are too short to tell whether it is there: go closer, or take another view"
@@ -42,18 +42,18 @@ class Unclear(Enum):
 
     @property
     def remedy(self) -> str:
-        """Return what would help, without why."""
+        """Return the remedy without the reason."""
         return self.value.rpartition(": ")[2]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeDeviation:
-    """How far an edge lies from where the CAD has it, seen in one photo, the pose fitted without it.
+    """How far an edge lies from its place in the CAD, in one photo, with the pose fitted without it.
 
-    value: signed mm along `direction` (3,), a unit vector in the part frame, perpendicular to the edge and to the line
-    of sight; sigma: its standard deviation, variances (4,) by `CAUSES`; both nan where the photo shows no such edge.
-    q (n, 2) px: where the model puts its places; p (3,) mm: its middle in the part frame; places: how many should be
-    seen, seen: how many were; station (s, 3): along (px), deviation and sigma (mm) of pieces of it.
+    value: signed mm along `direction` (3,), a unit vector in the part frame perpendicular to the edge and to the line
+    of sight; sigma: its standard deviation, variances (4,) by `CAUSES`; nan where the photo shows no such edge. q (n,
+    2) px: the model's places; p (3,) mm: their middle in the part frame; places: how many should be visible, seen: how
+    many were; station (s, 3): along (px), deviation and sigma (mm) of pieces of the edge.
     """
 
     part: str
@@ -76,13 +76,13 @@ class EdgeDeviation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FeatureDeviation:
-    """A feature as a rigid body: whether it is there, and by how much it is displaced against the datum.
+    """A feature as a rigid body: whether it is there, and its displacement relative to the datum.
 
-    displacement: mm in the directions `seen` (3, m), orthonormal in the part frame; across them nothing is known, and
-    nothing is said. size: its length in mm, sigma: the standard deviation along the worst of the directions seen.
-    turn, turn_sigma: rad about the line of sight `axis` (3,); nan where the edges do not show it. p_value: how
-    probable such a displacement is of a feature in place. datum: whether the pose was fitted to it too (not when this
-    was computed: its own edges are left out). why: of an unclear one, the reason.
+    displacement: mm in the directions `seen` (3, m), orthonormal in the part frame; in others it is unknown. size: its
+    length in mm, sigma: the standard deviation in the worst of the seen directions. turn, turn_sigma: rad about the
+    line of sight `axis` (3,); nan where the edges do not determine it. p_value: probability of such a displacement for
+    a feature in place. datum: whether the pose is fitted to it as well (but not for this result, which leaves its own
+    edges out). why: of an unclear one, the reason.
     """
 
     name: str
@@ -101,7 +101,7 @@ class FeatureDeviation:
 
     @property
     def vector(self) -> Array:
-        """Return the displacement (3,) mm in the part frame, zero in the directions not seen; nan where unknown."""
+        """Return the displacement (3,) mm in the part frame, zero in unseen directions; nan where unknown."""
         if self.displacement is None:
             return np.full(3, np.nan)
         return np.asarray(self.seen @ self.displacement.value)
@@ -113,14 +113,14 @@ class FeatureDeviation:
 
     @property
     def sigma(self) -> float:
-        """Return the standard deviation in mm along the direction known worst of those seen."""
+        """Return the standard deviation in mm in the worst of the seen directions."""
         if self.displacement is None:
             return float("nan")
         return float(np.sqrt(max(np.linalg.eigvalsh(self.displacement.covariance)[-1], 0.0)))
 
     @property
     def shares(self) -> dict[str, float]:
-        """Return the share of each cause in the variance along that direction."""
+        """Return the share of each cause in the variance in that direction."""
         if self.displacement is None:
             return {}
         w = np.linalg.eigh(self.displacement.covariance)[1][:, -1]
@@ -129,7 +129,7 @@ class FeatureDeviation:
         return {cause: value / total for cause, value in parts.items()} if total > 0 else parts
 
     def disputed(self) -> FeatureDeviation:
-        """Return what is left of it where photos disagree on the part's pose: whether it is there, not where."""
+        """Return what remains of it if photos disagree on the part's pose: whether it is there, but not where."""
         if self.state in (State.MISSING, State.OUT_OF_VIEW):
             return self
         return FeatureDeviation(
@@ -146,10 +146,10 @@ class FeatureDeviation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Extra:
-    """A curve in a photo, inside the part's picture, that no edge of the model explains.
+    """A curve in a photo, within the part's outline, that no edge of the model explains.
 
-    q (n, 2) px; length_px; p (3,) mm: where its middle would lie on the model's surface, nan beside it; near: the
-    part there.
+    q (n, 2) px; length_px; p (3,) mm: its middle projected onto the model's surface, nan beside it; near: the part
+    there.
     """
 
     photo: int

@@ -1,4 +1,4 @@
-"""Edges of the photo inside the part's picture that no line of the model explains: candidates for what is too much."""
+"""Edges of the photo, within the part's outline, that no line of the model explains: candidates for foreign matter."""
 
 from __future__ import annotations
 
@@ -18,16 +18,16 @@ from cadcam.verify.deviations.deviation import Extra
 
 LEAST_PX = 25.0  # shorter curves are texture, rust, dirt
 EXPLAINED_PX = 4.0
-_STEP_PX = 1.9  # between neighbours on a curve
+_STEP_PX = 1.9  # largest distance of neighbours on a curve
 _RIM_PX = 4
 
 
 def unexplained(
     part: Part, photos: Sequence[Photo], world_from_part: Rigid, *, shifted: Sequence[Array]
 ) -> list[Extra]:
-    """Return curves, longest first, that stand clear of all model lines and of the places `shifted` (n, 2) px.
+    """Return curves, longest first, that lie clear of all model lines and of the places `shifted` (n, 2) px.
 
-    shifted: for each photo where displaced features' edges were found.
+    shifted: for each photo, where the edges of displaced features were found.
     """
     out: list[Extra] = []
     renderer = open_renderer(part.scene)
@@ -55,7 +55,7 @@ def _in_photo(
     free = inside[y, x] & (distance > EXPLAINED_PX)
     out = []
     for q in _curves(edges.q[free]):
-        if len(q) < LEAST_PX:  # a point a pixel
+        if len(q) < LEAST_PX:  # one point per pixel
             continue
         middle = q[np.argmin(np.linalg.norm(q - q.mean(axis=0), axis=1))]
         at = int(middle[1] + 0.5), int(middle[0] + 0.5)

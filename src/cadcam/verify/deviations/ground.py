@@ -1,8 +1,8 @@
-"""Is what lies beside an edge as even as a surface in even light, or is there more: a shadow's border, dirt.
+"""Whether the surface beside an edge is evenly lit, or shows something else: a shadow's border, dirt.
 
-Brightness is looked at on both sides of where an edge is measured, as far as the model shows one surface there, in runs
-of neighbouring places, whose mean has little noise. It may rise away from the edge, or change from one run to the next,
-by no more than noise and the slow change of light along a surface make of it.
+Brightness is sampled on both sides of a measured edge, as far as the model shows a single surface there, and averaged
+over runs of neighbouring places, whose mean has little noise. Away from the edge, and from one run to the next, it may
+change only by noise and by the slow variation of light along a surface.
 """
 
 from __future__ import annotations
@@ -18,19 +18,19 @@ from cadcam.locate.photo import Photo
 from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.survey import Survey
 
-_ASIDE = np.arange(2.0, 8.5)  # px from the edge at which brightness is looked at: farther than blur reaches
-_ROOM_PX = 1.5  # beyond each of them that must show the same surface
-_RUN = 6  # places
-_SIGMAS, _LEAST = 6.0, 0.006  # of noise, and beside it, that brightness may change by
+_ASIDE = np.arange(2.0, 8.5)  # px from the edge at which brightness is sampled: beyond its blur
+_ROOM_PX = 1.5  # beyond each sample, the width that must show the same surface
+_RUN = 6  # places per run
+_SIGMAS, _LEAST = 6.0, 0.006  # largest change of brightness: sds of noise, and beside it
 _SIDES = 2
-_NOTHING = 1 << 62  # the number of what is none of the part's surfaces: it may be uneven too
-_SHARE = 0.25  # of the runs of an edge that must be uneven away from it
+_NOTHING = 1 << 62  # the number of all that is not a surface of the part: it may be uneven as well
+_SHARE = 0.25  # share of an edge's runs that must be uneven away from it
 
 
 def uneven_edges(survey: Survey, photos: Sequence[Photo]) -> dict[int, bool]:
-    """Return of each measured edge whether it lies beside uneven ground; left out where that is not seen.
+    """Return for each measured edge whether it lies beside uneven ground; edges for which this is unknown are left out.
 
-    On one side uneven ground is enough; that it is even has to be seen on both.
+    One uneven side suffices; that ground is even must be visible on both sides.
     """
     uneven_sides: dict[int, list[bool]] = {}
     offset = survey.matched.offset - np.einsum("ni,ni->n", survey.lines.by_point, survey.by[survey.lines.part])
@@ -72,7 +72,7 @@ def _face(shown: ShownFaces, q: Array) -> npt.NDArray[np.int32]:
 
 
 def _uneven(gray: Array, surface: Longs, noise: float) -> bool | None:
-    """Return whether an edge's side is uneven, by brightness (d, n) and surface (d, n); None where it is not seen."""
+    """Return whether one side of an edge is uneven, from brightness and surface (d, n); None where not visible."""
     most = _SIGMAS * noise / np.sqrt(_RUN) + _LEAST
     changes: list[float] = []
     levels: dict[int, list[float]] = {}

@@ -1,4 +1,4 @@
-"""Deviations from offsets: which displacements the photos show, how large they are, how sure that is."""
+"""Deviations from offsets: which displacements the photos show, their size and their uncertainty."""
 
 from __future__ import annotations
 
@@ -15,19 +15,19 @@ from cadcam.verify.adjustment.scatter import EdgeNoise, common_error, improbabil
 from cadcam.verify.edges.sightlines import Sightlines
 from cadcam.verify.edges.survey import Survey
 
-SEEN_PX = 0.5  # standard deviation, in px, up to which a direction of displacement counts as seen
-UNSEEN_PX = 4.0  # standard deviation of a displacement, in px, in directions that are not seen
+SEEN_PX = 0.5  # largest sd, in px, of a direction of displacement that counts as seen
+UNSEEN_PX = 4.0  # prior sd, in px, of a displacement in directions not seen
 _USUAL_PX = 0.01  # common error of an edge in most photos
-DISAGREE = 9.0  # misfit from which edges do not tell one displacement
-STATION_PX = 24.0  # length of the pieces of an edge that are looked at one by one
+DISAGREE = 9.0  # misfit from which edges contradict a common displacement
+STATION_PX = 24.0  # length of the pieces of an edge that are evaluated separately
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Displacement:
-    """A displacement in the directions `basis` (3, m) seen: estimate, probability in place, how many edges tell.
+    """A displacement in the seen directions `basis` (3, m): estimate, probability for a body in place, number of edges.
 
-    known: whether its size is; if not, the photos may still show that there is one, and the basis is the direction in
-    which they tell most.
+    known: whether its size is; if not, the photos may still show that there is one, and the basis is the direction that
+    they measure best.
     """
 
     basis: Array
@@ -41,9 +41,9 @@ class Displacement:
 class MeasuredEdges:
     """The places where the photos show the part's edges, their errors, and the pose fitted to the datum among them.
 
-    body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame
-    where one photo sees the part, None where several do; noise_scale: see `white_scale`; tau_px: common error of an
-    edge; own_noise: errors of edges without that one; found: displacements of features asked for before, by number.
+    body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame if
+    one photo sees the part, None if several do; noise_scale: see `white_scale`; tau_px: common error of an edge;
+    own_noise: errors of edges, estimated without that one; found: displacements of features computed before, by number.
     """
 
     lines: Sightlines
@@ -61,7 +61,7 @@ class MeasuredEdges:
 
     @classmethod
     def of(cls, survey: Survey, used: Mask, datum: Mask, eye: Array | None, freedom: Array) -> MeasuredEdges:
-        """Return what is measured from the places `used` (N,), the pose fitted to those also in `datum` (N,)."""
+        """Return the measurement of the places `used` (N,), with the pose fitted to those also in `datum` (N,)."""
         rows = used & survey.matched.measured & survey.usable
         lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
         sigma = survey.matched.sigma[rows]
@@ -85,12 +85,12 @@ class MeasuredEdges:
 
     @property
     def dof(self) -> float:
-        """Return the degrees of freedom behind tau: two numbers an edge of the datum, less the pose."""
+        """Return the degrees of freedom of tau: two per edge of the datum, less those of the pose."""
         edges = len(np.unique(self.lines.edge[self.adjustment.datum]))
         return float(max(2 * edges - self.adjustment.freedom.shape[1], 1))
 
     def pose_without(self, rows: Mask) -> FittedPose | None:
-        """Return the pose fitted without the edges of these places; None where the rest does not hold the part."""
+        """Return the pose fitted without the edges of these places; None where the rest does not determine it."""
         edges = np.isin(self.lines.edge, np.unique(self.lines.edge[rows]))
         try:
             return self.adjustment.pose(without=edges)
@@ -110,19 +110,19 @@ class MeasuredEdges:
         return np.asarray(across @ V[:, seen][:, ::-1])
 
     def moved(self, number: int) -> Displacement | None:
-        """Return how far a feature was displaced; None where that is not told."""
+        """Return a feature's displacement; None where the edges do not determine it."""
         if number not in self.found:
             self.found[number] = self.displacement(self.members[number])
         return self.found[number]
 
     def displacement(self, rows: Mask, *, along: Array | None = None, apart: Mask | None = None) -> Displacement | None:
-        """Return how far the places were displaced as one; along (3,): in that direction alone. None: not told.
+        """Return the common displacement of the places; along (3,): in that direction alone. None: undetermined.
 
         apart (n,): places to whose edges the pose is not fitted either, such as the others of the same body.
 
-        The estimate takes into account that feet need not follow (`cadcam.verify.adjustment.following`), that edges may
-        disagree, and displacements along the line of sight. The probability is that of the edges where the body is in
-        place, by their motion as one and by that estimate: feet that stay hide from the first what the second sees.
+        The estimate allows for feet that need not follow (`cadcam.verify.adjustment.following`), for edges that
+        disagree, and for displacements along the line of sight. The probability, for a body in place, is that of the
+        edges' common motion and of that estimate: feet that stay hide from the first what the second sees.
         """
         told = self._told(rows, along, rows if apart is None else rows | apart)
         if told is None:
@@ -141,12 +141,12 @@ class MeasuredEdges:
         return Displacement(plane @ best, estimate.along(best.T @ plane.T @ every), p_value, self._edges(rows), known)
 
     def p_value(self, rows: Mask) -> float:
-        """Return how probable offsets like those of these places are if they are in place; nan: not told."""
+        """Return the probability of offsets like those of these places if they are in place; nan: undetermined."""
         told = self._told(rows, None, rows)
         return float("nan") if told is None else self._p_value(rows, *told)
 
     def _told(self, rows: Mask, along: Array | None, apart: Mask) -> tuple[Array, FittedPose] | None:
-        """Return the directions (3, m) in which these places tell a displacement, and the pose without those apart."""
+        """Return the directions (3, m) of displacement that these places measure, and the pose without those apart."""
         if not rows.any():
             return None
         basis = self.directions(rows) if along is None else np.asarray(along, np.float64)[:, None]
@@ -156,7 +156,7 @@ class MeasuredEdges:
         return basis, pose
 
     def _p_value(self, rows: Mask, basis: Array, pose: FittedPose) -> float:
-        """Return the probability for a body in place, which is not displaced in directions that are not seen either."""
+        """Return the probability for a body in place, which is not displaced in unseen directions either."""
         in_place = self.adjustment.estimate(rows, self.lines.by_point[rows] @ basis, pose)
         return tail_probability(in_place.value, in_place.covariance, self.dof)
 
@@ -176,10 +176,10 @@ class MeasuredEdges:
         return len(np.unique(self.lines.edge[rows]))
 
     def _leaning(self, rows: Mask, basis: Array, covariance: Array) -> Array:
-        """Return the directions of a basis (3, m), each leant to the line of sight of where on the body it is told.
+        """Return the directions of a basis (3, m), tilted to the line of sight at which each is measured.
 
-        A displacement towards the camera, of which nothing is known, looks like one across the line of sight through
-        the body's middle where that one is told by an end of it; across the line of sight of that end it does not.
+        A displacement towards the camera, which is not seen, looks like one across the line of sight through the body's
+        middle if that is measured at one end of the body; across that end's own line of sight it does not.
         """
         if self.eye is None:
             return basis
@@ -190,9 +190,9 @@ class MeasuredEdges:
         return np.asarray(np.linalg.qr(basis - np.outer(axis, lean))[0])
 
     def _best_told(self, rows: Mask, found: Estimate) -> tuple[Array, bool]:
-        """Return the directions (m, k) in which an estimate is as sure as what is seen has to be, and whether any is.
+        """Return the directions (m, k) in which an estimate is accurate enough to count as seen, and whether any is.
 
-        Where none is, the one that is surest.
+        Where none is, the most accurate one.
         """
         w, V = np.linalg.eigh(found.covariance)
         sure = int((w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2).sum())
@@ -203,10 +203,10 @@ class MeasuredEdges:
         return UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
 
     def improbability(self, body: int) -> float:
-        """Return how improbable the datum's offsets, and a body's, are if that is displaced.
+        """Return how improbable the datum's offsets, and a body's, are if the body is displaced.
 
-        In the sense of `cadcam.verify.adjustment.scatter`. What stands on it then is not told by its feet, nor it by
-        its own.
+        In the sense of `cadcam.verify.adjustment.scatter`. Bodies that stand on it are then not measured by their feet,
+        nor is the body by its own.
         """
         its = self.body == body
         rows = self.adjustment.datum | its | (self.mate == body)
@@ -217,7 +217,7 @@ class MeasuredEdges:
         return improbability(self.adjustment.offset[rows], noise, self.adjustment.J[rows] @ self.adjustment.freedom, K)
 
     def turn(self, rows: Mask) -> tuple[float, float, Array]:
-        """Return the turn (rad) about the line of sight through the places' middle, its sigma, and that axis (3,)."""
+        """Return the rotation (rad) about the line of sight through the places' middle, its sigma, that axis (3,)."""
         axis = self.axis(rows)
         basis, pose = self.directions(rows), self.pose_without(rows)
         if pose is None or not basis.shape[1]:

@@ -1,4 +1,4 @@
-"""Why the photos do not tell where a feature is: a person is told what to change, not only that something is wrong."""
+"""Why the photos do not show where a feature is, so that a person knows what to change, not only that it failed."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.presence import Presence
 from cadcam.verify.edges.survey import Survey
 
-_MOST = 0.5  # of the places, or of the variance, that a reason has to account for
-_OF_CAUSE = {"pose": Unclear.POSE, "calibration": Unclear.CALIBRATION}  # else its own edges do not tell
+_MOST = 0.5  # share of the places, or of the variance, that a reason must account for
+_OF_CAUSE = {"pose": Unclear.POSE, "calibration": Unclear.CALIBRATION}  # other causes: its own edges are too uncertain
 
 
 def why_doubtful(presence: Presence) -> Unclear:
-    """Return why it is not sure that a feature is there at all."""
+    """Return why it is uncertain whether a feature is there at all."""
     if presence.expected == 0:
         return Unclear.SHORT_EDGES
     return Unclear.UNSEEN if presence.seen == 0 else Unclear.DOUBTFUL
 
 
 def why_untold(survey: Survey, measured: MeasuredEdges, number: int, moved: Displacement | None) -> Unclear:
-    """Return why a feature that is there has no place that could be told, or none that can be believed."""
+    """Return why the place of a feature that is there could not be measured, or cannot be believed."""
     rows = measured.members[number]
     if not rows.any():
         return _why_unmeasured(survey, number)
@@ -44,7 +44,7 @@ def _why_unmeasured(survey: Survey, number: int) -> Unclear:
 
 
 def _by_cause(moved: Displacement) -> Unclear:
-    """Return what to improve where a displacement is not known well enough: what makes most of its variance."""
+    """Return what to improve where a displacement is too uncertain: the cause of most of its variance."""
     variances = {cause: float(np.trace(getattr(moved.estimate, cause))) for cause in CAUSES}
     cause = max(variances, key=lambda c: variances[c])
     enough = variances[cause] > _MOST * sum(variances.values())

@@ -1,6 +1,6 @@
 """What a drawing asks of a part: features named by part, chain, region and kind of edge, and their limits.
 
-Datum features are what the pose is fitted to; the others are judged against it.
+The pose is fitted to the datum features; the others are judged relative to it.
 """
 
 from __future__ import annotations
@@ -37,21 +37,21 @@ class Quantity(Enum):
 
     @property
     def unit(self) -> str:
-        """Return the unit in which limits are written."""
+        """Return the unit in which its limits are written."""
         return {Quantity.ANGLE: "deg", Quantity.PRESENCE: ""}.get(self, "mm")
 
     @property
     def per_unit(self) -> float:
-        """Return by what a value inside, mm or rad, is multiplied to be in that unit."""
+        """Return the factor from mm or rad, used inside, to that unit."""
         return float(np.degrees(1.0)) if self is Quantity.ANGLE else 1.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Selection:
-    """Edges of a part: of the bodies whose names fit `part`, and of these what all other entries allow.
+    """A selection of a part's edges: those of the bodies whose names fit `part`, narrowed by all other entries.
 
-    part: a name or a pattern in the manner of file names (`bar *`). chains: numbers of feature chains. box (2, 3) mm:
-    lowest and highest corner, in the part frame, of the region an edge must lie in. kinds: kinds of edge.
+    part: a name or a pattern as for file names (`bar *`). chains: numbers of feature chains. box (2, 3) mm: lowest and
+    highest corner, in the part frame, of the region in which an edge must lie. kinds: kinds of edge.
     """
 
     part: str = "*"
@@ -67,7 +67,7 @@ class Selection:
             object.__setattr__(self, "box", box)
 
     def bodies(self, scene: Scene) -> Mask:
-        """Return which of the scene's parts (P,) are meant; `UnknownName` listing them where none is."""
+        """Return which of the scene's parts (P,) are selected; raise `UnknownName` listing them where none is."""
         names = scene.mesh.part_names
         meant = np.array([name == self.part or fnmatchcase(name, self.part) for name in names], bool)
         if not meant.any():
@@ -75,7 +75,7 @@ class Selection:
         return meant
 
     def check(self, scene: Scene) -> None:
-        """Raise an error that lists what there is, where the scene has no such edge at all."""
+        """Raise an error that lists the existing names where the scene has no such edge at all."""
         bodies = self.bodies(scene)
         edges = scene.edges
         own = bodies[edges.part]
@@ -93,7 +93,7 @@ class Selection:
             )
 
     def _meets(self, scene: Scene) -> bool:
-        """Return whether the bodies reach into the box: contours of curved surfaces may lie there."""
+        """Return whether the bodies reach into the box, where they may have contours of curved surfaces."""
         if self.chains:
             return False
         used = scene.mesh.faces[self.bodies(scene)[scene.mesh.part]]
@@ -118,7 +118,7 @@ class Selection:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Limit:
-    """The largest deviation of one quantity (mm; rad for an angle; unused for presence), and how it is decided.
+    """The largest deviation of one quantity (mm; rad for an angle; unused for presence), and the decision rule.
 
     direction: unit vector in the part frame along which alone a position counts; None: all that the photos show.
     """
@@ -143,7 +143,7 @@ class Limit:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Feature:
-    """Something of the part that moves as one, and what is asked of it."""
+    """A piece of the part that moves as one, and what is asked of it."""
 
     name: str
     selection: Selection
@@ -167,13 +167,13 @@ class Tolerances:
             raise BadValue("feature", f"named twice: {twice!r}", "a name of its own for each")
 
     def check(self, scene: Scene) -> None:
-        """Raise an error that lists what the scene has, for the first name that it has not."""
+        """Raise an error that lists the scene's names, for the first name that it does not have."""
         for chosen in (*self.datum, *(f.selection for f in self.features)):
             chosen.check(scene)
 
 
 def whole_parts(scene: Scene) -> Tolerances:
-    """Return every part of the scene as a feature without limits: what is displaced or missing is still said."""
+    """Return every part of the scene as a feature without limits, so that displaced or missing ones are reported."""
     return Tolerances(tuple(Feature(name, Selection(_literal(name))) for name in scene.mesh.part_names))
 
 
@@ -185,7 +185,7 @@ def runs(numbers: Floats) -> str:
 
 
 def _literal(name: str) -> str:
-    """Return the pattern that fits a name alone, whatever signs it holds."""
+    """Return the pattern that fits only this name, whatever characters it contains."""
     return "".join(f"[{c}]" if c in "*?[" else c for c in name)
 
 

@@ -1,7 +1,7 @@
 """Verdicts by ISO 14253-1: a deviation with its expanded uncertainty against a limit.
 
 With U = k sigma: PASS if |deviation| <= limit - U, FAIL if |deviation| > limit + U, else UNDECIDED. Conformity, and
-non-conformity, is only said where the uncertainty allows it: a camera too poor to judge never says PASS.
+non-conformity, are only stated where the uncertainty allows it: a camera too poor to judge never says PASS.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.verify.tolerances.tolerance import Limit, Rule
 
-SIMPLE_SHARE = 1 / 3  # of the limit that U may be where simple acceptance decides (JCGM 106:2012, 8.2)
+SIMPLE_SHARE = 1 / 3  # largest U relative to the limit with which simple acceptance decides (JCGM 106:2012, 8.2)
 
-_FLAT, _CENTRED = 1e-12, 1e-9  # variance, of the largest, and distance from the centre in sigmas that count as zero
+_FLAT, _CENTRED = 1e-12, 1e-9  # count as zero: variance by the largest, distance from the centre in sigmas
 
 
 class Verdict(Enum):
-    """What is said of a limit, or of the part."""
+    """The verdict on a limit, or on the part."""
 
     PASS = "PASS"
     FAIL = "FAIL"
@@ -53,11 +53,12 @@ def decided(deviation: float, sigma: float, limit: Limit) -> Verdict:
 
 
 def towards(value: Array, covariance: Array, limit: Limit) -> float:
-    """Return the standard deviation of a displacement's length, its components being value (m,) and covariance (m, m).
+    """Return the standard deviation of a displacement's length, given its components (m,) and their covariance (m, m).
 
-    That by which it is decided, so that it errs as rarely as that of a single component. PASS: the longest displacement
-    in the k sigma ellipsoid keeps the limit. If the true one does not, some direction alone shows that, and errs by k
-    sigma as rarely as any. FAIL: the shortest in the ellipsoid that misses the true one as rarely as that is beyond it.
+    It is defined by the decision, so that this errs as rarely as for a single component. PASS: the longest displacement
+    in the k sigma ellipsoid keeps the limit. If the true one does not, some single direction shows that, and errs by k
+    sigma as rarely as any. FAIL: the shortest displacement in the ellipsoid that misses the true one as rarely is
+    beyond it.
     """
     from scipy.special import chdtri, ndtr
 
@@ -89,7 +90,7 @@ def lengths(value: Array, covariance: Array, k: float) -> tuple[float, float]:
 
 
 def _on_ellipsoid(v: Array, c: Array, gap: Array, k: float) -> float:
-    """Return x > 0 where the sum of c v^2 / (x + gap)^2 is k^2; it falls with x."""
+    """Return x > 0 where the sum of c v^2 / (x + gap)^2, which falls with x, is k^2."""
     from scipy.optimize import brentq
 
     most = 2 * float(np.linalg.norm(v)) * np.sqrt(float(c[-1])) / k
@@ -107,9 +108,9 @@ def overall(verdicts: Iterable[Verdict]) -> Verdict:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judgement:
-    """A limit of a feature, what was measured (mm; rad for angles; nan where nothing was) and what follows.
+    """A limit of a feature, the measured value (mm; rad for angles; nan where nothing was measured), and the verdict.
 
-    reason: one line for people; remedy: where it could not be decided, what would help.
+    reason: one line of text; remedy: where it could not be decided, what would help.
     """
 
     feature: str
