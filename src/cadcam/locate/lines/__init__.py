@@ -1,1 +1,1 @@
-"""What a photo shows along the part's visible lines: samples on them, cells, the steps in these, bands beside them."""
+"""What a photo shows along the part's visible lines: samples, cells, the steps in these, bands beside the lines."""

@@ -1,10 +1,11 @@
-"""Narrow bands beside a part's lines that its model does not have: contact shadows, print, painted rims, gaps.
+"""Narrow bands beside a part's lines that its model lacks: contact shadows, print, painted rims, gaps.
 
-A band ends in a step of its own, some pixels beside the line's. A fit that knows of one step only is drawn towards it
-by up to 0.5 px, the same all along the edge, and no covariance would tell. One cell hardly shows such a step in its
-noise, a stretch of them does: what the fits leave over is averaged along it, by distance from the line, and the step
-looked for there which explains most of it beyond what levels, slopes and known lines do (a score test). Of a step that
-explains clearly more than noise and grain would, every cell then has a twin, as of another line of the model.
+A band ends in a step of its own, some pixels beside the line's. A fit of a single step is biased towards it by up to
+0.5 px, equally all along the edge, and no covariance shows that. In one cell such a step is hardly visible in the
+noise, but in a stretch of cells it is: the residuals of the fits are averaged along it, by distance from the line, and
+searched for the step that explains most of them beyond levels, slopes and known lines (a score test). A step that
+explains clearly more than noise and texture would is then modelled in every cell as a twin, like another line of the
+model.
 """
 
 from __future__ import annotations
@@ -22,34 +23,34 @@ from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import StepCells, band_gains
 
-_BINS, _WIDTH = 28, 0.5  # px: by distance from the line
-_FAR = 5.5  # px: how far to each side; nearer, steps 1.5 and 3.5 px away can look the same
-FARTHEST_PX = 5.0  # how wide bands are at most
-_APART = np.arange(1.0, FARTHEST_PX + 0.01, 0.25)  # px: how far from the line a band's end is looked for
+_BINS, _WIDTH = 28, 0.5  # number and width, px, of bins of the distance from the line
+_FAR = 5.5  # px to each side; with less, steps 1.5 and 3.5 px away can look the same
+FARTHEST_PX = 5.0  # largest width of bands
+_APART = np.arange(1.0, FARTHEST_PX + 0.01, 0.25)  # px, distances from the line at which a band's end is tested
 _TRIED = np.concatenate([-_APART[::-1], _APART])
-_COARSE = _TRIED[::2]  # first
-_TOGETHER = 16  # cells of a stretch
-_FEW = 3  # cells of the shortest
-_ENOUGH = 500  # cells of a photo from which on only every second one is asked, from twice as many every third
-_INSIDE = 0.25  # px: so much farther cells reach at least
-_CLEAR = 20.0  # variances of noise and grain that a band explains
-_MAYBE = 0.5  # of that, as places half a pixel apart show it
-_PAST = 2.0  # blurs: cells reach so far beyond a band's end
-_SHORT = 1.5  # blurs: cells end that far before a step that they do not model
-_BLURS = np.array([0.6, 0.72, 0.86, 1.0, 1.2])  # of the blur: tried where bands may have been taken for it
-_BESIDE = 0.3  # of the cells beside bands, from which on these may have been taken for blur
-_FEW_BANDS = 0.05  # of the cells of half the stretches: with fewer beside bands, no more are asked
-_SAME = 0.02  # by which a blur may be off
-LEFT, MOST_PX = 0.2, 0.5  # of how far a band drew the steps, what may be left of it; px, at most that far
+_COARSE = _TRIED[::2]  # tested first
+_TOGETHER = 16  # cells per stretch
+_FEW = 3  # fewest cells of a stretch
+_ENOUGH = 500  # cells per photo from which only every second stretch is tested, from twice as many every third
+_INSIDE = 0.25  # px by which cells must reach farther at least
+_CLEAR = 20.0  # variances of noise and texture that a band must explain
+_MAYBE = 0.5  # share of that at which places half a pixel apart are tested
+_PAST = 2.0  # blurs that cells reach beyond a band's end
+_SHORT = 1.5  # blurs between a cell's end and a step that it does not model
+_BLURS = np.array([0.6, 0.72, 0.86, 1.0, 1.2])  # by the blur: tried where bands may have been mistaken for it
+_BESIDE = 0.3  # share of cells beside bands from which these may have been mistaken for blur
+_FEW_BANDS = 0.05  # share of cells beside bands, in half the stretches, below which the other half is not tested
+_SAME = 0.02  # tolerance of a blur
+LEFT, MOST_PX = 0.2, 0.5  # remaining share of the bias that a band caused; its limit, px
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Stretches:
-    """What is left over in B stretches of cells.
+    """The residuals of B stretches of cells.
 
-    of (n,): each cell's stretch, -1 for none; rest, number (B, bins): sums and numbers of pixels; variance (B,) of a
-    pixel; known (B, 2): steps of the model below and above, nan for none; room (B, 2): how far below and above bands
-    are looked for.
+    of (n,): each cell's stretch, -1 for none; rest, number (B, bins): sums of residuals and numbers of pixels; variance
+    (B,) of a pixel; known (B, 2): steps of the model below and above, nan for none; room (B, 2): search range for bands
+    below and above.
     """
 
     of: Longs
@@ -60,7 +61,7 @@ class _Stretches:
     room: Array
 
     def clear(self, some: Longs, known: Array, room: Array, blur: float) -> tuple[Longs, Array]:
-        """Return which of some stretches show a step clearly, and where; known (n, 3): the steps known there."""
+        """Return which of some stretches clearly show a step, and where; known (n, 3): steps known there."""
         maybe = np.flatnonzero(self._gains(some, known, room, blur, _COARSE).max(axis=1, initial=0.0) > _MAYBE * _CLEAR)
         gain = self._gains(some[maybe], known[maybe], room[maybe], blur, _TRIED)
         best = np.argmax(gain, axis=1)
@@ -68,15 +69,15 @@ class _Stretches:
         return maybe[clear], np.array([_peak(gain[k], int(best[k])) for k in clear])
 
     def _gains(self, some: Longs, known: Array, room: Array, blur: float, tried: Array) -> Array:
-        """Return what steps at places tried explain (n, t) in some stretches."""
+        """Return what steps at the places tried explain (n, t) in some stretches."""
         left = self.rest[some], self.number[some], self.variance[some]
         return band_gains(*left, known, room, tried, width=_WIDTH, blur=blur)
 
 
 def share_beside_bands(sight: Sight, at: Projected, cells: Cells, where: Array) -> float:
-    """Return which share of a photo's cells lies beside bands; where (N,) px along the normals: where the steps are.
+    """Return the share of a photo's cells that lies beside bands; where (N,) px along the normals: places of the steps.
 
-    Half of the stretches of line tell that there are none, or about how few.
+    If half of the stretches show none, or hardly any, the others are not tested.
     """
     if not len(cells.which):
         return 0.0
@@ -94,8 +95,8 @@ def banded(
 ) -> tuple[Cells, Cells, StepSums]:
     """Return cells of the photo's true blur, the same cells with bands modelled, and the sums of the latter.
 
-    where (N,) px along the normals: where the steps are. anew: how cells are laid out, where bands may have been taken
-    for blur; then they are laid out once more.
+    where (N,) px along the normals: places of the steps. anew: arguments with which cells are laid out again where
+    bands may have been mistaken for blur.
     """
     if not len(cells.which):
         return cells, cells, cells.sums_at(sight, at, where)
@@ -127,7 +128,7 @@ def _blur(sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping
 
 
 def _any(apart: Array) -> npt.NDArray[np.bool_]:
-    return np.append(np.isfinite(apart).any(axis=1), False)  # the last one: cells of no stretch
+    return np.append(np.isfinite(apart).any(axis=1), False)  # the last entry: cells of no stretch
 
 
 def _told(cells: Cells, of: Longs, apart: Array, end: Array) -> Cells:
@@ -155,7 +156,7 @@ def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
 
 
 def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array, *, every: int = 1) -> _Stretches:
-    """Return the residuals of the step fits along stretches of a photo's lines, or along every so many of them."""
+    """Return the residuals of the step fits along stretches of a photo's lines, or along every `every`-th of them."""
     run = sight.samples.run[cells.which].astype(np.int64)
     count = np.bincount(run)
     place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
@@ -184,7 +185,7 @@ def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array, *, every
 def _found(s: _Stretches, blur: float) -> tuple[Array, Array]:
     """Return where (B, 2) px below and above bands end, nan where there is none, and where cells have to end.
 
-    A second step is looked for beside the first: on the other side it ends another band; on the same side cells end
+    A second step is searched for beside the first: on the other side it ends another band; on the same side cells end
     before the farther one.
     """
     n = len(s.rest)

@@ -1,7 +1,7 @@
 """Cells on the part's lines, and the steps that are measured in them.
 
-A cell is a short stretch of line with the pixels to both sides, as far as no other line needs them. It holds what the
-photo tells of the light there, so that a step is measured again at another place by a linear fit to the same pixels.
+A cell is a short stretch of line with the pixels to both sides, as far as no other line affects them. It models the
+light there, so that the step at another place is again a linear fit to the same pixels.
 """
 
 from __future__ import annotations
@@ -17,30 +17,30 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import StepCells, along_runs
 
 _APART = 1.5  # blurs: a cell ends that far before the next line
-_PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be as far away
-_REACH = 3.0  # blurs: how far a cell has to reach to each side, for levels and slopes to be told from the step
-_ALIKE = 0.1  # share by which blurs differ that are taken for one
-_LINEAR = 1.2  # blurs: how far off a linear fit is believed
-_CLEAR = 4.0  # sd of one cell: contrast of an edge that is there
-_SURE = 8.0  # sd of one cell: contrast that needs no neighbours
-_CLIPPED = 0.7  # share of black or white pixels from which a cell tells nothing
-# Cells to each side on the same run that contrast, and noise and slopes are averaged with. What is averaged is far less
-# noisy than a cell's own, and the weights of an edge's samples then do not flicker.
+_PAST, _TWIN = 2.0, 3.0  # blurs: it ends that far beyond a twin, which must be that far away
+_REACH = 3.0  # blurs: least reach to each side, to separate levels and slopes from the step
+_ALIKE = 0.1  # share by which blurs may differ that are treated as one
+_LINEAR = 1.2  # blurs: distance up to which a linear fit is valid
+_CLEAR = 4.0  # sd of one cell: least contrast of an edge
+_SURE = 8.0  # sd of one cell: contrast that needs no support by neighbours
+_CLIPPED = 0.7  # share of black or white pixels from which a cell is unusable
+# Cells to each side on the same run over which contrast, noise and slopes are averaged. The averages are far less noisy
+# than a cell's own, so that the weights of an edge's samples do not flicker.
 _CONTRAST, _STRETCH = 3, 10
-_LEAST_PAIRS = 4  # of neighbouring cells on a run that tell what noise makes of its slopes
+_LEAST_PAIRS = 4  # fewest pairs of neighbouring cells on a run from which the noise of slopes is estimated
 _MEDIAN_CHI2 = 0.4549  # of the square of a standard normal variable
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells:
-    """Which of a sight's samples have room for a cell, how far the cells reach, and the light they are seen in.
+    """Which of a sight's samples have room for a cell, the cells' extents, and the parameters of their fits.
 
-    which (N,): numbers of the samples; below, above (N,) px; held (N, 2): how firmly the slopes are held
-    (`image.profile.StepSums`); bow (N,) px: how far along the normal the step of a bent line lies beyond its
-    tangent, on the mean of the cell; half_length px; spread (2, 2) px^2: the photo's blur
-    (`image.profile.blur_matrix`), blurs (N,) px: across each cell's line. twins (N, 2, 2): other steps in them, as
-    `EdgeSamples` has them; room (N, 2) px: how far they might reach below and above; doubt (N,) px: by which steps may
-    be off all along a stretch of line. first: their sums at the places where they were laid out, which the first
+    which (N,): numbers of the samples; below, above (N,) px: extent; held (N, 2): how strongly the slopes are held
+    (`image.profile.StepSums`); bow (N,) px: distance along the normal of the step of a curved line from its tangent,
+    averaged over the cell; half_length px; spread (2, 2) px^2: the photo's blur (`image.profile.blur_matrix`), blurs
+    (N,) px: across each cell's line. twins (N, 2, 2): other steps in them, as in `EdgeSamples`; room (N, 2) px: largest
+    possible extent below and above; doubt (N,) px: error that the steps of a stretch of line may share. first: the sums
+    at the initial places, which the first measurement needs again.
     measurement needs again.
     """
 
@@ -71,11 +71,11 @@ class Cells:
     ) -> Cells:
         """Return the cells of a sight; room_px is what a cell needs on each side of its line.
 
-        where (N,) px along the normals: where the steps are about, default on the lines. spread (2, 2) px^2: the
-        blur, default as the strongest lines show it.
+        where (N,) px along the normals: approximate places of the steps, default on the lines. spread (2, 2) px^2: the
+        blur, default as measured on the strongest lines.
 
-        The ground's slopes are held by what they are on average in the stretch of line around each cell, of which noise
-        tells little: where the ground is level they cost nothing, where light bends it they are free.
+        The ground's slopes are held according to their average in the stretch of line around each cell, which has
+        little noise: where the ground is level they cost no accuracy, where light bends it they are free.
         """
         if spread is None:
             spread = sight.blur(at, half_length=half_length, reach_px=reach_px)
@@ -99,14 +99,14 @@ class Cells:
         return float(np.sqrt(np.mean(self.blurs**2))) if len(self.blurs) else float(np.sqrt(np.trace(self.spread) / 2))
 
     def alike(self) -> list[tuple[Longs, float]]:
-        """Return groups of cells of about the same blur: their numbers, and that blur, px."""
+        """Return groups of cells of similar blur: their numbers, and that blur, px."""
         if not len(self.blurs) or np.ptp(self.blurs) <= _ALIKE * self.blurs[0]:
             return [(np.arange(len(self.blurs)), self.blur)]
         of = np.round(np.log(self.blurs) / _ALIKE)
         return [(own, float(self.blurs[own].mean())) for own in (np.flatnonzero(of == one) for one in np.unique(of))]
 
     def settled(self, sight: Sight, at: Projected, where: Array | None) -> tuple[Cells, StepSums]:
-        """Return the cells with slopes held as firmly as the photo asks for, and their sums."""
+        """Return the cells with slopes held according to the photo, and their sums."""
         sums = self.sums_at(sight, at, where)
         found, run = sums.solved(np.zeros((len(self.which), 2)), noise=0.5 * sight.noise), sight.samples.run[self.which]
         slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
@@ -114,14 +114,14 @@ class Cells:
         return replace(self, held=np.where(np.isfinite(held), held, 0.0)), sums
 
     def placed(self, at: Projected, where: Array | None) -> StepCells:
-        """Return the cells in the picture; where (N,) px: how far along the normal each is shifted."""
+        """Return the cells in the picture; where (N,) px: shift of each along the normal."""
         normal = at.normal[self.which]
         aside = self.bow if where is None else self.bow + where[self.which]
         q = at.q[self.which] + aside[:, None] * normal
         return StepCells(q, normal, self.below, self.above, self.half_length, self.blur, self.twins)
 
     def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
-        """Return what the cells' pixels add up to; where (N,) px: how far along the normal each cell is shifted."""
+        """Return the sums over the cells' pixels; where (N,) px: shift of each cell along the normal."""
         placed, alike = self.placed(at, where), self.alike()
         if len(alike) == 1:
             return step_sums(sight.photo.gray, placed)
@@ -132,9 +132,9 @@ class Cells:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepOffsets:
-    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, which are usable.
+    """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, and which are usable.
 
-    doubt (N,) px: by which all steps of a stretch of line may be off.
+    doubt (N,) px: error that all steps of a stretch of line may share.
     """
 
     offset: Array
@@ -149,11 +149,11 @@ def measured_steps(
 ) -> StepOffsets:
     """Return the steps' offsets by a linear fit at places `where` (N,) px along the samples' normals.
 
-    sums: of the cells there, if known. as_lines: slopes are held as the mean of each run of cells asks for. Held as
-    each cell asks for, slopes that are lost in its noise draw all steps of a run one way, by more than their mean is
-    uncertain; nothing is drawn where they are free, at 1.4 times the noise.
+    sums: of the cells there, if known. as_lines: slopes are held according to the mean of each run of cells. Held
+    according to each cell alone, slopes that are lost in its noise bias all steps of a run alike, by more than their
+    mean is uncertain; free slopes bias nothing, at 1.4 times the noise.
 
-    The fit holds near the step: a place must be right to about the blur.
+    The fit is valid near the step: a place must be right to about the blur.
     """
     n = len(sight.samples)
     offset, sigma, contrast = (np.full(n, np.nan) for _ in range(3))
@@ -164,7 +164,7 @@ def measured_steps(
     sums = cells.sums_at(sight, at, where) if sums is None else sums
     found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
     c, sd_c = along_runs(found.contrast, run, _CONTRAST), _sd_contrast(sight, found, run)
-    sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # before a chequered ground the sign changes along a line
+    sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # its sign may change along a line
     c = np.where(sure, found.contrast, c)
     more = np.sqrt(along_runs(found.noise**2, run, _STRETCH)) / found.noise
     placed = sums.solved(_held_as_lines(sums, run), noise=0.5 * sight.noise) if as_lines else found
@@ -178,11 +178,11 @@ def measured_steps(
 
 
 def _held_as_lines(sums: StepSums, run: Ids) -> Array:
-    """Return how firmly slopes (n, 2) are held by each run as a whole: as its mean slope asks for, or the usual one.
+    """Return how strongly slopes (n, 2) are held by each run as a whole: according to its mean slope, or the usual one.
 
-    The mean slope over k cells has k times the information of one cell's, so it is held by that much less. How large
-    slopes are follows from these means, less what noise makes of them: the median over all runs, and more for a run
-    whose own is more. What noise makes of slopes shows in how those of neighbouring cells differ.
+    The mean slope over k cells has k times the information of a single one, so it is held that much less. The prior
+    variance of slopes follows from these means, less their noise: the median over all runs, and more for a run whose
+    own is larger. The noise of slopes is estimated from the differences between neighbouring cells.
     """
     found = sums.solved(np.zeros((len(run), 2)))
     number = np.unique(run, return_inverse=True)[1].reshape(-1)
@@ -207,9 +207,9 @@ def _held_as_lines(sums: StepSums, run: Ids) -> Array:
 
 
 def _sd_contrast(sight: Sight, found: Steps, run: Ids) -> Array:
-    """Return the sd (n,) by which a contrast must be clear: that of one cell, for texture runs along lines.
+    """Return the sd (n,) that a contrast is compared with: that of a single cell, because texture runs along lines.
 
-    Where lines are looked for in spite of noise, white noise counts as the mean over neighbours has it.
+    Where lines are searched for in spite of noise, that of the mean over neighbours under white noise.
     """
     variance = found.sd_contrast**2
     if sight.photo.calm is not None:
@@ -221,15 +221,15 @@ def _sd_contrast(sight: Sight, found: Steps, run: Ids) -> Array:
 
 
 def _room(next_line: Array, beyond: Array, blur: Array) -> Array:
-    """Return how far (N,) px cells may reach: short of the next line, or past it where it is a twin."""
+    """Return the extent (N,) px that cells may have: short of the next line, or past it where that is a twin."""
     return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
 
 
 def _bow(at: Projected, run: Ids, half_length: float, blur: Array) -> Array:
-    """Return the mean offset (N,) px along the normal, over each cell, of a curved line's step from its tangent.
+    """Return the mean distance (N,) px along the normal, over each cell, of a curved line's step from its tangent.
 
-    A line of curvature k is k t^2 / 2 off its tangent at t, so k half_length^2 / 6 on the mean, and blur moves its step
-    towards the inside of the bend, by k blur^2 / 2. The neighbours on the line, s away, are k s^2 / 2 off.
+    A line of curvature k is k t^2 / 2 off its tangent at t, so k half_length^2 / 6 on average, and blur moves its step
+    towards the inside of the curve, by k blur^2 / 2. The neighbours on the line, at distance s, are k s^2 / 2 off.
     """
     before, here, after = at.q[:-2], at.q[1:-1], at.q[2:]
     apart2 = 0.5 * (((after - here) ** 2).sum(axis=1) + ((before - here) ** 2).sum(axis=1))

@@ -1,7 +1,7 @@
-"""Places on a part's visible edges where the photo is asked: they stay with the part and are projected anew each step.
+"""Samples of a part's visible edges: fixed on the part, and projected again for each step of the pose.
 
-A line is cut at its corners into runs; each run into cells of equal length, one sample a cell. What else lies near a
-sample (other lines, its own run beyond a bend) bounds how far along the normal its pixels are its own.
+A line is cut at its corners into runs, each run into cells of equal length, with one sample per cell. What else lies
+near a sample (other lines, its own run beyond a bend) limits how far along the normal the pixels are its own.
 """
 
 from __future__ import annotations
@@ -19,17 +19,17 @@ from cadcam.native.profiles import camera_rows, clearance, edge_rows
 from cadcam.render.lines.wireframe import Polylines
 
 _CORNER = np.cos(np.radians(8.0))  # where a line turns by more, a new run begins
-_OWN_RUN = 4.0  # of its reach: along a run, how far a sample does not take the run itself for another line
+_OWN_RUN = 4.0  # reaches along a run within which a sample does not take the run itself for another line
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeSamples:
     """N samples: p (N, 3) mm and unit tangent (N, 3) in the part frame, chain (N,; -1 on contours) and run (N,).
 
-    part, line (N,): body and number of the polyline that they were drawn from; below, above (N,) px: how far against
-    and along the normal no other line of the model is. twins (N, 2, 2): the lines there, below and above, that run
-    about parallel through the whole cell: (d, slope), px from the sample and px a px along the line; infinite where
-    there is none. beyond (N, 2) px: how far no further line is.
+    part, line (N,): body and number of the polyline that they lie on; below, above (N,) px: distance against and along
+    the normal that is free of other lines. twins (N, 2, 2): the lines there, below and above, that run about parallel
+    through the whole cell: (d, slope), px from the sample and px per px along the line; infinite where there is none.
+    beyond (N, 2) px: distance free of any further line.
     """
 
     p: Array
@@ -53,9 +53,9 @@ class EdgeSamples:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Projected:
-    """Samples as a camera sees them: q (N, 2) px, unit normal (N, 2), and row (N, 6).
+    """Samples as a camera images them: q (N, 2) px, unit normal (N, 2), and row (N, 6).
 
-    row: d(offset along the normal)/dxi by the pose's own twist, how the model's line moves across itself.
+    row: d(offset along the normal)/dxi by the pose's twist: how the model's line moves across itself.
     """
 
     q: Array
@@ -73,7 +73,7 @@ def project(samples: EdgeSamples, camera: Camera, camera_from_part: Rigid) -> Pr
     lens = camera.lens
     if isinstance(lens, Ideal):
         return Projected(*camera_rows(camera.K, R, t, samples.p, samples.tangent))
-    if type(lens) is BrownConrady:  # tilted ones are its kind too
+    if type(lens) is BrownConrady:  # tilted ones are its subclasses
         told = np.array(list(lens.parameters.values()))
         return Projected(*camera_rows(camera.K, R, t, samples.p, samples.tangent, lens=told, radius=lens.valid_radius))
     q, J = camera.project_with_jacobian(camera_from_part @ samples.p)
@@ -83,7 +83,7 @@ def project(samples: EdgeSamples, camera: Camera, camera_from_part: Rigid) -> Pr
 def sample_lines(lines: Polylines, camera: Camera, *, step_px: float, reach_px: float) -> EdgeSamples:
     """Return samples `step_px` apart on lines drawn with the part's own frame as the world.
 
-    reach_px: how far along the normal other lines are looked for.
+    reach_px: how far along the normal other lines are searched for.
     """
     first, run = _runs(lines)
     q, p = lines.q, lines.p
@@ -145,7 +145,7 @@ def _cells(length: Array, run: Ids, arc0: Array, step_px: float) -> tuple[Longs,
     which = np.repeat(np.arange(len(n)), n)
     place = np.arange(len(which)) - np.repeat(np.cumsum(n) - n, n)
     arc = (place + 0.5) * step_px + 0.5 * (of_run - n * step_px)[which]
-    begin = np.cumsum(of_run) - of_run  # all runs in a row: one sorted axis
+    begin = np.cumsum(of_run) - of_run  # all runs in a row: a single sorted axis
     segment = np.searchsorted(begin[run] + arc0, begin[which] + arc, side="right") - 1
     fraction = np.clip((arc - arc0[segment]) / length[segment], 0.0, 1.0)
     return segment, fraction, arc

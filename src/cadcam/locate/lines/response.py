@@ -1,17 +1,17 @@
-"""The camera's response, bent by a gamma: it moves every step towards its dark side, up to a third of a pixel.
+"""A nonlinear camera response, a gamma: it moves every step towards its dark side, up to a third of a pixel.
 
-With brightness y = L^(1/g) of the light L, light halfway between those of two sides looks brighter than halfway between
+With brightness y = L^(1/g) of the light L, light halfway between that of two sides looks brighter than halfway between
 y1 and y2. To first order in g - 1 the middle of a blurred step is higher by (g - 1) (y2 - y1)^2 / (4 (y1 + y2)), and a
 step of blur s fitted to it by least squares is off along its normal by
 
     (g - 1) h,   h = -K s (y2 - y1) / (y1 + y2),   K = sqrt(pi) / 3,
 
-for what is added to the step, Phi (1 - Phi), has 1/6 of the slope's weight and the slope itself 1 / (2 sqrt(pi)).
+because the term added to the step, Phi (1 - Phi), has 1/6 of the slope's weight and the slope itself 1 / (2 sqrt(pi)).
 
-At one pose, edges of either sign and of unlike contrast contradict each other: g - 1 follows from what they are off by
-as a whole, to 0.05 to 0.4. Whether there is a gamma is weighed against none by what each makes of that (a Bayes factor:
-R. Kass and A. Raftery, J. Am. Stat. Assoc. 90, 1995); what is taken out is the mean of both, so that a camera without
-gamma is measured as ever, and what is left of the doubt goes into the covariance, where none is taken out, too.
+At a single pose, edges of different sign and contrast contradict each other: g - 1 follows from the common offsets of
+edges, to 0.05 to 0.4. The hypothesis of a gamma is weighed against none by how well each explains these (a Bayes
+factor: R. Kass and A. Raftery, J. Am. Stat. Assoc. 90, 1995). The expected value is removed, so that without a gamma
+nothing changes, and the remaining doubt goes into the covariance, also where nothing is removed.
 """
 
 from __future__ import annotations
@@ -30,13 +30,13 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import values_at
 
 _OF_BLUR = np.sqrt(np.pi) / 3
-_BESIDE = 3.0  # blurs from the line: there the sides have their own brightness
-_USUAL = (0.8, 0.6)  # g - 1 of cameras that bend their response, mean and sd
-_SELDOM = 0.25  # how many of those there are for one that does not
-_NEVER = 1e-6  # share of such cameras that the steps leave, below which no bend is considered
-_DOUBT = 0.5  # probability of a bend up to which none is taken out, but doubted
-_LEAST = 5.0  # degrees of freedom that tell anything
-_LIGHT = 0.05  # share of the variance of edges' offsets that light draws all towards dark, or towards bright
+_BESIDE = 3.0  # blurs from the line at which the sides have their own brightness
+_USUAL = (0.8, 0.6)  # g - 1 of cameras with a nonlinear response, mean and sd
+_SELDOM = 0.25  # prior odds of such a camera
+_NEVER = 1e-6  # posterior share of such cameras below which a nonlinear response is ruled out
+_DOUBT = 0.5  # probability of a nonlinear response up to which it is not removed, only doubted
+_LEAST = 5.0  # fewest degrees of freedom that are evidence
+_LIGHT = 0.05  # share of the variance of edges' offsets by light that draws all towards dark, or towards bright
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +48,7 @@ class Bend:
 
 
 def leanings(sight: Sight, at: Projected, which: Longs, blur: float) -> Array:
-    """Return the shift (n,) px along the normal of each chosen sample's step for a unit of g - 1."""
+    """Return the shift (n,) px along the normal of each chosen sample's step per unit of g - 1."""
     q, aside = at.q[which], _BESIDE * blur * at.normal[which]
     low, high = values_at(sight.photo.gray[..., None], np.stack([q - aside, q + aside]))[..., 0]
     lean = -_OF_BLUR * blur * (high - low) / np.maximum(high + low, 1e-3)
@@ -56,11 +56,11 @@ def leanings(sight: Sight, at: Projected, which: Longs, blur: float) -> Array:
 
 
 def bend_of(fit: GroupedFit, J: Array, lean: Array, bright: Array, group: Longs) -> Bend | None:
-    """Return the bend of the response that the residuals of a straight fit show; None where they rule one out.
+    """Return the nonlinear response shown by the residuals of a fit without one; None where they rule it out.
 
     J (n, k), lean (n,), group (n,): of some samples of each edge, and the number of its group in the fit. Regression of
-    the groups' offsets on how these follow the pose and the bend. bright (n,): 1 or -1, to which side of a sample the
-    photo is brighter; light that draws all edges a little that way, or the other, looks much like a bend.
+    the groups' offsets on their derivatives by the pose and by g - 1. bright (n,): 1 or -1, the side of a sample on
+    which the photo is brighter; light that draws all edges slightly towards one of these looks similar.
     """
     of, place = np.unique(group, return_inverse=True)
     n = np.bincount(place, minlength=1)
@@ -79,11 +79,11 @@ def bend_of(fit: GroupedFit, J: Array, lean: Array, bright: Array, group: Longs)
 
 
 def _weighed(excess: float, variance: float) -> Bend | None:
-    """Return the expected bend given a measured one with this variance, None where there is none."""
+    """Return the expected value given a measured one with this variance, None where there is no gamma."""
     usual, sd = _USUAL
     total = variance + sd**2
     mean, left = (excess * sd**2 + usual * variance) / total, variance * sd**2 / total
-    above = _above(mean / np.sqrt(left))  # of what the steps leave probable, and below of what is usual
+    above = _above(mean / np.sqrt(left))  # of the posterior's mass, above zero and below the usual range
     if not above > _NEVER:
         return None
     log_factor = 0.5 * (np.log(variance / total) + excess**2 / variance - (excess - usual) ** 2 / total)

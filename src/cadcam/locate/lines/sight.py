@@ -1,4 +1,4 @@
-"""One photo with the samples of the part's visible lines in it, and where along their normals it steps."""
+"""One photo with the samples of the part's visible lines, and the brightness steps along their normals."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from cadcam.locate.photo import Photo
 from cadcam.render.lines.wireframe import LineOptions
 
 _LINES = LineOptions(margin_px=0.0)
-_STRONG = 240  # cells that tell the blur
-_TELLING, _ENOUGH = 3.0, 12  # blurs that a cell must reach to tell which it is; wide cells that are enough
-_FAINT = 0.4  # of the strongest slope nearby: weaker ones are no edges
+_STRONG = 240  # cells from which the blur is estimated
+_TELLING, _ENOUGH = 3.0, 12  # blurs that a cell must reach to be evidence of its blur; wide cells that suffice
+_FAINT = 0.4  # share of the strongest slope nearby below which a step is no edge
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -34,7 +34,7 @@ class Sight:
     def of(
         cls, part: Part, photo: Photo, world_from_part: Rigid, *, step_px: float, reach_px: float, noise: float = np.nan
     ) -> Sight:
-        """Return the sight of the part at a pose; hidden lines are removed as seen from there."""
+        """Return the sight of the part at a pose, with lines that are hidden there removed."""
         camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
         lines = part.lines.draw(photo.camera, camera_from_part, options=_LINES).visible
         samples = sample_lines(lines, photo.camera, step_px=step_px, reach_px=reach_px)
@@ -49,14 +49,14 @@ class Sight:
         return point - (self.photo.viewpoint.camera_from_world @ world_from_part).origin
 
     def moved_px(self, one: Rigid, other: Rigid) -> float:
-        """Return how far (px) the lines lie apart between two poses: the 0.9 quantile over the samples."""
+        """Return how far (px) the lines move between two poses: the 90th percentile over the samples."""
         few = self.select(slice(None, None, max(1, len(self.samples) // 60)))
         apart = np.hypot(*(few.project(one).q - few.project(other).q).T)
         apart = apart[np.isfinite(apart)]
         return quantile(apart, 0.9) if len(apart) else 0.0
 
     def thinned(self, most: int, *, together: int = 1, among: Mask | None = None) -> Sight:
-        """Return the sight with about `most` of its samples, or of those chosen, `together` neighbours at a time."""
+        """Return the sight with about `most` of its samples, or of `among`, in groups of `together` neighbours."""
         some = np.arange(len(self.samples)) if among is None else np.flatnonzero(among)
         n = len(some)
         return self.select(some[np.arange(n) // together % max(1, round(n / most)) == 0])
@@ -82,10 +82,10 @@ class Sight:
         )
 
     def blur(self, at: Projected, *, half_length: float, reach_px: float) -> Array:
-        """Return the blur of the photo's steps (2, 2) px^2 (`image.profile.blur_matrix`), from the part's lines.
+        """Return the blur of the photo's steps (2, 2) px^2 (`image.profile.blur_matrix`), from the strongest lines.
 
-        From the strongest. A cell that is not much wider than a step shows nothing but a slope, which any larger blur
-        fits as well: where the blur seems to be large, wider cells are asked, if there is room for them.
+        A cell not much wider than a step shows only a slope, which any larger blur fits as well: where the blur seems
+        large, wider cells are tried, if there is room for them.
         """
         blur, _ = self._blur(at, half_length, reach_px)
         if np.linalg.eigvalsh(blur)[-1] <= (reach_px / _TELLING) ** 2:
@@ -94,7 +94,7 @@ class Sight:
         return wide if cells >= _ENOUGH else blur
 
     def _blur(self, at: Projected, half_length: float, reach_px: float) -> tuple[Array, int]:
-        """Return the blur, and the number of cells of that reach that it was found from."""
+        """Return the blur, and the number of cells of that reach from which it was estimated."""
         free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
         found = self.candidates(at.q[free], at.normal[free], half_length=half_length, reach=2, most=1)
         strength = np.nan_to_num(np.abs(found.slope[:, 0]))
@@ -106,7 +106,7 @@ class Sight:
 
 
 def in_noise(sights: Sequence[Sight]) -> bool:
-    """Return whether lines are looked for in smoothed photos, because noise hides them in the originals."""
+    """Return whether lines are searched for in smoothed photos, because noise hides them in the originals."""
     return any(s.photo.calm is not None for s in sights)
 
 

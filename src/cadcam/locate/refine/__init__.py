@@ -1,1 +1,1 @@
-"""From a start nearby to the pose at the limit of the pixels, with its covariance."""
+"""From a nearby start to the pose at the limit of the pixels, with its covariance."""

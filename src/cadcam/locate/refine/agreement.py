@@ -1,9 +1,9 @@
 """Motions that most of the edges of a loose fit agree on closely.
 
-Where some of the lines were taken for others, and the pose lies between what the two kinds ask for, all of them are off
-by a pixel; a regression takes that for how edges scatter, and is content. But the lines that were taken for themselves
-agree on one motion to a tenth of that. It is looked for by trial: motions that put few edges, drawn by chance, right,
-and that of them which puts most of the others right too (Fischler and Bolles, Comm. ACM 24, 1981).
+If some lines were mistaken for others, and the pose is a compromise, all of them are off by a pixel; a regression takes
+that for the scatter of edges and accepts it. But the lines that were assigned correctly agree on one motion ten times
+more closely. It is found by random sampling: motions that fit a few random edges exactly, of which the one is chosen
+that fits most of the others too (Fischler and Bolles, Comm. ACM 24, 1981).
 """
 
 from __future__ import annotations
@@ -14,21 +14,21 @@ from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.solution import PoseSolution
 
-SCATTERED_PX = 0.15  # by which edges of a good pose are seldom off as a whole
+SCATTERED_PX = 0.15  # common offset of edges that is rarely exceeded at a good pose
 _TRIALS = 1000
-_CLOSE_PX, _CLOSE = 0.12, 2.5  # px, and standard deviations of its noise, that an edge may be off and still agree
-_MOST = 0.35  # of the edges have to agree, beyond as many as any motion can be fitted to
-_GAIN = 2.0  # times as many as do now
-_NEARBY = 2.0  # times what edges are off by: how far the pose in between is from the right one
-BESIDE_BANDS_PX, _BESIDE_BANDS = 0.08, 1.25  # px and times instead: the far side of a band is as clear a line
-_FLAT = 1e-4  # determinant, of unit columns, of edges that tell no motion
+_CLOSE_PX, _CLOSE = 0.12, 2.5  # tolerance for agreement: px, and sds of an edge's noise
+_MOST = 0.35  # share of the edges that must agree, beyond those that any motion can fit
+_GAIN = 2.0  # least ratio to the number that agree now
+_NEARBY = 2.0  # largest distance of the right pose from the compromise, relative to the offsets of edges
+BESIDE_BANDS_PX, _BESIDE_BANDS = 0.08, 1.25  # the same beside bands: their far side is as clear a line
+_FLAT = 1e-4  # determinant, of unit columns, below which edges determine no motion
 
 
 def agreed(fitted: PoseSolution) -> list[Rigid]:
-    """Return the poses that most edges of a fit agree on, where these are much more than agree on the fitted one.
+    """Return the poses that most edges of a fit agree on, where far more do than agree on the fitted one.
 
-    The one of all motions, and the one of those that move no edge by much more than edges are off: few edges that are
-    put right by chance are so by any motion, a pose between two kinds of lines is no farther from either.
+    One among all motions, and one among those that move no edge by much more than edges are off: a few edges can be
+    fitted by chance by any motion, but a compromise between two kinds of lines is no farther from either.
     """
     fit, B = fitted.fit, fitted.B
     beside_bands = any((m.doubt > 0).any() for m in fitted.measured)
@@ -54,7 +54,7 @@ def agreed(fitted: PoseSolution) -> list[Rigid]:
 
 
 def _motions(offset: Array, J: Array) -> Array:
-    """Return motions (n, k), each of which puts k of the edges right; the same ones each time."""
+    """Return motions (n, k), each of which fits k of the edges exactly; always the same sample."""
     rng = np.random.default_rng(0)
     few = np.argsort(rng.random((_TRIALS, len(J))), axis=1)[:, : J.shape[1]]
     few = few[np.abs(np.linalg.det(J[few])) > _FLAT]

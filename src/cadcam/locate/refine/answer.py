@@ -1,7 +1,7 @@
-"""What a solution tells: the pose with its covariance, what the photos show of the part there, and the samples.
+"""What a solution amounts to: the pose with its covariance, the evidence for the part there, and the samples.
 
-The covariance is that of noise and of edges that err as a whole, with what the calibration adds; the quality is that of
-`locate.quality.support`, looked at again without lines that the light hides where it would just not do.
+The covariance is that of noise and of errors common to an edge, plus that of the calibration. The quality is that of
+`locate.quality.support`, evaluated again without lines hidden by the light where it would narrowly be too low.
 """
 
 from __future__ import annotations
@@ -29,18 +29,18 @@ from cadcam.locate.refine.agreement import SCATTERED_PX
 from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
-DOUBT = (0.25, 0.62)  # quality of a pose that half of the lines agree with: worth a second look
-_HALF = 0.5  # of the lines, shown: from there on it is asked whether light hides the others
-_TOGETHER_PX = 0.005  # by which all edges of a photo are off together: light from one side bends alike beside them
-_FREE = 0.4  # share of the lines that any pose could be fitted to, more than of a box: little else speaks for a pose
-CLEARLY = 0.1  # quality by which an answer that is not found must be better to take the place of another one
-_LOOSER, _LOOSER_BESIDE_BANDS = 3.0, 2.0  # times as much, that a fit is looser than another one
-_UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose that nothing was measured of
+DOUBT = (0.25, 0.62)  # range of quality, of poses that half of the lines agree with, that deserves a second look
+_HALF = 0.5  # share of the lines shown from which it is tested whether light hides the others
+_TOGETHER_PX = 0.005  # error common to all edges of a photo: light from one side bends alike beside them
+_FREE = 0.4  # share of the lines that any pose could be fitted to, more than for a box: little else is evidence
+CLEARLY = 0.1  # by how much an answer that is not found must be better to replace another one
+_LOOSER, _LOOSER_BESIDE_BANDS = 3.0, 2.0  # ratio of scatter from which a fit is looser than another
+_UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose without any measurement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseAnswer:
-    """A location, the solution it was measured by (None where nothing was), and the lines drawn for it."""
+    """A location, the solution it was measured by (None for none), and the lines drawn for it."""
 
     location: Location
     solution: PoseSolution | None
@@ -58,14 +58,14 @@ class PoseAnswer:
 
     @property
     def scattered(self) -> bool:
-        """Return whether edges of a found pose scatter so much beside bands that some may lie on their far sides."""
+        """Return whether edges of a found pose scatter so much that some may lie on the far sides of bands."""
         fitted = self.solution
         if fitted is None or not self.location.found:
             return False
         return fitted.regression.bands and fitted.scatter > SCATTERED_PX
 
     def unlike(self, other: PoseSolution, share: float) -> PoseAnswer:
-        """Return the answer with one more error: a share of the way to another solution, as its standard deviation."""
+        """Return the answer with a further error: `share` of the way to another solution, as a standard deviation."""
         at = self.location.pose
         away = at.world_from_part.inv @ other.pose
         px = max(s.moved_px(self.pose, other.pose) for s in self.sights)
@@ -76,9 +76,9 @@ class PoseAnswer:
     def better_than(self, other: PoseAnswer) -> bool:
         """Return whether this answer is better than another.
 
-        Edges of a loose fit count as met from farther off. Where one of the two is much looser, both are held to what
-        the other meets. Beside bands the closer of two is better, if both are found or as good: where some lines lie on
-        the far sides of bands, as clear as the near ones, more may show, but they do not agree.
+        Edges of a loose fit are met at a larger distance. If one of the two is much looser, both are judged at the
+        distance of the other. Beside bands the closer of two is better, if both are found or equally good: with some
+        lines on the far sides of bands, which are as clear as the near ones, more may be shown, but they do not agree.
         """
         quality = [self.location.quality, other.location.quality]
         both = [a.solution for a in (self, other) if a.solution is not None]
@@ -95,7 +95,7 @@ class PoseAnswer:
 
 
 def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
-    """Return the location that a solution stands for. chosen, wider: as for `locate.refine`."""
+    """Return the location of a solution. chosen, wider: as for `locate.refine`."""
     sights, pose, fit = fitted.sights, fitted.pose, fitted.fit
     B = freedom.at(pose)
     n = [int(m.usable.sum()) for m in fitted.measured]
@@ -125,10 +125,10 @@ def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Lo
 
 
 def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bool) -> tuple[Support, bool]:
-    """Return what the photos show of the part where it was fitted along B (6, k), and whether that is doubted.
+    """Return the evidence of the photos for the part, fitted along B (6, k), and whether it is doubted.
 
-    Of a pose that would not be found but shows half of its lines, those that the light gives no contrast are left out;
-    not where the model fits better stretched, nor where starts are known to be good (not `wider`).
+    For a pose that would not be found but shows half of its lines, those without contrast under the light are left out;
+    not if the model fits better when stretched, nor where starts are known to be good (not `wider`).
     """
     pose, fit = fitted.pose, fitted.fit
     told, color = in_color(part, fitted.sights, pose)
@@ -138,7 +138,7 @@ def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bo
     ask = partial(judged_support, chosen=chosen, scatter=scatter, color=color, bands=bands)
     evidence = ask(told, pose, B)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
-    hides = in_noise(fitted.sights)  # there missing lines pass for faint ones
+    hides = in_noise(fitted.sights)  # in noise, missing lines pass for faint ones
     if not wider or hides or evidence.gain or evidence.quality >= FOUND or evidence.shown < _HALF:
         return evidence, doubted
     lit = showing(part, told, pose)

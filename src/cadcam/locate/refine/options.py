@@ -1,4 +1,4 @@
-"""How edges are looked for in a photo."""
+"""How edges are searched for in a photo."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ from cadcam.errors import BadValue
 
 @dataclass(frozen=True, slots=True)
 class EdgeOptions:
-    """How edges are looked for.
+    """How edges are searched for.
 
-    search_px: how far the photo's edges may lie from the start's lines. step_px: distance between samples, which is
-    the length of the cell that each is measured in. reach_px: how far to each side of a line pixels are used; room_px:
-    the least of that: samples with less room beside another line are left out. group_px: length of edge whose samples
-    are taken to err together.
+    search_px: how far the photo's edges may lie from the start's lines. step_px: distance between samples, and length
+    of the cell in which each is measured. reach_px: how far to each side of a line pixels are used; room_px: the least
+    of that: samples with less room beside another line are left out. group_px: length of edge whose samples share an
+    error.
     """
 
     search_px: float = 8.0

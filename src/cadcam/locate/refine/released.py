@@ -1,10 +1,10 @@
-"""Whether the photos bear out that a part moves as it is said to: in a plane, about an axis, along a direction.
+"""Whether the photos confirm that a part's motion is restricted as stated: to a plane, an axis, a direction.
 
-What is not free stays as in the start. A start that lies a little beside the plane, or an axis that is given a little
-beside its own, leaves a pose that most lines agree with and of which nothing but their scatter tells that it is off: by
-far more than its uncertainty, which counts the restriction as known. So the part is released where it was found, and
-the photos say where it would lie. Where that is beside the restriction by more than the free pose is uncertain, the
-answer says so, and is as unsure as the restriction has moved it.
+What is not free stays as in the start. If the start lies slightly beside the plane, or the stated axis slightly beside
+the true one, the result is a pose that most lines agree with; only their scatter shows that it is off by far more than
+its uncertainty, which assumes the restriction. So the part is released where it was found and fitted freely. If the
+free pose differs from the restriction by more than its uncertainty, the answer says so, and its covariance includes the
+difference.
 """
 
 from __future__ import annotations
@@ -23,13 +23,13 @@ from cadcam.locate.refine.answer import PoseAnswer, location_of
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
 
-_SURELY = 36.0  # squared standard deviations beside the restriction, beyond doubt
-_LEAST_PX = 0.2  # by which lines must move at least: less may be the lens, or a chamfer
+_SURELY = 36.0  # squared sds of a certain difference from the restriction
+_LEAST_PX = 0.2  # least motion of the lines: less may be due to the lens, or a chamfer
 _REFUSED = 0.45  # quality of a pose that the photos contradict
 
 
 def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOptions) -> Location:
-    """Return the location of a found answer under a restriction, told where the photos show the part beside that."""
+    """Return the location of a found answer under a restriction; it says so if the photos contradict that."""
     found, B = best.location, best.location.pose.freedom
     if freedom is FREE or not found.found or best.solution is None:
         return found
@@ -58,7 +58,7 @@ def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOption
 
 
 def _free(part: Part, best: PoseAnswer, options: EdgeOptions) -> Location | None:
-    """Return where the part lies, free to move from where it was found; None where it is not found so, or no better."""
+    """Return where the part is if it may move freely; None where it is not found so, or no better."""
     try:
         solution = _solved(best, best.pose, options)
         if best.loose:

@@ -1,7 +1,7 @@
 """The pose solved from the photos' steps, measured on the part's lines near it.
 
-Each step is fitted to the pixels (`image.profile`), first where it is seen, then on the line itself, and the pose
-solved for by a regression that knows that edges err as a whole (`locate.refine.regression`).
+Each step is fitted to the pixels (`image.profile`), first where it is seen, then on the line itself; the pose follows
+by a regression with errors common to each edge (`locate.refine.regression`).
 """
 
 from __future__ import annotations
@@ -24,21 +24,21 @@ from cadcam.locate.lines.sight import Sight, nearest_steps
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.regression import Regression
 
-CLOSE_PX = 3  # px: how far from the lines their steps may be after the search
+CLOSE_PX = 3  # px: largest distance of the steps from the lines after the search
 _ON_LINE = 0.7  # px: steps this near are fitted on the line itself
-LOOSE_PX = 0.25  # by which edges of a good pose are seldom off as a whole
+LOOSE_PX = 0.25  # common offset of edges that is rarely exceeded at a good pose
 _FARTHEST_PX = 3.0  # an edge farther off is another one
-_ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and more where it is not settled
-_SETTLED_PX = 0.2  # by which nine tenths of the lines may move in the last step
-_HIDDEN, _ORDINARY_PX = 0.07, 0.9  # of the blur beyond an ordinary one: by which what lies beside an edge shifts it
-_EVERY = 4  # of how many samples one tells whether the camera's response is bent
+_ROUNDS = (3, 8, 8, 8)  # reweightings in the first measurement, the second, and further ones until it converges
+_SETTLED_PX = 0.2  # motion of nine tenths of the lines in the last step below which it has converged
+_HIDDEN, _ORDINARY_PX = 0.07, 0.9  # error by what blur hides beside edges, by the blur beyond an ordinary one
+_EVERY = 4  # one sample in so many is tested for a nonlinear response
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PoseSolution:
     """The refined pose with what was measured, in `cells`, for its last step from `before`: x in the basis B there.
 
-    evidence: what else is known, as rows there; bent (n,) px: sd of what a bent response does to the usable samples.
+    evidence: the rows of other observations there; bent (n,) px: sd of the usable samples due to a nonlinear response.
     """
 
     sights: Sequence[Sight]
@@ -60,7 +60,7 @@ class PoseSolution:
 
     @property
     def scatter(self) -> float:
-        """Return by how much (px, root mean square) edges are off as a whole, whatever they count in the fit."""
+        """Return the common offset of edges (px, root mean square), whatever their weight in the fit."""
         n = sum(int(m.usable.sum()) for m in self.measured)
         samples = np.bincount(self.fit.group[:n], minlength=len(self.fit.offset))
         offset = np.minimum(np.abs(self.fit.offset), _FARTHEST_PX)
@@ -74,11 +74,11 @@ class PoseSolution:
 
     @property
     def hidden_px(self) -> Array:
-        """Return by how much (n,) px (sd) what blur hides beside the edges shifts the usable samples.
+        """Return the sd (n,) px of the usable samples due to what blur hides beside the edges.
 
-        A shadow, a rim or a bevel nearer than a blur or two is no step of its own any more but part of the edge's. It
-        shifts the clearest edges, which the pose rests on, as far as the faint ones, and what these are off by does not
-        tell it. What an ordinary blur hides shows in the scatter of the edges.
+        A shadow, a rim or a bevel within a blur or two has no step of its own but becomes part of the edge's. It shifts
+        the clearest edges, which determine the pose, as far as the faint ones, whose scatter therefore does not show
+        it. What an ordinary blur hides does show in the scatter of the edges.
         """
         if max((c.blurs.max(initial=0.0) for c in self.cells), default=0.0) <= _ORDINARY_PX:
             return np.zeros(sum(int(m.usable.sum()) for m in self.measured))
@@ -87,7 +87,7 @@ class PoseSolution:
 
     @property
     def hidden_by_blur(self) -> Array:
-        """Return the covariance (k, k) of the pose by what blur hides beside the edges, in the basis B."""
+        """Return the covariance (k, k) of the pose due to what blur hides beside the edges, in the basis B."""
         shift = self.hidden_px
         if not shift.any():
             return np.zeros_like(self.fit.covariance)
@@ -97,14 +97,14 @@ class PoseSolution:
 
     @property
     def tells_lines(self) -> bool:
-        """Return whether more lines were measured than there are unknowns if every line has an offset of its own."""
+        """Return whether more lines were measured than there are unknowns if each has an offset of its own."""
         lines = (len(np.unique(s.samples.run[m.usable])) for s, m in zip(self.sights, self.measured, strict=True))
         return int(sum(lines)) > int(self.B.shape[1]) + 1
 
     def beside_its_bands(self) -> PoseSolution:
-        """Return the solution with the covariance of lines that bands lie beside (`locate.refine.regression`).
+        """Return the solution with the covariance for lines beside bands (`locate.refine.regression`).
 
-        The pose stays: few lines, or such that are off for other reasons, would leave it to fewer where all may be off.
+        The pose is kept: lines that are few, or off for other reasons, would leave it to fewer still if all may be off.
         """
         there = replace(self, regression=replace(self.regression, bands=True))
         fit = there._fitted(_ROUNDS[-1]).fit
@@ -112,12 +112,12 @@ class PoseSolution:
         return replace(there, fit=replace(self.fit, covariance=fit.covariance + np.outer(away, away)))
 
     def _fitted(self, iterations: int) -> PoseSolution:
-        """Return the solution fitted once more to its steps, which lie on their lines."""
+        """Return the solution refitted to its steps, with these on their lines."""
         on = self.regression.step(self.places, self.measured, self.evidence, self.B, iterations, on_lines=True)
         return replace(self, pose=self.before @ Rigid.exp(self.B @ on.x), fit=on)._doubting(self.bent)
 
     def _doubting(self, bent: Array | None) -> PoseSolution:
-        """Return the solution with the uncertainty (n,) px that the camera's response leaves in its covariance."""
+        """Return the solution with the uncertainty (n,) px of a nonlinear camera response in its covariance."""
         if bent is None:
             return self
         by_bend = self.fit.gain[:, : len(bent)] @ bent
@@ -137,8 +137,8 @@ def solved(
 ) -> PoseSolution:
     """Return the pose after measuring steps where they are first seen, then on the lines themselves.
 
-    bands: whether cells model the bands beside the lines, which the part does not have (`locate.lines.bands`).
-    lines: whether lines are taken to err as they do there (`locate.refine.regression`).
+    bands: whether cells model bands beside the lines, which the model lacks (`locate.lines.bands`). lines: whether
+    lines have errors like those beside bands (`locate.refine.regression`).
     """
     half = 0.5 * options.step_px
     places = [s.project(pose) for s in sights]
@@ -196,6 +196,6 @@ def _unbent(last: PoseSolution, iterations: int) -> PoseSolution:
 
 
 def _left(measured: StepOffsets, moved: Array) -> Array:
-    """Return where to fit the steps once the lines have moved: on the lines, except edges that stay away from them."""
+    """Return where to fit the steps once the lines have moved: on the lines, except for edges far from them."""
     left = np.where(measured.usable, measured.offset, 0.0) - moved
     return np.where(np.abs(left) < _ON_LINE, 0.0, left) * measured.usable
