@@ -84,22 +84,30 @@ def light_of(g: Array, n: Array, c: Ids) -> FittedLight:
     A, form, covariance, robust = _basis(n), np.zeros(9), np.eye(9), np.ones(len(g))
     scale = _LEAST_SCALE
     for _ in range(_ROUNDS if len(g) else 0):
-        own = np.array([gain[int(k)] for k in c])
-        r = g - own * (A @ form)
-        scale = max(1.4826 * float(np.median(np.abs(r))), _LEAST_SCALE)
-        robust = np.minimum(1.0, 2.0 * scale / np.maximum(np.abs(r), 1e-12)) if form.any() else robust
-        B = A * own[:, None]
+        own_gain = np.array([gain[int(k)] for k in c])
+        residual = np.abs(g - own_gain * (A @ form))
+        scale = max(1.4826 * float(np.median(residual)), _LEAST_SCALE)
+        if form.any():
+            robust = np.minimum(1.0, 2.0 * scale / np.maximum(residual, 1e-12))  # Huber's weights
         W = weight * robust
-        covariance = np.linalg.inv(B.T @ (B * W[:, None]) / scale**2 + np.eye(9) / _PRIOR**2)
-        form = covariance @ (B.T @ (W * g)) / scale**2
-        seen = A @ form
-        for k in gain:
-            of = c == k
-            power = float((W[of] * seen[of] ** 2).sum())
-            gain[k] = float((W[of] * seen[of] * g[of]).sum()) / power if power > 0 else 1.0
+        form, covariance = _ridge(A * own_gain[:, None], g, W, scale)
+        unit = A @ form
+        gain = {k: _gain(unit[c == k], g[c == k], W[c == k]) for k in gain}
     mean = float(np.average(g, weights=weight)) if len(g) else 0.5
     spread = float(np.sqrt(np.average((g - mean) ** 2, weights=weight))) if len(g) else 0.3
     return FittedLight(form, covariance, gain, nothing, scale, mean, max(spread, _LEAST_SPREAD))
+
+
+def _ridge(B: Array, g: Array, W: Array, scale: float) -> tuple[Array, Array]:
+    """Return the form (9,) that fits B @ form = g by weights W, sigma `scale` and the prior, and its covariance."""
+    covariance = np.asarray(np.linalg.inv(B.T @ (B * W[:, None]) / scale**2 + np.eye(9) / _PRIOR**2), np.float64)
+    return covariance @ (B.T @ (W * g)) / scale**2, covariance
+
+
+def _gain(unit: Array, g: Array, W: Array) -> float:
+    """Return the factor by which brightness g (n,) of one colour exceeds that for a gain of 1; 1 where unknown."""
+    power = float((W * unit**2).sum())
+    return float((W * unit * g).sum()) / power if power > 0 else 1.0
 
 
 def _by_surface(g: Array, n: Array, c: Ids) -> tuple[Array, Array, Ids, Array]:

@@ -159,25 +159,34 @@ class _LineSteps:
 
 def _tried(seen: _LineSteps, k: int) -> tuple[float, list[tuple[Array, Array]]]:
     """Return how much of the lines meets steps now, and motions (k,) and f - 1 (3,) along one axis that do better."""
-    J, K = seen.J[:, :k], seen.J[:, k:]
     shares = seen.shares_now
-    held = J * np.repeat(shares**_HOLDS, seen.of_run)[:, None]
-    A = held.T @ J
-    A[np.diag_indices(k)] += 1e-3 * np.diag(A) + 1e-300
-    follows = -np.linalg.solve(A, held.T @ K)  # (k, 3)
-    by_length = (K + J @ follows).T  # (3, N): movement of each line, px
-    on = seen.met(seen.shares((_TRIED[:, None] * by_length[:, None]).reshape(-1, len(J)))).reshape(3, -1)
-    as_it_is = float(seen.met(shares))
+    motions, by_length = _kept_in_place(seen, k, shares)
+    trials = (_TRIED[:, None] * by_length[:, None]).reshape(-1, by_length.shape[1])
+    met = seen.met(seen.shares(trials)).reshape(3, -1)
+    met_now = float(seen.met(shares))
     far = np.array([quantile(np.abs(of_axis), 0.9) for of_axis in by_length])
-    on[:, np.abs(_TRIED) < _NONE] = 0
-    here = np.abs(_TRIED) * far[:, None] < _PULLS[0][1]  # within reach of the first pull from the present places
-    better = [(np.zeros(k), np.zeros(3))] if on[here].max(initial=0) > _WORTH * as_it_is else []
-    on[here] = 0
-    while len(better) < _LOOKED_AT and on.max() > _WORTH * as_it_is:
-        axis, best = np.unravel_index(int(np.argmax(on)), on.shape)
-        better.append((follows[:, axis] * _TRIED[best], _TRIED[best] * np.eye(3)[axis]))
-        on[axis, np.abs(_TRIED - _TRIED[best]) < _APART] = 0
-    return as_it_is, better
+    met[:, np.abs(_TRIED) < _NONE] = 0
+    in_reach = np.abs(_TRIED) * far[:, None] < _PULLS[0][1]  # of the first pull, from the present places
+    better = [(np.zeros(k), np.zeros(3))] if met[in_reach].max(initial=0) > _WORTH * met_now else []
+    met[in_reach] = 0
+    while len(better) < _LOOKED_AT and met.max() > _WORTH * met_now:
+        axis, best = np.unravel_index(int(np.argmax(met)), met.shape)
+        better.append((motions[:, axis] * _TRIED[best], _TRIED[best] * np.eye(3)[axis]))
+        met[axis, np.abs(_TRIED - _TRIED[best]) < _APART] = 0
+    return met_now, better
+
+
+def _kept_in_place(seen: _LineSteps, k: int, shares: Array) -> tuple[Array, Array]:
+    """Return the motions (k, 3) per f - 1 that keep lines in place which the photo shows, by their shares (R,).
+
+    And the movement (3, N) px of each line then.
+    """
+    J, K = seen.J[:, :k], seen.J[:, k:]
+    weighted = J * np.repeat(shares**_HOLDS, seen.of_run)[:, None]
+    A = weighted.T @ J
+    A[np.diag_indices(k)] += 1e-3 * np.diag(A) + 1e-300
+    motions = -np.linalg.solve(A, weighted.T @ K)
+    return motions, (K + J @ motions).T
 
 
 def _scaled(sights: Sequence[Sight], middle: Array, s: Array) -> list[Sight]:

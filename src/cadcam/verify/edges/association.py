@@ -111,30 +111,46 @@ def associated(
     found (N, K): see `nearby_edges`; ought (N,): which places should show an edge, by default all. Where bodies are
     found displaced, the others are searched for once more: their edges are not those of the displaced ones.
     """
-    n = len(lines)
-    ought = np.ones(n, bool) if ought is None else ought
-    free = np.where(_explained(lines, found, body, np.zeros((n, 2))), np.nan, found)
-    coarse, shift = _shifted(lines, found, free, body, ought, reach_px=reach_px)
-    moved = np.hypot(*shift.T) > NEAR_PX
-    if moved.any():
-        taken = _explained(lines, found, body, shift, by=moved)
-        rest = np.where(np.isin(body, body[moved]), -1, body)
-        left, left_free = np.where(taken, np.nan, found), np.where(taken, np.nan, free)
-        at, by = _shifted(lines, left, left_free, rest, ought, reach_px=reach_px)
-        coarse, shift = np.where(rest >= 0, at, coarse), np.where(rest[:, None] >= 0, by, shift)
+    ought = np.ones(len(lines), bool) if ought is None else ought
+    coarse, shift = _assigned(lines, found, body, ought, reach_px=reach_px)
     growth = _rims(lines, found, coarse, body, shift, reach_px=reach_px)
-    asked = body >= 0
-    coarse[strays(coarse, np.full(n, _COARSE_PX), lines.edge, lines.along, asked, ought)] = np.nan
-    expected = _expected(coarse, lines)
-    at_shift = np.einsum("ni,ni->n", lines.normal, shift) + growth
-    free = _told_from_twins(lines, sights, body, expected)
-    places = np.where(np.isfinite(expected), expected, at_shift)
-    first, *_ = _measured(lines, sights, places, free)
-    closer = _expected(first, lines)  # the fit is linear, most accurate where the steps are, above all with twins
-    offset, sigma, common, step = _measured(lines, sights, np.where(np.isfinite(closer), closer, places), free)
+    asked, coarse_sigma = body >= 0, np.full(len(lines), _COARSE_PX)
+    coarse[strays(coarse, coarse_sigma, lines.edge, lines.along, asked, ought)] = np.nan
+    offset, sigma, common, step = _refined(lines, sights, body, coarse, shift, growth)
     offset[~np.isfinite(coarse)] = np.nan
     offset[strays(offset, sigma, lines.edge, lines.along, asked, ought)] = np.nan
     return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), common, step, shift, growth)
+
+
+def _assigned(lines: Sightlines, found: Array, body: Longs, ought: Mask, *, reach_px: float) -> tuple[Array, Array]:
+    """Return the coarse offsets (N,) and shifts (N, 2) px of all bodies, those beside displaced ones searched twice."""
+    free = np.where(_explained(lines, found, body, np.zeros((len(lines), 2))), np.nan, found)
+    coarse, shift = _shifted(lines, found, free, body, ought, reach_px=reach_px)
+    moved = np.hypot(*shift.T) > NEAR_PX
+    if not moved.any():
+        return coarse, shift
+    taken = _explained(lines, found, body, shift, by=moved)
+    others = np.where(np.isin(body, body[moved]), -1, body)
+    left, left_free = np.where(taken, np.nan, found), np.where(taken, np.nan, free)
+    coarse_again, shift_again = _shifted(lines, left, left_free, others, ought, reach_px=reach_px)
+    again = others >= 0
+    return np.where(again, coarse_again, coarse), np.where(again[:, None], shift_again, shift)
+
+
+def _refined(
+    lines: Sightlines, sights: Sequence[Sight], body: Longs, coarse: Array, shift: Array, growth: Array
+) -> tuple[Array, Array, Array, Array]:
+    """Return offsets (N,), sigmas, common errors and steps, measured where each edge's coarse offsets predict them.
+
+    The fit is linear, and most accurate where the steps are, above all with twins: so it is done twice.
+    """
+    along_edge = _expected(coarse, lines)
+    by_shift = np.einsum("ni,ni->n", lines.normal, shift) + growth
+    places = np.where(np.isfinite(along_edge), along_edge, by_shift)
+    distinct = _told_from_twins(lines, sights, body, along_edge)
+    first, *_ = _measured(lines, sights, places, distinct)
+    closer = _expected(first, lines)
+    return _measured(lines, sights, np.where(np.isfinite(closer), closer, places), distinct)
 
 
 def _shifted(
