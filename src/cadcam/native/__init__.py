@@ -1,1 +1,1 @@
-"""The C core and the one module that loads it."""
+"""The C core and the modules that load it."""

@@ -1,4 +1,4 @@
-/* Steps beside lines that fits left over: cc_band_gains of profile.h. */
+/* Steps beside lines in the residuals of step fits: cc_band_gains of profile.h. */
 #include <math.h>
 #include <stdlib.h>
 
@@ -7,10 +7,10 @@
 enum { OWN = 5, TERMS = OWN + CC_BAND_KNOWN };
 #define ROOT_HALF 0.70710678118654752
 #define OF_BELL 0.39894228040143268 /* 1 / sqrt(2 pi) */
-#define FAR 7.0 /* blurs beyond which a step is level */
-#define HARDLY 1e-3 /* of all pixels: a step that weighs less hardly differs from what is known */
+#define FAR 7.0 /* blurs beyond which a step is constant */
+#define HARDLY 1e-3 /* share of all pixels below which a step is explained by the known terms */
 
-/* A step of height 1 at a place, away from the line: where bins are beyond it. */
+/* A unit step at a place beside the line, rising away from the line. */
 static double beyond(double d, double place, double blur) {
     const double x = (place < 0 ? place - d : d - place) / blur;
     return fabs(x) < FAR ? 0.5 * erfc(-ROOT_HALF * x) : x > 0;
@@ -22,7 +22,7 @@ static void own_terms(double d, double blur, double *f) {
     f[0] = 1, f[1] = step, f[2] = bell, f[4] = d * step + blur * blur * bell, f[3] = d - f[4];
 }
 
-/* x of L x = y, in place, without the rows that tell nothing. */
+/* Solve L x = y in place, without the rows of zero information. */
 static void forward(double L[TERMS][TERMS], double *y) {
     for (int i = 0; i < TERMS; i++) {
         for (int k = 0; k < i; k++) y[i] -= L[i][k] * y[k];
@@ -30,7 +30,7 @@ static void forward(double L[TERMS][TERMS], double *y) {
     }
 }
 
-/* The factor of the terms' products, the inverse of its diagonal on it: 0 where a term tells nothing new. */
+/* Cholesky factor of the terms' products, its diagonal inverted: 0 for a term that depends on those before. */
 static void factor(double L[TERMS][TERMS]) {
     for (int i = 0; i < TERMS; i++) {
         const double whole = L[i][i];

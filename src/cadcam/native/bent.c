@@ -13,17 +13,17 @@
  * exceeds s where |i - X| (1 - e) > k + (1 + d) s,
  *     e = d d + (1 + d) (2 R |r| + steep),   k = d d bulge + d |D3| + (1 + d) bulge (|r| bulge + steep),
  * and 1 / (1 - e) is at most 1 + 3/2 e up to e = 1/3; for n n <= |n| |i - X| + |n| bulge, whose last part is at most
- * bulge |i - X| + bulge bulge, and J + R + bulge <= 2 R. We ask for that: bulge + s <= R - J, with d <= 1/4 and
+ * bulge |i - X| + bulge bulge, and J + R + bulge <= 2 R. These are required: bulge + s <= R - J, with d <= 1/4 and
  * e <= 1/3. X is X0 with its curvature cut to +-bulge, which cuts nothing up to R. Where |X0| > R it keeps X beyond
  * every sample on the side of X0, where F has the sign of -X0 and more than s, since |D(i)| <= bulge: what is decided
- * is right there too. Edges too flat for what we ask have all of D in s. Numbers in float are off by less than
+ * is right there too. Edges too flat for these requirements have all of D in s. Numbers in float are off by less than
  * `rounding`. Samples within the sum of these of X are in doubt, and rows with such samples are drawn by P; all others
  * are decided.
  *
  * Which samples of a strip a triangle may reach at all follows without curvature: those inside have, up to a sign,
  * F >= -s, so that i >= X0 - s - |D(i)|. */
 #include "hot.h"
-#ifdef __AVX2__ /* elsewhere tile_plain.c draws, with the same results */
+#ifdef __AVX2__ /* without it tile_plain.c draws, with the same results */
 #include "strip.h"
 
 enum { CHUNK = 3 }; /* level of the blocks drawn through one bend: 8 x 8 tiles */
@@ -117,7 +117,7 @@ INLINE int cross_bend(const bows *e, const bend *at, const rect *r, int32_t y0, 
     return 1;
 }
 
-/* The samples that a triangle may reach in each of the strips from y0 on. */
+/* Bounds of the samples that a triangle may cover in each of the strips from y0 on. */
 INLINE spans reach_of(const bows *e, const bend *at, const rect *r, int32_t y0) {
     const f8 j = __builtin_convertvector(y0 - at->y + TILE * *(const i8 *)LANE, f8) + (0.5f * TILE - (float)at->half);
     f8 first = eight((float)(r->x0 - at->x)), last = eight((float)(r->x1 - at->x));

@@ -1,7 +1,7 @@
 """The only module that meets the C core: loads it with ctypes, checks what goes in, owns what comes out.
 
 The interface is src/cadcam/native/raster.h. ctypes releases the interpreter's lock during calls, so Python's threads
-are the core's threads: each takes bands of the picture until none is left.
+are the core's threads: each renders bands of the picture until none is left.
 """
 
 from __future__ import annotations
@@ -23,11 +23,11 @@ from cadcam.errors import BadValue, MissingCore, NotEnoughMemory
 _SUFFIX = {"win32": ".dll", "darwin": ".dylib"}.get(sys.platform, ".so")
 LIBRARY = Path(__file__).with_name("_raster" + _SUFFIX)
 Signatures = Mapping[str, tuple[object, Sequence[object]]]  # by name: types of result (None: none) and arguments
-LONGEST = 65535  # px along a side, samples counted: the lens table stores them in 16 bits
+LONGEST = 65535  # px along a side, counted in samples: the lens table stores them in 16 bits
 
 
 class Request(c.Structure):
-    """One picture asked for: cc_view in raster.h, field by field."""
+    """A request for one picture: cc_view in raster.h, field by field."""
 
     _fields_ = (
         ("plane", c.c_double * 12),
@@ -80,7 +80,7 @@ def library() -> c.CDLL:
 
 
 def functions(what: str, signatures: Signatures) -> c.CDLL:
-    """Return the loaded core, these of its functions told their types; `MissingCore` says what is not there without."""
+    """Return the loaded core with these signatures declared; `MissingCore` names `what` is missing without it."""
     try:
         return _typed(library(), signatures)
     except MissingCore as error:
@@ -93,13 +93,13 @@ def variant() -> str:
 
 
 def choose_variant(level: int) -> str:
-    """Use instruction set 0 (baseline) or 1 (x86-64-v3), or the best with -1; return the one now in use."""
+    """Use instruction set 0 (baseline) or 1 (x86-64-v3), or the best with -1; return the one in use."""
     library().cc_choose_variant(level)
     return variant()
 
 
 class Handle:
-    """An object of the core, freed when the last reference to it goes."""
+    """An object of the core, freed with the last reference to it."""
 
     def __init__(self, made: int | None, free: str, what: str) -> None:
         if not made:
@@ -109,9 +109,9 @@ class Handle:
 
 
 class NativeScene(Handle):
-    """Triangles in the core, copied and grouped into clusters of neighbours.
+    """Triangles copied into the core and grouped into clusters of neighbours.
 
-    vertices (V, 3) mm float64, faces (F, 3) int32, part (F,) int32, paint (F,) int32 into colors (C, 3) float32.
+    vertices (V, 3) mm float64, faces (F, 3) int32, part (F,) int32, paint (F,) int32: index into colors (C, 3) float32.
     """
 
     def __init__(self, vertices: Array, faces: Ids, part: Ids, paint: Ids, colors: Picture) -> None:
@@ -130,7 +130,7 @@ class NativeScene(Handle):
         super().__init__(made, "cc_scene_free", f"a scene of {len(faces)} triangles")
 
     def hides(self, points: Array, eye: Array, tolerance: float) -> Mask:
-        """Return which points (N, 3) mm a face hides from the eye (3,); one within `tolerance` of its plane never."""
+        """Return which points (N, 3) mm faces hide from the eye (3,), faces in a plane within `tolerance` excepted."""
         points, eye = np.ascontiguousarray(points, np.float64), np.ascontiguousarray(eye, np.float64)
         out = np.zeros(len(points), bool)
         library().cc_scene_hides(self.address, *addresses(eye), tolerance, len(points), *addresses(points, out))
@@ -138,7 +138,7 @@ class NativeScene(Handle):
 
 
 class NativeLens(Handle):
-    """Where in the undistorted plane (x/z, y/z) each pixel's centre looks: (H, W, 2) float64, NaN where nowhere."""
+    """The point of the undistorted plane (x/z, y/z) that each pixel centre sees: (H, W, 2) float64, NaN for none."""
 
     def __init__(self, points: Array) -> None:
         points = np.ascontiguousarray(points, np.float64)
@@ -156,15 +156,15 @@ class Worker(Handle):
 
 
 class RasterFrame(Handle):
-    """One picture under way: `look`, from any number of threads; when all are back `work`, each with its own worker."""
+    """A picture being rendered: call `look` from any number of threads, then `work`, each with its own worker."""
 
     def __init__(self, scene: NativeScene, request: Request) -> None:
-        self._kept = (scene, request)  # the core points into them
+        self._kept = (scene, request)  # the core holds pointers to them
         made = library().cc_frame_new(scene.address, c.byref(request))
         super().__init__(made, "cc_frame_free", f"a picture of {request.width} x {request.height} px")
 
     def look(self) -> None:
-        """Find out which triangles may be seen, until no share of them is left."""
+        """Find the triangles that may be visible, until no share of them is left."""
         library().cc_frame_look(self.address)
 
     def work(self, worker: Worker) -> None:
@@ -174,7 +174,7 @@ class RasterFrame(Handle):
 
 
 class Workers:
-    """Workers handed out to whichever threads ask: as many are made as work at the same time."""
+    """Workers lent to whichever threads ask: as many are created as work at the same time."""
 
     def __init__(self) -> None:
         self._idle: list[Worker] = []
@@ -192,12 +192,12 @@ class Workers:
 
 
 def addresses(*arrays: npt.NDArray[np.generic]) -> list[int]:
-    """Return where arrays lie in memory, as the core takes them; whoever passes them on keeps them."""
+    """Return the arrays' addresses for the core; the caller must keep the arrays alive."""
     return [array.ctypes.data for array in arrays]
 
 
 def doubles(*arrays: Array) -> list[Array]:
-    """Return arrays as the core takes numbers: float64, row by row."""
+    """Return arrays in the core's format for numbers: float64, row-major."""
     return [np.ascontiguousarray(array, np.float64) for array in arrays]
 
 

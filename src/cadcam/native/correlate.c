@@ -4,7 +4,7 @@
 #include "hot.h"
 #include "vectors.h"
 
-enum { WIDE = 24, GROUP = 4, MARGIN = WIDE + 8 }; /* positions and orientations at a time: sums fill the registers */
+enum { WIDE = 24, GROUP = 4, MARGIN = WIDE + 8 }; /* positions and orientations at a time, to fill the registers */
 
 #ifdef __AVX2__
 INLINE f8 gathered(const float *p, i8 at) { return (f8)_mm256_i32gather_ps(p, (__m256i)at, 4); }
@@ -103,7 +103,7 @@ void VARIANT(spots)(const cc_spots *s) {
 
 /* ---- the search */
 
-/* What the search keeps of a block of positions. */
+/* The best of a block of positions so far. */
 typedef struct { f8 best[3]; i8 which[3]; } block;
 
 INLINE void keep(block *b, int k, f8 score, int32_t number, int either_sign) {
@@ -126,7 +126,7 @@ INLINE void correlate(const float *p, const int32_t *at, const float *weight, in
     }
 }
 
-/* One over the length of the picture's deviation from its mean under the taps that count; 0 where it is flat. */
+/* One over the norm of the picture's deviation from its mean under the taps that count; 0 where it is flat. */
 static void inverse_length(const float *p, const int32_t *at, const float *inside, int32_t taps, float least,
                            f8 out[3]) {
     f8 one[3] = {eight(0), eight(0), eight(0)}, two[3] = {eight(0), eight(0), eight(0)};
@@ -185,7 +185,7 @@ static void with_margin(const cc_plane *p, int32_t from, int32_t to, float *out)
     }
 }
 
-/* How far the taps reach from a position. */
+/* The extent of the taps about a position. */
 static rect reach_of(const cc_search *s) {
     rect r = {0, 0, 0, 0};
     for (int32_t t = 0; t < s->taps; t++) {
@@ -247,7 +247,7 @@ INLINE void cubic_weights(f8 t, f8 w[4]) {
     w[2] = 0.5f * t + 2.0f * t2 - 1.5f * t3, w[3] = -0.5f * t2 + 0.5f * t3;
 }
 
-/* Near the picture's border its last pixels go on. */
+/* Beyond the picture's border its last pixels are repeated. */
 static f8 cubic_at_border(const cc_plane *p, i8 i, i8 j, const f8 wx[4], const f8 wy[4]) {
     f8 s = eight(0);
     for (int l = 0; l < 4; l++) {
@@ -285,7 +285,7 @@ static sums sums_at(const cc_register *r, const double pose[4]) {
     const float short_of = 1 - FLT_EPSILON; /* the last pixel: between it and the one before */
     const f8 right = eight((float)(r->plane.width - 1) * short_of);
     const f8 bottom = eight((float)(r->plane.height - 1) * short_of);
-    const f8 mean = eight(r->plane.pixels[0]); /* a value near the others: less is lost in the sums of squares */
+    const f8 mean = eight(r->plane.pixels[0]); /* subtracted first: less cancellation in the sums of squares */
     f8 one = eight(0), two = one, value = one, slope[4] = {one, one, one, one};
     for (int32_t k = 0; k < r->n; k += 8) { /* the caller fills up to a multiple of 8, with zeros in all but count */
         const f8 u = load(r->u + k), v = load(r->v + k);

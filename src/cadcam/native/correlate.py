@@ -1,6 +1,6 @@
-"""Correlation in the C core: shrunken pictures, the search over a grid, the climb to sub-pixel peaks.
+"""Correlation in the C core: reduced pictures, the search over a grid, the climb to sub-pixel peaks.
 
-The interface is src/cadcam/native/correlate.h. What goes in is checked and made contiguous here; callers see arrays.
+The interface is src/cadcam/native/correlate.h. Inputs are checked and made contiguous here; callers see arrays.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cadcam.arrays import Array, Ids, Picture
 from cadcam.errors import BadValue, NotEnoughMemory
 from cadcam.native.core import addresses, functions
 
-_LARGEST_FACTOR = 1024  # of a shrunken picture: STRIP in correlate.c
+_LARGEST_FACTOR = 1024  # largest reduction: STRIP in correlate.c
 _LONGEST = 32767  # px along a side: an index into the picture fits 31 bits
 
 
@@ -71,9 +71,9 @@ def _core() -> c.CDLL:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Orientations:
-    """A template on the grid of a shrunken picture: taps at (dx, dy) (T,), weight (K, T) in each of K orientations.
+    """A template on the grid of a reduced picture: taps at (dx, dy) (T,), weight (K, T) in each of K orientations.
 
-    weight is of zero mean and unit length over the taps that count; inside (1 or K, T) says which do.
+    weight has zero mean and unit norm over the taps that count; inside (1 or K, T) says which do.
     """
 
     dx: Ids
@@ -83,7 +83,7 @@ class Orientations:
 
     @classmethod
     def of(cls, dx: Array, dy: Array, weight: Array, inside: npt.ArrayLike) -> Orientations:
-        """Return the orientations as the core takes them."""
+        """Return the orientations in the core's format."""
         x, y = (np.ascontiguousarray(a, np.int32) for a in (dx, dy))
         return cls(x, y, np.ascontiguousarray(weight, np.float32), np.ascontiguousarray(inside, np.float32))
 
@@ -95,10 +95,10 @@ class Orientations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """A template as N points (u, v) about its origin, px: value (N,) there and slope (m, N), what m motions change.
+    """A template as N points (u, v) about its origin, px: value (N,) and slope (m, N), its derivative by m motions.
 
-    value has zero mean and unit length, slope is orthogonal to it and to constants; inverse (m, m) of slope slope^T;
-    radius px holds all points. Arrays are filled up with zeros to a multiple of 8.
+    value has zero mean and unit norm, slope is orthogonal to it and to constants; inverse (m, m) of slope slope^T;
+    radius px contains all points. Arrays are padded with zeros to a multiple of 8.
     """
 
     u: Picture
@@ -111,7 +111,7 @@ class Points:
 
     @classmethod
     def of(cls, u: Array, v: Array, value: Array, slope: Array) -> Points:
-        """Return the points, their arrays filled up."""
+        """Return the points, their arrays padded."""
         spare = -len(u) % 8
 
         def filled(a: Array) -> Picture:
@@ -123,7 +123,7 @@ class Points:
 
 
 def shrunken(picture: Picture, factor: int) -> Picture:
-    """Return the means over blocks of factor x factor px, the last of a row or column perhaps smaller."""
+    """Return the means over blocks of factor x factor px; the last block of a row or column may be smaller."""
     plane, kept = _plane(picture)
     if not 1 <= factor <= _LARGEST_FACTOR:
         raise BadValue("factor", factor, f"a whole number from 1 to {_LARGEST_FACTOR}")
@@ -133,10 +133,10 @@ def shrunken(picture: Picture, factor: int) -> Picture:
 
 
 def spot_steps(picture: Picture, inner: Ids, outer: Ids, *, dark: bool, level: float) -> Picture:
-    """Return the second weakest of eight steps of brightness (H, W) from inner to outer (8, 2) px about each pixel.
+    """Return the second weakest of eight brightness steps (H, W) from inner to outer (8, 2) px about each pixel.
 
-    A step is (outside - inside) / (outside + inside), or its negative unless `dark`; sums count as `level` at least.
-    Where a step leaves the picture it is -1.
+    A step is (outside - inside) / (outside + inside), or its negative unless `dark`; sums below `level` count as that.
+    -1 where a step leaves the picture.
     """
     plane, kept = _plane(picture)
     if inner.shape != (8, 2) or outer.shape != (8, 2):
@@ -152,7 +152,7 @@ def spot_steps(picture: Picture, inner: Ids, outer: Ids, *, dark: bool, level: f
 def searched(
     picture: Picture, template: Orientations, *, least_variance: float, either_sign: bool = False
 ) -> tuple[Picture, Ids]:
-    """Return for each pixel the best correlation and its orientation (H, W); 0 and -1 where the template leaves it."""
+    """Return each pixel's best correlation and its orientation (H, W); 0 and -1 where the template does not fit."""
     plane, kept = _plane(picture)
     best, which = np.zeros(kept.shape, np.float32), np.full(kept.shape, -1, np.int32)
     task = _Search(
@@ -174,7 +174,7 @@ def searched(
 def registered(
     picture: Picture, template: Points, pose: Array, *, cubic: bool, iterations: int, settled: float, reach: float
 ) -> tuple[Array, Array]:
-    """Return poses (N, 4) of highest correlation near those given, and it (N,); 0 where one ran farther than `reach`.
+    """Return poses (N, 4) of highest correlation near those given, and that (N,); 0 where one moved beyond `reach`.
 
     A pose is x, y (px), angle (rad, x towards y), scale: template point (u, v) lies at (x, y) + scale R(angle) (u, v).
     """
@@ -197,11 +197,11 @@ def registered(
         template.radius,
     )
     _core().cc_register_poses(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved))
-    return moved, np.clip(score, -1.0, 1.0)  # sums in single precision
+    return moved, np.clip(score, -1.0, 1.0)  # sums are in single precision
 
 
 def _plane(picture: npt.ArrayLike) -> tuple[_Plane, Picture]:
-    """Return the core's view of a picture and what must be kept as long as it is used."""
+    """Return the core's view of a picture, and the array that must be kept alive while it is used."""
     kept = np.ascontiguousarray(picture, np.float32)
     if kept.ndim != 2 or not kept.size or max(kept.shape) > _LONGEST:
         raise BadValue("picture", f"of shape {kept.shape}", f"(H, W), sides from 1 to {_LONGEST} px")

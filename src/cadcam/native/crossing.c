@@ -7,7 +7,7 @@
 static const double SLACK = 1e-6;  /* of a cell: a segment along a cell's side is in the cells on both sides */
 static const double BEHIND = 1e-6; /* relative: a border this little behind a line still cuts it */
 
-/* n x n cells over all lines, about one a segment. Cell k touches border[first[k]] to border[first[k + 1] - 1]. */
+/* n x n cells over all lines, about one per segment. Cell k touches border[first[k]] to border[first[k + 1] - 1]. */
 typedef struct {
     double low[2], scale[2];
     int64_t n, *first, *border;
@@ -15,7 +15,7 @@ typedef struct {
 
 /* A segment's way through the cells: column by column, from left to right, and up from the lowest row in each. */
 typedef struct {
-    double x0, x1, y0, slope, low, high; /* in cells: where it begins and ends; how it rises; between which y it lies */
+    double x0, x1, y0, slope, low, high; /* in cells: start and end; slope; range of y */
     int64_t column, last, row, top;
 } way;
 
@@ -28,7 +28,7 @@ static way way_of(const grid *g, const cc_flat *segments, int64_t i) {
         p[1][k] = (segments->b[2 * i + k] - g->low[k]) * g->scale[k];
     }
     const double *l = p[p[1][0] < p[0][0]], *r = p[p[1][0] >= p[0][0]];
-    double slope = (r[1] - l[1]) / (r[0] - l[0]); /* of an upright one infinite, or none: then its whole range counts */
+    double slope = (r[1] - l[1]) / (r[0] - l[0]); /* of a vertical one infinite, or NaN: then its whole range counts */
     return (way){l[0], r[0], l[1], slope, fmin(l[1], r[1]), fmax(l[1], r[1]),
                  between(l[0] - SLACK, 0, (double)g->n) - 1, between(r[0] + SLACK, -1, (double)g->n - 1), 0, -1};
 }
@@ -46,7 +46,7 @@ static int64_t next_cell(const grid *g, way *w) {
     return w->row++ * g->n + w->column;
 }
 
-/* Lay the grid and put the borders into its cells; return whether there is memory for it. */
+/* Make the grid and put the borders into its cells; return whether memory suffices. */
 static int laid(grid *g, const cc_flat *lines, const cc_flat *borders) {
     for (int k = 0; k < 2; k++) {
         double low = INFINITY, high = -INFINITY;

@@ -1,4 +1,4 @@
-"""The C core's part that finds where segments cross (crossing.h), as a function of arrays."""
+"""Intersections of segments in the C core (crossing.h), as a function of arrays."""
 
 from __future__ import annotations
 

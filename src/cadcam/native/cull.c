@@ -3,7 +3,7 @@
 
 enum { GROUP = 8 }; /* clusters placed together: SHARE is a multiple */
 
-#define ROUGH 400.0 /* px: where the patch of a group is off by more, its clusters are looked up one by one */
+#define ROUGH 400.0 /* px: if the patch of a group has a larger error, its clusters are looked up separately */
 
 /* A float that is at least (at most) v, for bounds of 1/z. */
 static inline float float_above(double v) { return v < FLT_MAX / 2 ? (float)(v * (1 + 1e-6)) : FLT_MAX; }
@@ -58,7 +58,7 @@ static sight project_cluster(const cc_frame *f, const cluster *c, candidate *out
     return SEEN_IN_BOX;
 }
 
-/* The samples that may look at a box of the plane, by the lens' cells or those of the pixels. */
+/* Bounds of the samples that may see a box of the plane, by the cells of the lens or by pixels. */
 static rect looking_at(const grid *g, const box *b) {
     const cc_lens *lens = g->lens;
     return samples_of(g, (box){grid_x(lens, b->x0) - 1e-3, grid_x(lens, b->x1) + 1e-3, grid_y(lens, b->y0) - 1e-3,
@@ -112,7 +112,7 @@ static int locate_group(const cc_frame *f, int64_t first, candidate *out, double
     return kept;
 }
 
-/* What the shares hold, side by side. */
+/* The shares' candidates, concatenated. */
 static void gather(cc_frame *f) {
     for (int32_t k = 0; k < f->n_shares; k++) {
         const size_t from = (size_t)k * SHARE, to = (size_t)f->n_candidates, n = (size_t)f->found[k];

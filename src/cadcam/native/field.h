@@ -1,8 +1,8 @@
-/* Where a photo shows lines of which direction, and how well the edges of a part lie on them.
+/* The lines of a photo by direction, and how well the edges of a part lie on them.
  *
  * Plain C11 like raster.h; every function writes its answers into memory of the caller. Pictures are (height, width),
- * row by row, pixel (0, 0) centred at (0, 0). A field holds CC_SECTORS planes of bytes: plane s says how surely a line
- * runs through a pixel whose normal has the direction s pi / CC_SECTORS (normals that differ by pi are one).
+ * row by row, pixel (0, 0) centred at (0, 0). A field holds CC_SECTORS planes of bytes: plane s holds the certainty
+ * that a line with a normal of direction s pi / CC_SECTORS (modulo pi) runs through a pixel.
  */
 #ifndef CADCAM_FIELD_H
 #define CADCAM_FIELD_H
@@ -17,7 +17,7 @@
 typedef struct {
     const uint8_t *planes; /* (CC_SECTORS, height, width) */
     const float *mean;     /* (CC_SECTORS,) over the picture, */
-    const float *variance; /* what a line put down anywhere meets */
+    const float *variance; /* what a line at a random place meets */
     int32_t width, height;
 } cc_field;
 
@@ -63,7 +63,7 @@ CC_API void cc_halve(const uint8_t *in, int32_t width, int32_t height, uint8_t *
 
 /* Slide the edges of each pose over a window of shifts (pixels) in one eye: |x| <= reach_x, |y| <= reach_y around shift
  * (centre_x, centre_y). Writes the `keep` best of each pose, no two closer than `apart`: shift (2,) and score, the
- * sum above the mean in standard deviations of places put down anywhere. Scratch of
+ * sum above the mean in standard deviations of that at random places. Scratch of
  * (2 reach_x + 16) (2 reach_y + 1) numbers. Fewer than `keep`: score -inf. */
 CC_API void cc_slide(const cc_pose_edges *edges, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
                      int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch, int32_t *shift,
@@ -87,8 +87,8 @@ CC_API void cc_sweep(const cc_pose_edges *edges, int32_t eye, const double *pose
 CC_API void cc_climb(const cc_pose_edges *edges, double *poses, const double *freedom, int32_t n_free,
                      const double *blur, int32_t steps, double *scores);
 
-/* What a place says for a pose: nats times the certainty there less `even`; and of all places of a line at most `most`.
- * A line is seen with probability `seen`, in [0, 1). */
+/* The evidence of a place for a pose: nats times the certainty there less `even`; of all places of a line at most
+ * `most`. A line is seen with probability `seen`, in [0, 1). */
 typedef struct { double even, nats, most, seen; } cc_belief;
 
 /* How much more likely the lines of each pose make the picture of one eye, in nats: the sum over them of

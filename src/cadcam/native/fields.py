@@ -1,4 +1,4 @@
-"""The C core's part that compares edges with direction fields (field.h), as functions of arrays."""
+"""Comparison of edges with direction fields in the C core (field.h), as functions of arrays."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ Bytes = npt.NDArray[np.uint8]
 
 
 class Planes(NamedTuple):
-    """A field: planes (SECTORS, H, W) and their mean and variance (SECTORS,) over the picture, in steps of 1/255."""
+    """A field: planes (SECTORS, H, W) and their mean and variance (SECTORS,) over the picture, in units of 1/255."""
 
     values: Bytes
     mean: Picture
@@ -54,7 +54,7 @@ class _PoseEdges(c.Structure):
 
 
 class Belief(NamedTuple):
-    """What a place says for a pose: nats times (certainty - even), at most `most` a line; how often lines are seen."""
+    """Evidence of a sample: nats times (certainty - even), at most `most` per line; probability that lines are seen."""
 
     even: float
     nats: float
@@ -86,7 +86,7 @@ def _core() -> c.CDLL:
 
 
 def reduce(gray: Picture, k: int) -> Picture:
-    """Return the means (H // k, W // k) of boxes of k x k pixels; part of a picture is read where it lies."""
+    """Return the means (H // k, W // k) over blocks of k x k pixels; a crop of a picture is read without copying."""
     gray = np.asarray(gray, np.float32)
     if gray.strides[1] != gray.itemsize:
         gray = np.ascontiguousarray(gray)
@@ -97,10 +97,10 @@ def reduce(gray: Picture, k: int) -> Picture:
 
 
 def straighten(gray: Picture, nodes: Picture, step: int, size: tuple[int, int]) -> tuple[Picture, Mask]:
-    """Return a picture of `size` whose pixels lie in another at places known on a grid, and which of them it shows.
+    """Return a picture of `size` resampled from another at places given on a grid, and which of its pixels are valid.
 
-    nodes (rows, columns, 2): where every `step`-th pixel of every `step`-th row lies, from (0, 0) to beyond the last;
-    nan for nowhere. Between nodes and between pixels linearly; what is not shown is 0.
+    nodes (rows, columns, 2): place of every `step`-th pixel of every `step`-th row, from (0, 0) to beyond the last; nan
+    for none. Linear between nodes and between pixels; invalid pixels are 0.
     """
     gray, nodes = np.ascontiguousarray(gray, np.float32), np.ascontiguousarray(nodes, np.float32)
     (width, height), (rows, columns) = size, nodes.shape[:2]
@@ -113,7 +113,7 @@ def straighten(gray: Picture, nodes: Picture, step: int, size: tuple[int, int]) 
 
 
 def directions(gray: Picture, floor: float) -> Planes:
-    """Return the field of a picture; `floor` is the gradient (grey value per pixel) that counts as noise at least."""
+    """Return the direction field of a picture; `floor`: least noise of the gradient, grey value per pixel."""
     gray = np.ascontiguousarray(gray, np.float32)
     height, width = gray.shape
     made = _planes(height, width)
@@ -123,7 +123,7 @@ def directions(gray: Picture, floor: float) -> Planes:
 
 
 def halve(planes: Planes) -> Planes:
-    """Return the field at half the size: a line stays as sure as it was."""
+    """Return the field at half the size, with the certainty of lines unchanged."""
     _, height, width = planes.values.shape
     made = _planes(height // 2, width // 2)
     _core().cc_halve(planes.values.ctypes.data, width, height, *addresses(*made))
@@ -131,9 +131,9 @@ def halve(planes: Planes) -> Planes:
 
 
 def firsts(corners: Array, most: int, apart: float) -> Longs:
-    """Return the numbers of at most so many of N poses by their corners (N, 4, 3), the first of those near each other.
+    """Return the indices of at most `most` of N poses, by their corners (N, 4, 3), each the first of those near it.
 
-    Poses are near each other where no corner of one is farther than `apart` from the other's.
+    Two poses are near each other if no corner differs by more than `apart`.
     """
     corners = np.ascontiguousarray(corners, np.float64)
     n = len(corners)
@@ -152,7 +152,7 @@ class Eye(NamedTuple):
 
 
 class PoseEdges:
-    """What is scored: for each of N poses and each eye a run of places (a structured array of PLACE).
+    """The edges to be scored: for each of N poses and each eye a run of samples (a structured array of PLACE).
 
     first, count (N, eyes): the runs.
     """
@@ -170,10 +170,10 @@ class PoseEdges:
     def slide(
         self, eye: int, poses: Array, *, centre: tuple[int, int], reach: tuple[int, int], keep: int, apart: int
     ) -> tuple[Ids, Picture]:
-        """Return the `keep` best shifts (N, keep, 2) px of each pose (N, 12) in one eye and their scores (N, keep).
+        """Return the `keep` best shifts (N, keep, 2) px of each pose (N, 12) in one eye, and their scores (N, keep).
 
-        Shifts are sought within `reach` of `centre`, no two within `apart`; score: the sum above the mean in standard
-        deviations of places put down anywhere, -inf where there are no more.
+        Shifts are searched within `reach` of `centre`, no two within `apart`. Score: the sum above its mean at random
+        places, in standard deviations of that; -inf where there are no more.
         """
         poses = np.ascontiguousarray(poses, np.float64)
         shift, score = np.zeros((len(poses), keep, 2), np.int32), np.zeros((len(poses), keep), np.float32)
@@ -183,10 +183,10 @@ class PoseEdges:
         return shift, score
 
     def sweep(self, eye: int, poses: Array, *, keep: int, apart: int) -> tuple[Ids, Picture]:
-        """Return where in one eye the edges of poses (N, 12) near its middle fit best, and scores, as `slide` does.
+        """Return where in one eye the edges of poses (N, 12) near its middle fit best, and the scores, as `slide` does.
 
-        (N, keep, 2) px: where what was at the principal point comes to lie, anywhere in the field. Sums are coarser
-        than those of `slide`, and at most SWEPT places of a run within MARGIN px of the middle count.
+        (N, keep, 2) px: the place of what was at the principal point, anywhere in the field. Sums are coarser than
+        those of `slide`, and at most SWEPT samples of a run, within MARGIN px of the middle, are used.
         """
         poses = np.ascontiguousarray(poses, np.float64)
         _, height, width = self._kept[eye].planes.values.shape
@@ -200,9 +200,10 @@ class PoseEdges:
         return shift, score
 
     def climb(self, poses: Array, freedom: Array, blur: Sequence[float]) -> tuple[Array, Array]:
-        """Return poses (N, 12) moved uphill, a step for each blur (px) but the last, and their scores (N, eyes, 4).
+        """Return poses (N, 12) moved uphill, one step per blur (px) but the last, and their scores (N, eyes, 4).
 
-        The last blur judges: sum of weight times certainty, its mean and variance anywhere, weight in the picture.
+        The last blur is for the score: sum of weight times certainty, its mean and variance at random places, total
+        weight in the picture.
         """
         poses = np.array(poses, np.float64, order="C")
         freedom, widths = np.ascontiguousarray(freedom, np.float64), np.asarray(blur, np.float64)
@@ -215,10 +216,10 @@ class PoseEdges:
         return poses, scores
 
     def evidence(self, eye: int, poses: Array, blur: float, line: Ids, share: Array, belief: Belief) -> Array:
-        """Return how much more likely the lines of poses (N, 12) make the picture of one eye (N,), in nats.
+        """Return the log-likelihood ratio (N,), nats, of one eye's picture with the lines of poses (N, 12) and without.
 
-        line: the number from 0 of the line that each place is on; share (N,): how much of its nats a place is worth.
-        Certainty is the best under a Gaussian of `blur` px along the normal; see field.h.
+        line: number, from 0, of the line that each sample is on; share (N,): weight of a sample's nats. The certainty
+        is the maximum along the normal under a Gaussian of `blur` px; see field.h.
         """
         poses, share = np.ascontiguousarray(poses, np.float64), np.ascontiguousarray(share, np.float64)
         line, out = np.ascontiguousarray(line, np.int32), np.zeros(len(poses))

@@ -1,9 +1,9 @@
-/* What of a scene stands between a point and an eye: no picture is asked, so the answer is exact. */
+/* Occlusion of a point by a scene, decided exactly in space, without a rendered picture. */
 #include <math.h>
 
 #include "internal.h"
 
-/* The way from a point p to the eye, d, and the box around it. */
+/* The segment from a point p to the eye, of direction d, and its bounding box. */
 typedef struct { double p[3], d[3], low[3], high[3]; } sight_line;
 
 static void cross(const double a[3], const double b[3], double out[3]) {
@@ -26,7 +26,7 @@ static int boxes_apart(const sight_line *l, const cluster *c) {
            l->high[2] < c->low[2] || l->low[2] > c->high[2];
 }
 
-/* Whether a line may meet a cluster's box: no axis, nor one across it and the line, keeps them apart (Gottschalk, Lin
+/* Whether a line may meet a cluster's box: no separating axis, nor one across it and the line (Gottschalk, Lin
  * and Manocha, "OBBTree", SIGGRAPH 1996). */
 static int may_meet(const sight_line *l, const cluster *c) {
     double off[3], size[3];
@@ -56,7 +56,7 @@ static int hides(const sight_line *l, const double corner[3][3], double toleranc
     if (!out && !in) return 0;
     for (int i = 0; i < 3; i++) side[0][i] = to[1][i] - to[0][i], side[1][i] = to[2][i] - to[0][i];
     cross(side[0], side[1], normal);
-    const double height = dot(normal, to[0]), run = dot(normal, l->d); /* of the plane over p; what the line climbs */
+    const double height = dot(normal, to[0]), run = dot(normal, l->d); /* of the plane above p; rise of the line */
     return fabs(height) > tolerance * sqrt(dot(normal, normal)) && height / run > 0 && height / run < 1;
 }
 

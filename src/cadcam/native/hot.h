@@ -1,4 +1,4 @@
-/* What the hot files share (HOT in build_backend/cadcam_build.py), each compiled once for each
+/* Declarations shared by the hot files (HOT in build_backend/cadcam_build.py), each of which is compiled once for each
  * instruction set. CC_VARIANT is the suffix of their functions. */
 #ifndef CADCAM_HOT_H
 #define CADCAM_HOT_H

@@ -1,4 +1,4 @@
-/* What the C files share. */
+/* Declarations shared by the C files. */
 #ifndef CADCAM_INTERNAL_H
 #define CADCAM_INTERNAL_H
 

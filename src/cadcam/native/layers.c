@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-/* Where, from byte i on, the first byte lies that differs between the two; n if none does. */
+/* Index of the first byte, from i on, that differs between the two; n if none does. */
 static int64_t differing(const uint8_t *a, const uint8_t *b, int64_t i, int64_t n) {
     for (uint64_t one, other; i + 8 <= n; i += 8) {
         memcpy(&one, a + i, 8), memcpy(&other, b + i, 8);

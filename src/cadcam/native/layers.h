@@ -1,4 +1,4 @@
-/* Masks of a rendered view as the numbers that files of labels hold. Plain C11 like raster.h. */
+/* Masks of a rendered view in the form that label files hold. Plain C11 like raster.h. */
 #ifndef CADCAM_LAYERS_H
 #define CADCAM_LAYERS_H
 

@@ -1,4 +1,4 @@
-"""The C core's part that makes masks what files of labels hold (layers.h), as functions of an array."""
+"""Masks in the C core as label files hold them (layers.h), as functions of an array."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cadcam.arrays import Mask
 from cadcam.native.core import functions
 
 Box = tuple[int, int, int, int]
-_RUNS = 4  # changes a column that there is room for at once
+_RUNS = 4  # changes per column for which there is room at first
 
 
 @cache
@@ -28,7 +28,7 @@ def _core() -> c.CDLL:
 
 
 def mask_region(mask: Mask) -> tuple[int, Box]:
-    """Return how many pixels of a mask (H, W) are set, and x0, y0, x1, y1, inclusive; -1 throughout where none is."""
+    """Return the number of pixels set in a mask (H, W), and the box x0, y0, x1, y1, inclusive; -1 if none is."""
     mask, found = np.ascontiguousarray(mask, bool), np.zeros(5, np.int64)
     height, width = mask.shape
     _core().cc_mask_region(mask.ctypes.data, width, height, found.ctypes.data)
@@ -37,7 +37,7 @@ def mask_region(mask: Mask) -> tuple[int, Box]:
 
 
 def mask_changes(mask: Mask) -> npt.NDArray[np.int64]:
-    """Return where a mask (H, W), column by column, changes, beginning with not set."""
+    """Return where a mask (H, W), read column by column, changes, starting with not set."""
     mask = np.ascontiguousarray(mask, bool)
     height, width = mask.shape
     scratch, room = np.zeros(width + 1, np.int64), _RUNS * width

@@ -1,4 +1,4 @@
-/* The table of a distorting camera, and the way back from a part of the plane to the pixels that look there. */
+/* The table of a distorting camera, and its inverse: from a region of the plane to the pixels that see it. */
 #include <math.h>
 #include <stdlib.h>
 

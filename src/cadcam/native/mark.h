@@ -1,4 +1,4 @@
-/* The picture of a mark as a function of where it lies, with its slopes: the model that is fitted to grey values.
+/* The picture of a mark as a function of its geometry, with derivatives: the model that is fitted to grey values.
  *
  * A pixel's place on the mark is p = N_xy / N_z, N = H (m, 1): H (3, 3) is the plane's homography (mark from image),
  * m the pixel's coordinates, those of the picture or, through a lens, of its tangent plane. The mark is ink within

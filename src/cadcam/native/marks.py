@@ -1,4 +1,4 @@
-"""The C core's picture of a mark with its slopes (mark.h), as a function of arrays."""
+"""The picture of a mark with its derivatives in the C core (mark.h), as functions of arrays."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cadcam.errors import BadValue
 from cadcam.native.core import addresses, doubles, functions
 
 _MOST_RADII, _MOST_TERMS = 128, 16  # CC_MARK_RADII, CC_MARK_TERMS
-_LEVELS, _ALWAYS, LOOSE = 8, 5, 3  # c s m gx gy b dx dy; of those the first always have slopes, the last need not
+_LEVELS, _ALWAYS, LOOSE = 8, 5, 3  # c s m gx gy b dx dy: the first always with derivatives, the last on request
 
 
 class _Mark(c.Structure):
@@ -32,10 +32,10 @@ def _core() -> c.CDLL:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Borders:
-    """Sectors of rings as the core takes them: the radii and the rays that bound them, each once.
+    """Sectors of rings in the core's format: the distinct radii and rays that bound them.
 
-    radii (R,) mm; rays (A, 2) unit vectors; sectors (K, 4): inner, outer, start and stop by their places there, -1 for
-    none; span (K,) rad.
+    radii (R,) mm; rays (A, 2) unit vectors; sectors (K, 4): indices of inner, outer, start and stop, -1 for none; span
+    (K,) rad.
     """
 
     radii: Array
@@ -74,9 +74,9 @@ def picture(borders: Borders, places: Array, H: Array, levels: Array) -> Array:
 def picture_with_slopes(
     borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, loose: int = 0
 ) -> tuple[Array, Array]:
-    """Return grey values (B, P) and slopes (B, P, k + 5 + loose) by x y * * c s m gx gy and the rest; dH (B, k, 3, 3).
+    """Return grey values (B, P) and derivatives (B, P, k + 5 + loose) by x y * * c s m gx gy and more; dH (B, k, 3, 3).
 
-    loose: how many of b dx dy are among the rest, at its end.
+    loose: how many of b dx dy are included, at the end.
     """
     if not 4 <= dH.shape[1] <= _MOST_TERMS:
         raise BadValue("slopes of H", f"by {dH.shape[1]} parameters", f"4 to {_MOST_TERMS}")

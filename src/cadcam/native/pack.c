@@ -16,7 +16,7 @@ enum {
     PIXEL = 4, /* bytes, at most */
     DIGIT = 7, /* bits: two hold how often a symbol comes */
     LONGEST_CODE = 15,
-    KINDS = 19, /* of words in which the lengths of codes are told */
+    KINDS = 19, /* of symbols that encode the lengths of codes */
     HEADER = 512 /* bytes: more than a block takes beside its tokens */
 };
 
@@ -88,7 +88,7 @@ static int depth_of_code(const uint32_t *weight, const int16_t *leaf, int leaves
     return deepest;
 }
 
-/* Put the used symbols in order of their weight, equal ones in their own; return how many there are. */
+/* Sort the used symbols by weight, stably; return how many there are. */
 static int sorted(const uint32_t *weight, int symbols, int16_t *leaf) {
     int16_t other[SYMBOLS];
     int leaves = 0;
@@ -130,7 +130,7 @@ static void find_code(const uint32_t *count, int symbols, int most, huffman *h) 
     number_codes(h, symbols);
 }
 
-/* How a block's codes are told, 3.2.7: lengths, with runs of zeros and of the same as words of their own. */
+/* The encoding of a block's codes, 3.2.7: their lengths, with runs of zeros and of repetitions as symbols. */
 typedef struct {
     uint8_t word[SYMBOLS + PIXEL], more[SYMBOLS + PIXEL];
     int n;
@@ -175,7 +175,7 @@ static void write_code(stream *s, const huffman *code, int distance) {
     }
 }
 
-/* What a token is written as: bits, and how many, 21 at most. */
+/* The bits of a token, and how many, 21 at most. */
 typedef struct {
     uint32_t bits;
     int32_t n;
@@ -220,7 +220,7 @@ static int64_t size_of(const uint32_t count[SYMBOLS], const huffman *code) {
     return bits / 8 + HEADER;
 }
 
-/* Write the tokens gathered; 0 where there is no room for them. */
+/* Write the collected tokens; 0 where there is no room for them. */
 static int write_block(packer *k, int last) {
     huffman code;
     uint32_t count[SYMBOLS];
@@ -286,7 +286,7 @@ static int unlike(const uint8_t *row, const uint8_t *before) {
     return three ? before_first(three) : 6;
 }
 
-/* Gather the tokens of a filtered row of n bytes, before which others stand unless it is the first; 0 where there is no
+/* Collect the tokens of a filtered row of n bytes, preceded by others unless it is the first; 0 where there is no
  * room. */
 static int take_row(packer *k, const uint8_t *row, int64_t n, int first) {
     for (int64_t i = 0; i < n;) {

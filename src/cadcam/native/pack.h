@@ -1,5 +1,5 @@
-/* The picture data of a PNG file, quickly: what rendered pictures have, flat faces before an even background, is found;
- * more is not looked for. Plain C11 like raster.h. */
+/* The picture data of a PNG file, quickly: the compressor finds what rendered pictures have, flat faces on an even
+ * background, and no more. Plain C11 like raster.h. */
 #ifndef CADCAM_PACK_H
 #define CADCAM_PACK_H
 

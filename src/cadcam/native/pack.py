@@ -1,4 +1,4 @@
-"""The C core's part that packs the pictures of PNG files (pack.h), as functions of arrays."""
+"""PNG picture data packed by the C core (pack.h), as functions of arrays."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cadcam.arrays import Picture
 from cadcam.errors import NotEnoughMemory
 from cadcam.native.core import addresses, functions
 
-_kept = threading.local()  # the room of a thread: most of it is never touched, and fresh memory would be cleared
+_kept = threading.local()  # a thread's buffer: most of it is never touched, and fresh memory would have to be cleared
 
 
 @cache
@@ -32,7 +32,7 @@ def _core() -> c.CDLL:
 
 
 def packed_rows(rows: npt.NDArray[np.uint8], pixel_bytes: int) -> bytes:
-    """Return rows (H, bytes) of pixels, in PNG's order of bytes, as a PNG file holds them. Raises `NotEnoughMemory`."""
+    """Return rows (H, bytes) of pixels, in PNG's byte order, as PNG image data. Raises `NotEnoughMemory`."""
     height, width = rows.shape
     rows = np.ascontiguousarray(rows)
     return _packed(height, width, lambda out: _core().cc_pack(rows.ctypes.data, width, height, pixel_bytes, *out))
@@ -54,7 +54,7 @@ def packed_normal_rows(depth: Picture, normal: Picture) -> bytes:
 
 
 def _packed(rows: int, row_bytes: int, pack: Callable[[tuple[int, int]], int]) -> bytes:
-    """Return what a function of the core packs into a place of so many bytes."""
+    """Return what a function of the core packs into a buffer of that size."""
     room = _room(int(_core().cc_pack_room(row_bytes, rows)))
     n = pack((room.ctypes.data, room.size))
     if n < 0:
@@ -63,7 +63,7 @@ def _packed(rows: int, row_bytes: int, pack: Callable[[tuple[int, int]], int]) -
 
 
 def _room(size: int) -> npt.NDArray[np.uint8]:
-    """Return at least so many bytes, this thread's own."""
+    """Return a buffer of at least this size, owned by this thread."""
     if getattr(_kept, "room", None) is None or _kept.room.size < size:
         _kept.room = np.zeros(size, np.uint8)
     room: npt.NDArray[np.uint8] = _kept.room

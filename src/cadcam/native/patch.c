@@ -1,4 +1,4 @@
-/* Patches: parts of a distorting camera's picture in which the lens is affine but for a little, and how little. Bends:
+/* Patches: parts of a distorting camera's picture in which the lens is nearly affine, with bounds of the error. Bends:
  * the same with the lens' curvature.
  *
  * The bounds are measured, not assumed: those of bends and of the smallest patches are the largest differences between
@@ -10,7 +10,7 @@
 
 #include "internal.h"
 
-#define ANYWHERE 1e300 /* a bound that says nothing, and gives 0 times 0 */
+#define ANYWHERE 1e300 /* no bound, but finite, so that 0 times it is 0 */
 
 #define STRONG 3.0 /* px */
 
@@ -41,7 +41,7 @@ static patch completed(patch p, range in_u, range in_v, double half) {
     p.xu = p.map.vy / det, p.xv = -p.map.uy / det, p.yu = -p.map.vx / det, p.yv = p.map.ux / det;
     p.off_x = fabs(p.xu) * p.map.off_u + fabs(p.xv) * p.map.off_v;
     p.off_y = fabs(p.yu) * p.map.off_u + fabs(p.yv) * p.map.off_v;
-    /* nearly singular maps are not turned round accurately; what overflows is no use */
+    /* nearly singular maps are not inverted accurately, and may overflow */
     int fit = fabs(det) >= 0x1p-10 * (fabs(main) + fabs(side)) && det != 0 && p.off_x < 1e9 && p.off_y < 1e9 &&
               fabs(p.xu) + fabs(p.xv) + fabs(p.yu) + fabs(p.yv) < 1e30 && p.map.off_u < 1e30 && p.map.off_v < 1e30;
     return fit ? p : nowhere(p.x, p.y, 1);
@@ -148,7 +148,7 @@ static curves curvature(const cc_lens *l, const double *points, rect r, int k, d
     return c;
 }
 
-/* How much that may be, `half` samples from the middle. */
+/* The largest value of that within `half` samples of the middle. */
 static double reach_of(const curves *c, double half) {
     double square = 0, cube = 0;
     for (int k = 0; k < 3; k++) square += fabs(c->q[k]);

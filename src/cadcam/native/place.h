@@ -1,4 +1,4 @@
-/* The image of a place on an edge: what sliding, sweeping and climbing share. */
+/* The image of a place on an edge, for sliding, sweeping and climbing. */
 #ifndef CADCAM_PLACE_H
 #define CADCAM_PLACE_H
 
@@ -52,7 +52,7 @@ static inline int sector_of(double dx, double dy) {
     return c > 0 ? (s > 0 ? 1 : 7) : (s > 0 ? 3 : 5);
 }
 
-/* Rounded; for |x| < 2^20 only: what is far outside is as good as any. */
+/* Rounded, for |x| < 2^20: the value of anything farther outside does not matter. */
 static inline int32_t nearest(double x) { return (int32_t)(x + (1048576 + 0.5)) - 1048576; }
 
 #endif

@@ -1,4 +1,4 @@
-/* What the photo shows along lines of the model: steps of brightness, candidates for them, room around a sample.
+/* The photo along lines of the model: brightness steps, candidates for these, room around a sample.
  *
  * Plain C11 like raster.h; every function writes its answers into memory of the caller. A picture is (height, width)
  * floats, row by row, pixel (0, 0) centred at (0, 0). A sample is a place q (x, y) on a line and the unit normal there.
@@ -23,7 +23,7 @@ typedef struct {
  * infinite where there is none. Pixels outside dark..bright count as clipped.
  *
  * cc_step_sums writes what the pixels of each cell add up to, CC_STEP_SUMS doubles; cc_steps solves for the steps.
- * There the slopes are held to 0 with the weights held[2 i], held[2 i + 1], the variance of a pixel over that of the
+ * The slopes are held near 0 with the weights held[2 i], held[2 i + 1], the variance of a pixel over that of the
  * slope. It writes CC_STEP_TERMS doubles a sample: c, g, b, e, sd of the noise, cofactors Qcc Qgg, number of pixels,
  * share of clipped ones; all NaN where the cell leaves the picture or its equations are singular. The step lies at -g/c
  * to first order. */
@@ -34,7 +34,7 @@ CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, 
                          double dark, double bright, double *sums);
 CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *out);
 
-/* What those steps leave over when slopes are free, by distance from the line: each cell 2 bins + 1 doubles: sums
+/* The residuals of those steps, with free slopes, by distance from the line: each cell 2 bins + 1 doubles: sums
  * of it in `bins` bins of `width` px whose middle is at the line, how many pixels each has, and the variance of a
  * pixel; all 0 where there is no step. The other arguments are those that the sums were made with. */
 CC_API void cc_step_residuals(const cc_picture *picture, int64_t n, const double *q, const double *normal,
@@ -94,10 +94,10 @@ CC_API void cc_camera_rows(int64_t n, const double *K, const double *lens, doubl
 CC_API void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t *run, int64_t neighbours,
                           double *out);
 
-/* Gauss-Newton steps x (k), k <= 9, of lines pulled onto steps near them: offset, strength (n, most), rows (n, k). A
+/* Gauss-Newton steps x (k), k <= 9, that pull lines onto steps near them: offset, strength (n, most), rows (n, k). A
  * step r away pulls with near = strength exp(-r^2 / (2 soft^2)), all of a sample together with near / (sum near +
- * nothing); held: what is added to the diagonal, of it. Strengths of 0 or NaN are no steps.
- * stiff (k, k) holds before (k) + x near nil, in units of a sample's pull; null: nothing does. */
+ * nothing); held: added to the diagonal, as a share of it. Strengths of 0 or NaN are no steps.
+ * stiff (k, k) holds before (k) + x near 0, in units of a sample's pull; null: nothing does. */
 CC_API void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, const double *offset,
                     const double *strength, const double *stiff, const double *before, double soft, double nothing,
                     double held, int32_t pulls, double *x);

@@ -306,7 +306,7 @@ static void draw_cluster(const band bands[], const cluster *c, const rect part[]
     while (left) {
         int k[4], n = 0;
         for (int m = 0; m < 4; m++) {
-            k[m] = left ? __builtin_ctzll(left) : k[0]; /* one of them once more, not to be drawn */
+            k[m] = left ? __builtin_ctzll(left) : k[0]; /* a repetition, which is not drawn */
             n += left != 0, left &= left - 1;
         }
         draw_four(bands, &s, k, n);
@@ -349,13 +349,13 @@ INLINE void ask_for(const void *data, size_t bytes) {
     for (size_t k = 0; k < bytes; k += 64) __builtin_prefetch((const char *)data + k);
 }
 
-/* Ask the memory for a cluster: they lie scattered, and waiting for them took as long as placing their vertices. */
+/* Prefetch a cluster: they are scattered in memory, and waiting for them took as long as placing their vertices. */
 INLINE void fetch(const cc_scene *s, const cluster *c) {
     ask_for(&s->faces[c - s->clusters], sizeof *s->faces);
     ask_for(s->vertices + 3 * (size_t)c->first_vertex, 3 * c->n_vertices * sizeof *s->vertices);
 }
 
-/* Draw all candidates: each is asked for while the one before it is drawn. */
+/* Draw all candidates: each is prefetched while the one before it is drawn. */
 static void draw_band(const band bands[]) {
     const cc_frame *f = bands[0].frame;
     due next, now = {NULL};

@@ -1,4 +1,4 @@
-/* Pictures packed row by row, as their rows are made: no picture of bytes is needed besides what it is made of. */
+/* Pictures packed row by row as the rows are produced, without a picture of bytes in memory. */
 #ifndef CADCAM_ROWS_H
 #define CADCAM_ROWS_H
 

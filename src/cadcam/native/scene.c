@@ -66,7 +66,7 @@ static void radix_sort(keyed *a, keyed *b, size_t n) { /* by key, stable; the re
     for (int shift = 0; shift < 64; shift += 16) {
         static const size_t buckets = 65536;
         size_t *at = calloc(buckets + 1, sizeof *at);
-        if (!at) return; /* unsorted clusters are slower, not wrong */
+        if (!at) return; /* unsorted clusters are slower, but correct */
         for (size_t i = 0; i < n; i++) at[((a[i].key >> shift) & 0xFFFF) + 1]++;
         for (size_t i = 0; i < buckets; i++) at[i + 1] += at[i];
         for (size_t i = 0; i < n; i++) b[at[(a[i].key >> shift) & 0xFFFF]++] = a[i];
@@ -246,7 +246,7 @@ static int best_level(void) {
     unsigned a, b, c, d, low, high;
     const unsigned fma_xsave_avx = 1u << 12 | 1u << 27 | 1u << 28, bmi1_avx2_bmi2 = 1u << 3 | 1u << 5 | 1u << 8;
     if (!__get_cpuid(1, &a, &b, &c, &d) || (c & fma_xsave_avx) != fma_xsave_avx) return 0;
-    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0)); /* does the system keep the wide registers? */
+    __asm__ volatile("xgetbv" : "=a"(low), "=d"(high) : "c"(0)); /* does the system save the wide registers? */
     if ((low & 6) != 6 || !__get_cpuid_count(7, 0, &a, &b, &c, &d)) return 0;
     return (b & bmi1_avx2_bmi2) == bmi1_avx2_bmi2;
 }

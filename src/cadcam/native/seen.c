@@ -164,7 +164,7 @@ static void cut(const cc_depth_view *s, const cc_eye_point *eye, line *l) {
     l->a = l->cut, l->b = l->cut + 1;
 }
 
-/* Go to the point at share s of the line's image: 1/z is linear there. */
+/* The point at share s of the line's image, where 1/z is linear. */
 static void mark(pen *n, const line *l, double s, int first) {
     const double along = s * l->b->w / (s * l->b->w + (1 - s) * l->a->w), t = l->t0 + (l->t1 - l->t0) * along;
     double q[2], p[3];
@@ -208,7 +208,7 @@ static void walk_on(pen *n, const cc_depth_view *s, const line *l, double length
     n->back = 0.5 * length * share;
 }
 
-/* Draw what is seen of a line. What goes on by less than a step since the last sample is taken for what that showed. */
+/* Draw the visible parts of a line. A piece shorter than a step since the last sample counts as that sample did. */
 static void walk(pen *n, const cc_depth_view *s, const line *l, double step) {
     const double dx = l->b->q[0] - l->a->q[0], dy = l->b->q[1] - l->a->q[1], length = sqrt(dx * dx + dy * dy);
     const int near = l->goes_on && n->walked == l->number - 1 && n->back + length < step;

@@ -22,7 +22,7 @@ typedef struct {
  * camera or outside the picture. */
 CC_API void cc_seen(const cc_depth_view *view, int64_t n, const double *p, const double *q, uint8_t *out);
 
-/* When an edge is drawn: whatever; if one of its faces looks at the camera; if just one does. */
+/* When an edge is drawn: always; if one of its faces is turned to the camera; if exactly one is. */
 enum { CC_ALWAYS, CC_FACING, CC_TURNING };
 
 /* Straight edges in space: ends (n, 2, 3) mm, each with the planes (n, 2) of its faces and one of the rules above.

@@ -1,4 +1,4 @@
-"""The C core's part that asks a rendered view what it shows (seen.h), as functions of arrays."""
+"""Visibility in a rendered view by the C core (seen.h), as functions of arrays."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ class DepthView:
         self.request = _DepthView(*addresses(*self._kept), *pixel, slack, steepest, width, height)
 
     def points(self, p: Array, q: Array) -> Mask:
-        """Return which points (n,) are seen: p (n, 3) mm in the camera frame, q (n, 2) px."""
+        """Return which points (n,) are visible: p (n, 3) mm in the camera frame, q (n, 2) px."""
         p, q = np.ascontiguousarray(p, np.float64), np.ascontiguousarray(q, np.float64)
         out = np.zeros(len(p), bool)
         _core().cc_seen(c.byref(self.request), len(p), *addresses(p, q, out))
@@ -74,7 +74,7 @@ class DepthView:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EyePoint:
-    """A camera without distortion: camera_from_world (3, 4), K (2, 3), and the least depth that it sees, mm."""
+    """A camera without distortion: camera_from_world (3, 4), K (2, 3), and the least visible depth, mm."""
 
     pose: Array
     K: Array
@@ -99,12 +99,12 @@ class EdgesInSpace:
         given = (ends, sides, chain, rule)
         self._kept = [np.ascontiguousarray(a, kind) for a, kind in zip(given, kinds, strict=True)]
         self._edges = _Edges(*addresses(*self._kept), len(chain))
-        self._room = 1024  # points; more once a view had more
+        self._room = 1024  # points; enlarged once a view has more
 
     def seen(
         self, view: DepthView, eye: EyePoint, front: Mask, *, step: float, shortest: float, bend: float
     ) -> SeenLines:
-        """Return the stretches that a view shows; front: the planes that the camera is in front of; see seen.h."""
+        """Return the visible stretches in a view; front: the planes whose front the camera sees; see seen.h."""
         while True:
             room = self._room
             out, points, lines = self._written(view, eye, front, room, (step, shortest, bend))
@@ -116,7 +116,7 @@ class EdgesInSpace:
     def _written(
         self, view: DepthView, eye: EyePoint, front: Mask, room: int, lengths: tuple[float, float, float]
     ) -> tuple[SeenLines, int, int]:
-        """Return what there is room for, and how many points and lines there are."""
+        """Return as much as there is room for, and the total numbers of points and lines."""
         out = SeenLines(np.zeros((room, 2)), np.zeros((room, 3)), *np.zeros((2, room), np.int32))
         told = _Lines(*addresses(out.q, out.p, out.edge, out.start), room)
         place = _EyePoint((c.c_double * 12)(*eye.pose.ravel()), (c.c_double * 6)(*eye.K.ravel()), eye.near)

@@ -7,7 +7,7 @@ typedef struct { float d[9], rotation[9], fill[3], back[3], ambient, head; } lig
 
 typedef struct { f8 x, y, z; } triple;
 
-/* What eight samples of a row met: unit normals in the world, and colours, the background's where there is nothing. */
+/* What eight samples of a row show: unit normals in the world, and colours, the background's where there is nothing. */
 typedef struct { triple normal, color; } met;
 
 INLINE triple same(const float v[3]) { return (triple){eight(v[0]), eight(v[1]), eight(v[2])}; }
@@ -146,7 +146,7 @@ static void write_tile(const page *p, int32_t tx, int32_t y0, int32_t rows, cons
     for (int32_t r = 0; r < rows; r++) write_row(p, tx, y0 + r, w + r * TILE, id + r * TILE, &m);
 }
 
-/* Write what nothing is seen in: pixels x0 to x1 (exclusive) of a row. */
+/* Write background into pixels x0 to x1 (exclusive) of a row. */
 static void write_nothing(const cc_view *v, int32_t y, int32_t x0, int32_t x1) {
     const size_t at = (size_t)y * (size_t)v->width + (size_t)x0, n = (size_t)imax(x1 - x0, 0);
     float color[3];
@@ -282,7 +282,7 @@ static void write_samples(const page *p, float *room) {
     }
 }
 
-/* The light as the samples of a grid see it. */
+/* The light in the coordinates of a grid's samples. */
 static light light_in(const grid *g, const cc_view *v) {
     light l = {.ambient = v->ambient, .head = v->head};
     const double scale = g->lens ? 1 : g->scale, shift = g->lens ? 0 : g->shift;

@@ -46,7 +46,7 @@ static void profile(const cc_picture *p, const double *q, const double *n, doubl
     part_inside(p, &s, n, reach, &from, &to);
     for (int k = 0; k <= 2 * reach; k++) out[k] = NAN;
     if (from >= to) return;
-    const int far = reach + (int)half_length + 2; /* places are counted from a pixel near by: a float has few bits */
+    const int far = reach + (int)half_length + 2; /* places are relative to a nearby pixel: a float has few bits */
     const int32_t left = imax((int32_t)q[0] - far, 0), top = imax((int32_t)q[1] - far, 0);
     const int32_t right = p->width - 2 - left, bottom = p->height - 2 - top; /* rounding must not leave the picture */
     const float *pixels = p->pixels + (int64_t)top * p->width + left, share = 1.0f / (float)s.along;
@@ -70,7 +70,7 @@ static void profile(const cc_picture *p, const double *q, const double *n, doubl
     for (int k = to; k <= 2 * reach; k++) out[k] = NAN;
 }
 
-/* Put an extremum in its place among the strongest. */
+/* Insert an extremum into the list of the strongest. */
 static void insert(double at, double slope, int32_t most, double *offset, double *slopes) {
     for (int32_t i = 0; i < most; i++)
         if (isnan(slopes[i]) || fabs(slopes[i]) < fabs(slope)) {

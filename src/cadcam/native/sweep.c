@@ -13,7 +13,7 @@ typedef struct {
     double scale;          /* of a byte of the field */
 } swept;
 
-/* Copy the planes, `levels` steps deep, with margins of nothing around them. */
+/* Copy the planes, quantised to `levels` steps, with empty margins around them. */
 static swept prepared(const cc_field *f, int32_t levels, uint8_t *scratch) {
     const int32_t rows = f->height + 2 * CC_MARGIN + CC_SPARE;
     swept s = {.planes = scratch, .rows = rows, .height = f->height, .scale = levels / 255.0};
@@ -32,7 +32,7 @@ static swept prepared(const cc_field *f, int32_t levels, uint8_t *scratch) {
     return s;
 }
 
-/* Add up the planes behind n offsets into the sums, HIGH rows at a time; nil beyond the field. */
+/* Add up the planes shifted by n offsets, HIGH rows at a time; zero beyond the field. */
 static void add_up(const swept *s, int32_t width, const size_t *offset, int32_t n) {
     const size_t stride = (size_t)s->stride, wide = (size_t)s->wide;
     bytes inside;

@@ -21,7 +21,7 @@ INLINE tile tile_at(const band *b, int32_t tx, int32_t ty) {
     return t;
 }
 
-/* What a triangle has in common for the samples of a tile: held in registers. */
+/* The values of a triangle shared by all samples of a tile, held in registers. */
 typedef struct {
     f8 near, far;
     i8 face;
@@ -70,7 +70,7 @@ INLINE i8 inside_row(const triangle *t, const tile *at, int r) {
     return narrow(inside[0], inside[1]);
 }
 
-/* The tile has changed: how far is what it shows? Not asked at every change. */
+/* Update the bound of a changed tile's depth, not at every change. */
 INLINE void measure_tile(const band *b, const tile *at, int whole) {
     const size_t here = (size_t)(at->z - b->sheet->inverse_z) / TILE_AREA;
     if (!whole && ++b->sheet->changes[here] < 2) return;

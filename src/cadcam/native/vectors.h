@@ -1,4 +1,4 @@
-/* Vectors as GCC and clang have them (vector_size), with the few operations of AVX2 that they have no sign for; those
+/* Vectors as GCC and clang have them (vector_size), with the few operations of AVX2 that have no operator; those
  * that are needed without it too are written out. */
 #ifndef CADCAM_VECTORS_H
 #define CADCAM_VECTORS_H
