@@ -1,10 +1,10 @@
 """Pulling a part's lines onto the photo's steps from some pixels away.
 
-Samples on the visible lines look along their normals for steps of brightness, several each. Every step attracts the
-line, the nearer the more: a sample's weight is shared among its steps and "none of them" as in a mixture of normal
-distributions of one softness, which shrinks from round to round. All lines move as one rigid part, so the twin edges
-of a plate are told apart by all the others, and the first rounds, soft, see only the whole. (Soft assignment with
-annealing: S. Granger, X. Pennec, "Multi-scale EM-ICP", ECCV 2002.)
+Samples on the visible lines search along their normals for brightness steps, several each. Every step attracts the
+line, the nearer the more strongly: a sample's weight is shared among its steps and "none of them", as in a mixture of
+normal distributions of one width, which shrinks from round to round. All lines move as one rigid part, so the others
+resolve which of a plate's twin edges a step belongs to, and the first, wide rounds are guided by the whole. (Soft
+assignment with annealing: S. Granger, X. Pennec, "Multi-scale EM-ICP", ECCV 2002.)
 """
 
 from __future__ import annotations
@@ -19,18 +19,18 @@ from cadcam.locate.freedom import Freedom, aligned
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import pulled
 
-_SEARCHED = 400  # samples that search, of all photos together
-_SOFTNESS, _REACH = 0.6, 1.5  # of how far off the lines may be: width of the pull, and how far steps are looked for
-_SHRINKS = 0.5  # from one round to the next
-_LAST = (3, 0.7)  # reach and softness at the width of an edge, px
-_NOTHING = 0.3  # a strong step this far down its bell pulls as much as "none of them"
-_STRONG = 0.75  # quantile of the strongest slopes: what is at least as strong pulls fully
-_HELD = 1e-3  # of its own weight: what holds every motion
+_SEARCHED = 400  # samples used, of all photos together
+_SOFTNESS, _REACH = 0.6, 1.5  # width of the kernel and search range, relative to the possible error of the lines
+_SHRINKS = 0.5  # ratio from one round to the next
+_LAST = (3, 0.7)  # search range and width of the last round, px: the width of an edge
+_NOTHING = 0.3  # weight of "none of them": a strong step at this height of its kernel pulls as much
+_STRONG = 0.75  # quantile of the strongest slopes from which a step has full weight
+_HELD = 1e-3  # damping of every motion, relative to its own weight
 _PULLS = 4  # Gauss-Newton steps on one set of candidates
 
 
 def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search_px: float) -> Rigid:
-    """Return the pose whose lines lie on the photos' steps, up to `search_px` off at the start."""
+    """Return the pose whose lines lie on the photos' steps, from a start up to `search_px` off."""
     few = [s.thinned(max(_SEARCHED // len(sights), 60)) for s in sights]
     p = np.concatenate([s.samples.p for s in few])
     if not len(p):
@@ -70,13 +70,13 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
 def pulled_onto(
     J: Array, offset: Array, slope: Array, *, soft: float, stiff: tuple[Array, Array] | None = None
 ) -> Array:
-    """Return the step x (k,) by which N lines come onto their steps, of those (N, M) that each one sees.
+    """Return the step x (k,) that pulls N lines onto their candidate steps (N, M).
 
-    J (N, k) says how x moves the lines; offset, slope (N, M) where along the normals (px) steps are, and how steep, the
-    steepest first, nan for none. stiff: weights (k, k) and the vector `before` (k,): they hold before + x near zero, in
-    units of a sample's pull.
+    J (N, k): derivative of the lines by x; offset, slope (N, M): places of the steps along the normals (px) and how
+    steep they are, the steepest first, nan for none. stiff: weights (k, k) and a vector `before` (k,), which hold
+    before + x near zero, in units of a sample's pull.
     """
     size = np.abs(slope)
     strength = np.minimum(size / max(quantile(np.fmax(size[:, 0], 0.0), _STRONG), 1e-30), 1.0)
-    # what no line tells stays where it is
+    # motions that no line determines stay 0
     return pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS, stiff=stiff)

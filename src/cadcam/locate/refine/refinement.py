@@ -1,9 +1,9 @@
-"""The pose of a part to the limit of the pixels: visible CAD edges against the photo's own.
+"""The pose of a part to the limit of the pixels: visible CAD edges fitted to the photo's own.
 
-Lines are drawn with hidden ones removed, pulled onto the photo's steps (`locate.lines.attraction`), the pose is solved
-from the steps near it (`locate.refine.solution`), and believed only where the photo shows far more of the part's edges
-than chance would (`locate.quality.support`). Where that is in doubt, lines are looked for again: wider, beside the
-pose, by colour.
+Lines are drawn with hidden ones removed and pulled onto the photo's steps (`locate.lines.attraction`); the pose is
+solved from the steps near them (`locate.refine.solution`) and believed only where the photo shows far more of the
+part's edges than chance would (`locate.quality.support`). In doubt, lines are searched for again: farther away, beside
+the pose, and guided by colour.
 """
 
 from __future__ import annotations
@@ -33,16 +33,16 @@ from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.released import released
 from cadcam.locate.refine.solution import CLOSE_PX, PoseSolution, solved
 
-_PULLED_PX = 0.3  # by which lines are off that were pulled onto steps
-_REDRAW_PX = 1.5  # lines that moved this far may hide otherwise
-_WIDER, _WIDER_PX = 1.5, 14.0  # times the first search, at least
-_WEAKEST, _BESIDE_PX = 3, 4.0  # motions along which a loose pose may be another one, and how far lines move by them
-_ABOUT = 0.25  # share of the lines that colour speaks for, from which on a pose is about right
-_AROUND_PX = (3.0, 5.0, 8.0)  # searches there
-_EITHER = np.sqrt(0.5)  # of the way to another answer that is as likely
-_BANDED = 0.15  # share of a photo's lines that lie beside bands, from which on these are modelled
-_SAME_PX = 0.5  # a search that ends this near to where it began, at a pose that was found, finds the same again
-_ANY_TURN = np.pi**2 / 3  # rad^2: variance of a turn that may be any
+_PULLED_PX = 0.3  # error of lines that were pulled onto steps
+_REDRAW_PX = 1.5  # motion of lines after which others may be visible
+_WIDER, _WIDER_PX = 1.5, 14.0  # range of a wider search: times the first, and at least
+_WEAKEST, _BESIDE_PX = 3, 4.0  # weakest motions along which a loose pose may be another one; motion of the lines tried
+_ABOUT = 0.25  # share of the lines supported by colour from which a pose is approximately right
+_AROUND_PX = (3.0, 5.0, 8.0)  # search ranges there
+_EITHER = np.sqrt(0.5)  # share of the way to an equally likely answer, as a sd
+_BANDED = 0.15  # share of a photo's lines beside bands from which these are modelled
+_SAME_PX = 0.5  # a search that ends this near to its start, at a pose that was found, finds that one again
+_ANY_TURN = np.pi**2 / 3  # rad^2: variance of an unknown rotation
 
 
 def refine_pose(
@@ -56,19 +56,19 @@ def refine_pose(
     chosen: int = 0,
     wider: bool = True,
 ) -> Location:
-    """Return where the part stands, from a start world_from_part whose lines are off by no more than `search_px`.
+    """Return where the part is, from a start world_from_part whose lines are off by no more than `search_px`.
 
     photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points, lines
     or poses of the part that are known by other means. chosen: how many constraints the start meets only because it was
-    the best of many poses in these photos; they prove nothing (`locate.quality.support`). Where too little is seen to
-    determine the pose, the answer has quality 0.
+    the best of many poses in these photos; these are no evidence (`locate.quality.support`). Where too little is seen
+    to determine the pose, the answer has quality 0.
 
-    wider: whether other poses are tried where the answer is in doubt. (Where starts are known to be good, leave it out:
-    farther off there are only other lines.) They are: what a wider search finds from where the first one ended, as
-    lines of a wrong pose often half agree; where edges fit loosely, poses a little beside, if the start was the best of
-    many or the answer is still in doubt; where edges scatter, the pose that most of them agree on closely
-    (`locate.refine.agreement`); and where colour supports a doubtful answer, so that it must be about right, what is
-    found near it.
+    wider: whether other poses are tried where the answer is in doubt (not useful where starts are known to be good, as
+    farther off there are only other lines). These are: the result of a wider search from where the first one ended,
+    because lines of a wrong pose often half agree; where edges fit loosely, poses slightly beside, if the start was the
+    best of many or the answer is still in doubt; where edges scatter, the pose that most of them agree on closely
+    (`locate.refine.agreement`); and where colour supports a doubtful answer, which must then be approximately right,
+    the result of a search near it.
     """
 
     def found_in(photos: Sequence[Photo]) -> Location:
@@ -78,7 +78,7 @@ def refine_pose(
 
 
 def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Photo]], Location]) -> Location:
-    """Return what is found in the photos; if nothing, and noise hides lines, what is found in smoothed ones."""
+    """Return what is found in the photos; if nothing is, and noise hides lines, what is found in smoothed ones."""
     first = found_in(photos)
     if first.found:
         return first
@@ -91,10 +91,10 @@ def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Phot
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refinement:
-    """The arguments of `refine_pose` but for the start, and the steps by which it reaches an answer.
+    """The arguments of `refine_pose` except for the start, and the steps by which it reaches an answer.
 
-    least: quality that lines must have as they are pulled onto the photos' steps, which is about that after the fit;
-    else nothing is fitted.
+    least: quality that the lines must have once they are pulled onto the photos' steps, approximately that after the
+    fit; else nothing is fitted.
     """
 
     part: Part
@@ -107,7 +107,7 @@ class Refinement:
     least: float = 0.0
 
     def around(self, start: Rigid) -> tuple[Location, Sequence[Sight]]:
-        """Return what `refine_pose` does, and the photos with the part's lines as drawn within a pixel or two of it."""
+        """Return the answer of `refine_pose`, and the photos with the part's lines drawn near it."""
         if not self.photos:
             raise BadValue("photos", "none", "at least one photo")
         spin, told = self.part.spin, self.freedom.without(self.part.spin, start)
@@ -120,7 +120,7 @@ class Refinement:
         return location if told is self.freedom or spin is None else _turned_anyhow(location, spin), best.sights
 
     def from_start(self, start: Rigid) -> PoseAnswer:
-        """Return what is found around a start."""
+        """Return the answer around a start."""
         sights, pose = self.attracted(self.sights(start), start, self.options.search_px)
         constraints = self.freedom.at(pose).shape[1] + self.chosen
         if (
@@ -131,7 +131,7 @@ class Refinement:
         return self.settled(sights, pose)
 
     def again(self, best: PoseAnswer) -> PoseAnswer:
-        """Return a doubtful or loose answer, or a better one: found wider around it, or narrowly beside it."""
+        """Return a doubtful or loose answer, or a better one found by a wider search, or slightly beside it."""
         quality = best.location.quality
         in_doubt = quality < DOUBT[1] or best.loose
         if quality <= DOUBT[0] or not (in_doubt or best.scattered):
@@ -141,7 +141,7 @@ class Refinement:
         return self.beside(best) if self.chosen or best.location.quality < DOUBT[1] or best.scattered else best
 
     def farther(self, best: PoseAnswer) -> PoseAnswer:
-        """Return the answer, or a better one from lines looked for farther away."""
+        """Return the answer, or a better one from lines searched for farther away."""
         wide_px = max(_WIDER * self.options.search_px, _WIDER_PX)
         sights, pose = self.attracted(best.sights, best.pose, wide_px)
         if best.location.found and max(s.moved_px(best.pose, pose) for s in sights) < _SAME_PX:
@@ -150,7 +150,7 @@ class Refinement:
         return second if second.better_than(best) else best
 
     def beside(self, best: PoseAnswer) -> PoseAnswer:
-        """Return a loose answer, or the first better and closer fit at a pose a little beside it."""
+        """Return a loose answer, or the first better and closer fit at a pose slightly beside it."""
         if best.solution is None or not (best.loose or best.scattered):
             return best
         for start in _beside(best.solution):
@@ -166,7 +166,7 @@ class Refinement:
         return best
 
     def in_color(self, best: PoseAnswer, start: Rigid) -> PoseAnswer:
-        """Return a doubtful answer, or a better one found around where colour speaks for it or for the start."""
+        """Return a doubtful answer, or a better one found where colour supports it or the start."""
         if all(photo.chroma is None for photo in self.photos):
             return best
         for search_px in _AROUND_PX:
@@ -181,7 +181,7 @@ class Refinement:
         return best
 
     def in_accord(self, best: PoseAnswer) -> PoseAnswer:
-        """Return an answer; one found in several photos is by those of them that agree, and as sure as they do."""
+        """Return an answer; one from several photos rests on those that agree, and its covariance on how well."""
         if len(self.photos) < 2 or best.solution is None or not best.location.found:
             return best
         concord = Concord.of(best.solution, self.options)
@@ -223,7 +223,7 @@ class Refinement:
         return replace(answer, location=replace(location, matches=matches))
 
     def colored(self, pose: Rigid) -> tuple[float, Rigid, Sequence[Sight]]:
-        """Return the share of the lines' samples that colour speaks for at a pose, the pose, and its sights."""
+        """Return the share of the lines' samples that colour supports at a pose, the pose, and its sights."""
         sights = self.sights(pose)
         return in_color(self.part, sights, pose)[1], pose, sights
 
@@ -236,19 +236,19 @@ class Refinement:
         return answer
 
     def redrawn(self, answer: PoseAnswer) -> PoseAnswer:
-        """Return the answer, with lines drawn anew if its pose lies so far off that other lines may be visible."""
+        """Return the answer, with lines drawn again if its pose is so far off that other lines may be visible."""
         if answer.solution is None or not _away(answer.sights, answer.solution.pose):
             return answer
         pose = answer.solution.pose
         return self.measured(self.sights(pose, answer.sights), pose)
 
     def measured(self, sights: Sequence[Sight], pose: Rigid) -> PoseAnswer:
-        """Return the answer that a measurement near a pose gives.
+        """Return the answer measured near a pose.
 
-        Bands beside the lines are modelled only if edges then agree more closely, and closely where the part is not
-        found without them: with one more step at every line anything fits, if loosely. They are not where starts are
-        known to be good, nor for the many poses of a search that show nothing. How far the poses with and without bands
-        lie apart counts as an error in either case.
+        Bands beside the lines are modelled only if edges then agree more closely, and closely if the part is not found
+        without them: with one more step at every line anything fits, if loosely. They are not modelled where starts are
+        known to be good, nor for the many poses of a search that show nothing. The difference between the poses with
+        and without bands counts as an error in either case.
         """
         try:
             fitted = solved(sights, pose, self.freedom, self.evidence, self.options)
@@ -263,8 +263,8 @@ class Refinement:
     def beside_bands(self, sights: Sequence[Sight], pose: Rigid, untold: PoseSolution, found: bool) -> PoseAnswer:
         """Return the answer that models the bands, or else the one that does not; found: whether the latter was.
 
-        First lines may all be off (`locate.refine.regression`), if there are enough. Where they then fit loosely, that
-        leaves the pose to a few of them, and the better answer may be one that takes them for right.
+        If there are enough lines, all of them may be off at first (`locate.refine.regression`). If they then fit
+        loosely, that leaves the pose to a few of them, and the answer that trusts them may be better.
         """
         best, unlike = None, None
         for lines in (True, False) if untold.tells_lines else (False,):
@@ -283,7 +283,7 @@ class Refinement:
             return best
         try:
             plain = self.answered(untold.beside_its_bands())
-        except DegenerateGeometry as error:  # its lines, each of which bands may draw, leave the pose open
+        except DegenerateGeometry as error:  # if bands may draw each line, the pose is undetermined
             return PoseAnswer(lost(sights, pose, self.freedom, str(error)), None, sights)
         return plain if unlike is None else plain.unlike(unlike, _EITHER)
 
@@ -298,22 +298,22 @@ class Refinement:
         return self.sights(pose, sights) if _away(sights, pose) else sights, pose
 
     def sights(self, pose: Rigid, before: Sequence[Sight] = ()) -> list[Sight]:
-        """Return the lines drawn at a pose; what is known of the photos' noise from `before` is kept."""
+        """Return the lines drawn at a pose; the photos' noise known from `before` is kept."""
         noise = [s.noise for s in before] or [np.nan] * len(self.photos)
         sizes = {"step_px": self.options.step_px, "reach_px": 2 * self.options.reach_px}
         return [Sight.of(self.part, p, pose, noise=n, **sizes) for p, n in zip(self.photos, noise, strict=True)]
 
 
 def _away(sights: Sequence[Sight], pose: Rigid) -> bool:
-    """Return whether a pose is so far from where lines were drawn that others may be seen."""
+    """Return whether a pose is so far from where lines were drawn that others may be visible."""
     return max(s.moved_px(s.drawn, pose) for s in sights) > _REDRAW_PX
 
 
 def _beside(fitted: PoseSolution) -> list[Rigid]:
     """Return poses beside that of a loose fit, along those motions of the lines that the photos determine least.
 
-    Lines of thin plates seen edge-on may be taken for each other, all in the same sense: that too is a fit, if a loose
-    one. Between it and the right pose lies a hill that no search from either climbs.
+    Lines of thin plates seen edge-on may be mistaken for each other, all in the same sense: that is a fit too, if a
+    loose one. It is a local minimum of its own: no search leads from it to the right pose.
     """
     moved = []
     for sight in fitted.sights:
@@ -329,7 +329,7 @@ def _beside(fitted: PoseSolution) -> list[Rigid]:
 
 
 def _turned_anyhow(location: Location, spin: Array) -> Location:
-    """Return the answer for a part of revolution: its turn about its axis, a twist (6,), shows in no photo."""
+    """Return the answer for a part of revolution, whose rotation about its axis, a twist (6,), no photo shows."""
     pose = location.pose
     told = replace(
         pose,

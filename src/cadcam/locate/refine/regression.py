@@ -1,8 +1,9 @@
-"""The step of the pose that the offsets of the photos' edges ask for, by a regression with errors by edge.
+"""The step of the pose given the offsets of the photos' edges, by a regression with errors common to each edge.
 
-A chamfer, a shadow or paint shifts all samples of an edge together: pieces of edge have an offset of their own
-(`fit.grouped`). Beside bands, which run along whole lines, that is not all. The pieces of a line err alike there, and
-what bands do to the steps beyond what is modelled (`locate.lines.bands`) draws all lines to the same side, towards
+A chamfer, a shadow or paint shifts all samples of an edge together: so pieces of edge have an offset of their own
+(`fit.grouped`). Beside bands, which run along whole lines, that is not all. There the pieces of a line share an error,
+and what bands do to the steps beyond what is modelled (`locate.lines.bands`) draws all lines to the same side, towards
+dark or towards bright: one more unknown, with a prior.
 dark or towards bright; it is one more unknown, of a usual size.
 """
 
@@ -21,16 +22,16 @@ from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.refine.options import EdgeOptions
 
-_USUAL_PX = 0.05  # by which edges are off as a whole
-_LIMB_PX = 0.2  # by which the border of a round surface is off: it darkens ever faster towards it, or brightens
-_UNEVEN = 0.4  # of what edges are off by as a whole: they are off by that beside, they turn and bend too
-_DRAWN_PX = 0.05  # by which bands draw all lines towards dark or bright, beyond what is modelled
-_PIECES = 30  # groups that the edges are cut into at least
+_USUAL_PX = 0.05  # prior common offset of edges
+_LIMB_PX = 0.2  # error of the border of a round surface, towards which it darkens ever faster, or brightens
+_UNEVEN = 0.4  # share of the common offset of edges by which they are also uneven: rotated or bent
+_DRAWN_PX = 0.05  # prior of what draws all lines towards dark or bright beside bands, beyond what is modelled
+_PIECES = 30  # fewest groups that the edges are cut into
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Regression:
-    """How the samples of each photo belong together: numbers (N, 2) of piece and line; bands: beside the lines."""
+    """The groups of each photo's samples: numbers (N, 2) of piece and line; bands: whether these lie beside lines."""
 
     sights: Sequence[Sight]
     pieces: Sequence[Longs]
@@ -38,7 +39,7 @@ class Regression:
 
     @classmethod
     def of(cls, sights: Sequence[Sight], options: EdgeOptions, *, bands: bool) -> Regression:
-        """Return the regression on the samples of photos."""
+        """Return the regression for the samples of photos."""
         return cls(sights, _pieces(sights, options), bands)
 
     def step(
@@ -51,10 +52,10 @@ class Regression:
         *,
         on_lines: bool,
     ) -> GroupedFit:
-        """Return the step in the basis B (6, k) that the offsets and the other evidence ask for.
+        """Return the step in the basis B (6, k) given the offsets and the other evidence.
 
         on_lines: whether the lines are known to lie on their own steps. Then it is light that shifts them; before, they
-        may lie on others', and clear ones are off as far as faint ones.
+        may lie on others', and clear edges are as far off as faint ones.
         """
         other, rows, other_variance = evidence
         if not np.isfinite(rows).all():
@@ -75,9 +76,9 @@ class Regression:
     def _groups(
         self, measured: Sequence[StepOffsets], variance: Array, piece: Longs, line: Longs, *, on_lines: bool
     ) -> Groups:
-        """Return the groups of offsets, by piece (n,) and, beside bands, line (n,), followed by what is known exactly.
+        """Return the groups of offsets, by piece (n,) and, beside bands, line (n,), followed by exact data.
 
-        variance: of all data. What is known exactly is a group each, and a family.
+        variance: of all data. Each exact datum is a group, and a family, of its own.
         """
         group, n = _numbered(piece), len(piece)
         expected = _expected(self.sights, measured, group)
@@ -107,25 +108,25 @@ def _undrawn(fit: GroupedFit, bright: Array) -> GroupedFit:
 
 
 def _numbered(of: Longs) -> Longs:
-    """Return ascending numbers (n,) as such from 0 on, none left out."""
+    """Return ascending numbers (n,) renumbered from 0 without gaps."""
     return np.cumsum(np.diff(of, prepend=of[:1]) > 0, dtype=np.int64)
 
 
 def _relative(variance: Array, group: Longs, on_lines: bool) -> Array:
-    """Return the relative variances (G,) of the groups' offsets: in proportion to those of their means by noise.
+    """Return the relative variances (G,) of the groups' offsets: in proportion to the noise variances of their means.
 
-    Shadows, reflections and texture add to a step of brightness as noise does: they shift it the less the higher it is,
-    and are less alike along a longer edge. How much there is of them, which a few edges determine poorly, then hardly
-    moves the pose but only its covariance. on_lines: whether that is so.
+    Shadows, reflections and texture act on a brightness step like noise: they shift it the less the higher it is, and
+    are less correlated along a longer edge. Their amount, which a few edges determine poorly, then hardly affects the
+    pose, only its covariance. on_lines: whether that applies.
     """
     told = np.bincount(group, 1 / variance)
     return np.asarray(np.mean(told) / told if on_lines and len(told) else np.ones(len(told)))
 
 
 def _expected(sights: Sequence[Sight], measured: Sequence[StepOffsets], group: Longs) -> Array:
-    """Return the variance (G,) px^2 by which groups beside bands and on borders of round surfaces tend to be off.
+    """Return the expected variance (G,) px^2 of groups beside bands and on borders of round surfaces.
 
-    Towards such a border brightness changes with the root of the distance, which no slope of the ground describes.
+    Towards such a border brightness changes with the root of the distance, which no slope of the ground models.
     """
     if not len(group):
         return np.zeros(0)
@@ -137,8 +138,8 @@ def _expected(sights: Sequence[Sight], measured: Sequence[StepOffsets], group: L
 def _pieces(sights: Sequence[Sight], options: EdgeOptions) -> list[Longs]:
     """Return numbers (N, 2) of the piece of line, and of the line, that the samples of each photo lie on.
 
-    They ascend, over all photos together. Parts that are small in the picture have shorter pieces: a few groups would
-    not tell how they scatter.
+    They ascend, over all photos together. Parts that are small in the picture have shorter pieces, because the scatter
+    of a few groups could not be estimated.
     """
     most = min(options.group_px / options.step_px, sum(len(s.samples) for s in sights) / _PIECES)
     most = max(int(most), 5)
