@@ -1,6 +1,6 @@
-"""Least squares in blocks: views with poses of their own that share a camera, robot poses that share a hand-eye motion.
+"""Block least squares: views with poses of their own that share a camera, robot poses that share a hand-eye motion.
 
-A problem gives its residuals in `Blocks` at a state and moves a state by a `Step`. Single views are one block; a
+A problem gives its residuals in `Blocks` at a state and moves a state by a `Step`. A single view is one block; a
 problem may also have only shared or only own parameters. The loop is that of `fit.levenberg_marquardt`.
 """
 
@@ -18,7 +18,7 @@ from cadcam.fit.schur import Blocks, NormalEquations, Step, normal_equations
 
 State = TypeVar("State")
 
-_ROUNDS = 20  # of the scale of a robust loss and the fit in turn
+_ROUNDS = 20  # of alternating between the scale of a robust loss and the fit
 _SETTLED = 1e-3  # relative change of that scale
 
 
@@ -38,7 +38,7 @@ class BlockProblem(Protocol[State]):
 class BlockSolution(Generic[State]):
     """A minimum of a block problem.
 
-    blocks: residuals and Jacobians there, unweighted. weights (k, c): what the loss made of each point, 1 without one.
+    blocks: residuals and Jacobians there, unweighted. weights (k, c): the loss' weight of each point, 1 without one.
     cost: the minimised sum. scale: of the loss, in the residuals' unit (nan without one). variance: the factor that
     turns the cofactors of the weighted blocks into covariances where the noise is unknown; nan without freedom.
     """
@@ -63,7 +63,7 @@ def minimise_blocks(
     """Return the local minimum reached from `start`.
 
     With a robust loss each step solves the reweighted problem. Its scale starts from the median distance at the start
-    and is taken anew from each fit until it settles, so that a poor start is no outlier; a stated scale then has the
+    and is updated from each fit until it converges, so that a poor start is no outlier; a stated scale is kept for the
     last fit. Raises `NotConverged` if the start is forbidden, `Stalled` if the iterations run out.
     """
     loss = Loss() if loss is None else loss
@@ -99,14 +99,14 @@ def _fit(
 
 
 def _scale_of(blocks: Blocks) -> float:
-    """Return the noise of one coordinate by the median distance, corrected for the parameters that were fitted."""
+    """Return the noise of one coordinate from the median distance, corrected for the number of fitted parameters."""
     distance = np.sqrt(blocks.squared_distances()[blocks.measured_pairs()])
     share = max(blocks.dof, 1) / blocks.rows
     return max(noise_of_the_good(distance) / float(np.sqrt(share)), 1e-12)
 
 
 def _variance(blocks: Blocks, loss: Loss, scale: float) -> float:
-    """Return sum of squares by dof; of an M-estimator E[psi^2] E[w] / E[psi']^2 (Huber 1981, section 7.6)."""
+    """Return the sum of squares over dof; for an M-estimator E[psi^2] E[w] / E[psi']^2 (Huber 1981, section 7.6)."""
     if blocks.dof <= 0:
         return np.nan
     if loss.is_squared:

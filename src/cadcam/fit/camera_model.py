@@ -1,7 +1,7 @@
-"""The reprojection problem: states of a camera seeing fixed points, any of its parameters free.
+"""The reprojection problem: a camera that sees known points, with any of its parameters free.
 
 A state is one flat array: F (3), R (9, rows of our camera axes), aspect focal skew U0 V0 (5), lens coefficients (n).
-Leading axes are a batch, so a hundred starts descend at the cost of a few.
+Leading axes are a batch, so that a hundred starts are minimised at the cost of a few.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ _ANGLES = ("a", "b", "c")
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraModel:
-    """Points p_world (N, 3) mm seen at q (N, 2) px; `free` names what may move; the lens' class and fixed coefficients.
+    """Points p_world (N, 3) mm seen at q (N, 2) px; `free` names the free parameters; the lens' class and fixed terms.
 
-    With all angles free a step turns the camera by a rotation vector; with some fixed it moves the others themselves.
-    columns (n,): where the free ones stand among all parameters.
-    p_world (B, N, 3) and q (B, N, 2) give each of B states observations of its own.
+    With all angles free a step rotates the camera by a rotation vector; with some fixed it changes the others
+    themselves. columns (n,): indices of the free ones among all parameters. p_world (B, N, 3) and q (B, N, 2) give each
+    of B states observations of its own.
     """
 
     p_world: Array
@@ -46,7 +46,7 @@ class CameraModel:
 
     @property
     def steps_angles(self) -> bool:
-        """Return whether a step moves single angles a, b, c rather than turning by a rotation vector."""
+        """Return whether a step changes single angles a, b, c instead of rotating by a rotation vector."""
         return bool(self._angles)
 
     def residuals_and_jacobian(self, state: Array) -> tuple[Array, Array]:
@@ -60,7 +60,7 @@ class CameraModel:
         return (q - self.q).reshape(shape), J.reshape(*shape, len(self.free))
 
     def jacobian_by_parameters(self, state: Array) -> Array:
-        """Return dq/dparameters (2N, n) of one state in the order of `free`, turns by the thesis' a b c."""
+        """Return dq/dparameters (2N, n) of one state in the order of `free`, rotations by the thesis' a b c."""
         _, J = self.residuals_and_jacobian(state)
         turn = [i for i, name in enumerate(self.free) if name in _ANGLES]
         if len(turn) == 3:
@@ -101,7 +101,7 @@ class CameraModel:
         return camera_of(state[_INTERNALS], size, self._lens(state))
 
     def pixels(self, states: Array) -> Array:
-        """Return where each state sees the points (..., N, 2) px; NaN where it does not."""
+        """Return the images (..., N, 2) px of the points in each state; NaN for points not imaged."""
         if states.ndim > 1 and self._free_lens:  # each state has a lens of its own
             return np.stack([self.of_states(np.array(i)).pixels(s) for i, s in enumerate(states)])
         if states.ndim == 1 and not np.isfinite(states).all():

@@ -1,8 +1,8 @@
 """Two cameras compared: how far apart in px they image the same directions, as they are or after the best rotation.
 
 A calibration fixes where the camera looks only up to its pose: two calibrations of one camera may differ by a small
-rotation that any later pose estimate takes up again. What no rotation explains is the difference that matters; mrcal
-calls the rotation implied (mrcal `doc/differencing.org`).
+rotation that any later pose estimate absorbs. What no rotation explains is the difference that matters; mrcal calls
+this the implied rotation (mrcal `doc/differencing.org`).
 """
 
 from __future__ import annotations
@@ -105,9 +105,9 @@ class _Turn:
         """Return the distances (2 N,) px and their Jacobian by a rotation vector on the right of the state."""
         q, by_point = self.camera.project_with_jacobian(self.directions @ state.T)
         J = -by_point @ state @ so3.hat(self.directions)
-        seen = np.asarray(~np.isnan(q).any(axis=1))  # directions that the turn carries beyond the lens say nothing
+        seen = np.asarray(~np.isnan(q).any(axis=1))  # directions moved beyond the lens do not count
         return np.where(seen[:, None], q - self.q, 0.0).ravel(), np.where(seen[:, None, None], J, 0.0).reshape(-1, 3)
 
     def retract(self, state: Array, step: Array) -> Array:
-        """Return the rotation turned by a rotation vector."""
+        """Return the rotation composed with a rotation vector."""
         return np.asarray(state @ so3.exp(step))

@@ -1,7 +1,7 @@
-"""The direct linear transform: the matrix of a camera of any dimension from points, without guess or iteration.
+"""The direct linear transform: the matrix of a camera of any dimension from points, without a guess or iteration.
 
-3D to 2D (3x4), plane to picture (3x3) and plane to line (2x3) differ in nothing but the number of coordinates: every
-image coordinate of a point is one equation that is linear in the matrix.
+3D to 2D (3x4), plane to picture (3x3) and plane to line (2x3) differ only in the number of coordinates: every image
+coordinate of a point is one equation that is linear in the matrix.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def _normalised(p_world: Array, q: Array) -> Array:
     S, T = _similarity(p_world), _similarity(q)
     A = _equations(_apply(S, p_world), _apply(T, q))
     missing = A.shape[1] - A.shape[0]
-    if missing > 0:  # as many equations as unknowns: the last row of Vt is what they leave open
+    if missing > 0:  # as many equations as unknowns: the last row of Vt is their null vector
         A = np.concatenate([A, np.zeros((missing, A.shape[1]))])
     _, s, Vt = np.linalg.svd(A, full_matrices=False)
     _refuse_blind(s, (p_world.shape[1], q.shape[1]))

@@ -1,4 +1,4 @@
-"""How world points lie: on a line, on a plane or in space, in numbers; and refusals that carry them."""
+"""The extents of world points, on a line, on a plane or in space, and refusals that state them."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import numpy as np
 from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateGeometry
 
-COLLINEAR = 1e-5  # width by length below which points are a line
-COPLANAR = 1e-4  # thickness by length below which points are a plane: 0.03 mm over 300 mm
+COLLINEAR = 1e-5  # width over length below which points are on a line
+COPLANAR = 1e-4  # thickness over length below which points are on a plane: 0.03 mm over 300 mm
 _PLANE_KNOWS = 8  # degrees of freedom of a plane's homography
 
 
@@ -22,7 +22,7 @@ def extents(p_world: Array) -> Array:
 
 
 def flatness(p_world: Array) -> float:
-    """Return thickness by length: 0 for points on a plane, about 1 for a cloud."""
+    """Return thickness over length: 0 for points on a plane, about 1 for a cloud."""
     e = extents(p_world)
     return float(e[2] / e[0]) if e[0] > 0 else 0.0
 

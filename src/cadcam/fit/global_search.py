@@ -25,10 +25,10 @@ from cadcam.geometry import rotation as so3
 
 @dataclass(frozen=True, slots=True)
 class Effort:
-    """How hard to look. The defaults find every optimum of benchmarks/pose_global.py with a margin; see its table.
+    """The effort of the search. The defaults find all optima of benchmarks/pose_global.py with a margin; see its table.
 
-    triples, keep: three-point problems solved, and how many of their poses are descended (those of least residual).
-    spread: evenly spread rotations. screen: points used until the basins are known. survivors: basins polished.
+    triples, keep: three-point problems solved, and how many of their poses are minimised (those of least residual).
+    spread: evenly spread rotations. screen: points used until the basins are known. survivors: basins refined.
     """
 
     triples: int = 20
@@ -72,7 +72,7 @@ def polished(model: CameraModel, states: Array) -> list[Solution[Array]]:
     for state in states:
         try:
             found.append(minimise(model, state, floor))
-        except NotConverged as error:  # no loss while another start arrives
+        except NotConverged as error:  # no loss while another start converges
             failure = error
     if not found:
         raise failure
@@ -110,7 +110,7 @@ def _pose_starts(model: CameraModel, internals: Array, externals: Mapping[str, f
 def _spread_starts(
     model: CameraModel, internals: Array, rays: Array, externals: Mapping[str, float], count: int
 ) -> Array:
-    """Return views of the points' centre from all sides, from where they look as large as they were seen."""
+    """Return views of the points' centre from all sides, at distances where they have their observed size."""
     seen = rays[np.isfinite(rays).all(axis=1)]
     aim = seen.mean(axis=0) if len(seen) else np.array([0.0, 0.0, 1.0])
     aim = aim / np.linalg.norm(aim)
@@ -125,7 +125,7 @@ def _spread_starts(
 
 
 def _imposed(F: Array, R: Array, centre: Array, aim: Array, externals: Mapping[str, float]) -> tuple[Array, Array]:
-    """Put fixed coordinates and angles in place; between them, turn the camera so that it still looks at the points."""
+    """Set fixed coordinates and angles; where only some are fixed, turn the camera to look at the points again."""
     for i, name in enumerate(("X", "Y", "Z")):
         if name in externals:
             F[:, i] = externals[name]
@@ -162,7 +162,7 @@ def spread_rotations(count: int) -> Array:
 
 
 def _apart(states: Array, costs: Array) -> list[int]:
-    """Return the indices of different states of finite cost, by cost; one near a better one counts as the same."""
+    """Return the indices of distinct states of finite cost, by cost; one near a better one is the same."""
     order = [int(i) for i in np.argsort(costs, kind="stable") if np.isfinite(costs[i])]
     kept: list[int] = []
     for i in order:

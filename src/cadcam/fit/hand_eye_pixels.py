@@ -1,8 +1,8 @@
-"""The hand-eye adjustment on pixels: every robot pose may be off by a little, and the pictures say by how much.
+"""The hand-eye adjustment on pixels: every robot pose may be slightly off, and the pictures show by how much.
 
 Unknown are flange_from_held, base_from_fixed, for each pose the flange's offset (names of `cadcam.fit.hand_eye_poses`),
-and, with a prior, the camera's internals. The offsets are held by the robot's noise and eliminated block by block.
-Without them the robot's errors would be charged to the camera.
+and, with a prior, the camera's internals. The offsets have the robot's noise as prior and are eliminated block by
+block. Without them the robot's errors would be attributed to the camera.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _EXTERNALS, _INTERNALS = 6, 5  # local coordinates of cadcam.camera.sensitivity:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeState:
-    """Where the adjustment stands; offset (n) are motions of the flange, internals (5 + lens coefficients) as named."""
+    """The state of the adjustment; offset (n) are motions of the flange, internals (5 + lens coefficients) as named."""
 
     flange_from_held: Rigid
     base_from_fixed: Rigid
@@ -34,9 +34,10 @@ class HandEyeState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class InternalsPrior:
-    """Which internals are free, what they are expected to be, and the square root of that knowledge's information.
+    """Which internals are free, their prior mean, and the square root of the prior's information.
 
     columns (f,): indices into (aspect, focal, skew, U0, V0, lens ...); mean (f,); root (f, f): root^T root = inverse
+    covariance. No columns: the internals are fixed.
     covariance. No columns: the internals are fixed.
     """
 
@@ -46,7 +47,7 @@ class InternalsPrior:
 
     @classmethod
     def fixed(cls) -> InternalsPrior:
-        """Return the prior that lets nothing move."""
+        """Return the prior that keeps all internals fixed."""
         return cls(np.zeros(0, dtype=int), np.zeros(0), np.zeros((0, 0)))
 
     @classmethod
@@ -73,7 +74,7 @@ class HandEyePixels:
     robot_noise: Array
 
     def camera_from_target(self, state: HandEyeState) -> Rigid:
-        """Return where the target stands before the camera in every view."""
+        """Return the pose of the target in the camera frame for every view."""
         fixed_from_held = state.base_from_fixed.inv @ self.base_from_flange @ state.offset @ state.flange_from_held
         return fixed_from_held.inv if self.camera_held else fixed_from_held
 
@@ -119,10 +120,10 @@ class HandEyePixels:
         )
 
     def internals_by_poses(self, state: HandEyeState) -> tuple[Array, Array]:
-        """Return how each view's own pose follows the free internals, and what the views alone say of these.
+        """Return how each view's own pose depends on the free internals, and the views' information on these.
 
-        (n, 6, f): twist of camera_from_target of the best pose in each picture by the free internals; (f, f): the
-        information on them in prior and pictures when each picture has a pose of its own.
+        (n, 6, f): derivative of the twist of camera_from_target, at the best pose in each picture, by the free
+        internals; (f, f): the information on them in prior and pictures when each picture has a pose of its own.
         """
         _, J = self._projected(state, self.camera_from_target(state))
         n, N = self.views.seen.shape

@@ -1,11 +1,11 @@
 """The simultaneous hand-eye adjustment on poses: every pose weighted by its own covariance, robot noise estimated.
 
-The robot stood where it said, but for an offset e of the flange, in flange axes: base_from_flange @ offset(e), where
-offset(t, r) turns by r about the flange's origin and moves it by t. Then, in the names of `cadcam.fit.hand_eye`,
+The robot is where it says, except for an offset e of the flange, in flange axes: base_from_flange @ offset(e), where
+offset(t, r) rotates by r about the flange's origin and moves it by t. Then, in the names of `cadcam.fit.hand_eye`,
 
     offset(e_i) = inv(base_from_flange[i]) @ base_from_fixed @ inv(held_from_fixed[i]) @ inv(flange_from_held),
 
-and the adjustment finds flange_from_held and base_from_fixed, and how large the offsets are.
+and the adjustment finds flange_from_held and base_from_fixed, and the variances of the offsets.
 """
 
 from __future__ import annotations
@@ -22,12 +22,12 @@ from cadcam.geometry.rigid import Rigid
 
 PATTERNS = np.stack([np.diag([1.0, 1, 1, 0, 0, 0]), np.diag([0.0, 0, 0, 1, 1, 1])])  # translation, rotation
 _STEP = np.tile(np.repeat([1.0, 1e-3], 3), 2)  # mm and rad that count as one
-SMALLEST = np.array([1e-4, 1e-7])  # mm, rad: noise below this is none
+SMALLEST = np.array([1e-4, 1e-7])  # mm, rad: smaller noise counts as none
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyePoses:
-    """A robot's n poses and how the held and the fixed thing saw each other, and how well (covariance (n, 6, 6)).
+    """A robot's n poses and the relative poses of the held and the fixed thing, with covariance (n, 6, 6).
 
     Covariance of held_from_fixed @ exp(xi), mm and rad; zeros for poses without noise.
     """
@@ -81,10 +81,10 @@ class PosesFit:
 
     @property
     def degrees_of_freedom(self) -> Array:
-        """Return how many degrees of freedom stand behind each of the twelve variances, (12,), at least 1.
+        """Return the degrees of freedom behind each of the twelve variances, (12,), at least 1.
 
-        2 C^2 / var(C) (Satterthwaite, Biometrics Bulletin 1946): few where the robot's noise, known from few poses,
-        makes up the variance; inf where it is zero and the camera's known noise is all.
+        2 C^2 / var(C) (Satterthwaite, Biometrics Bulletin 1946): few where the robot's noise, estimated from few poses,
+        makes up the variance; inf where it is zero and the camera's noise is known.
         """
         C = np.linalg.inv(self.information)
         slopes = np.einsum("pq,kqr,rp->kp", C, self._by_variance[0], C)  # of the variances C by those of the robot
@@ -119,7 +119,7 @@ class PosesFit:
 
     @property
     def squared_distances(self) -> Array:
-        """Return each offset's squared size by its noise, (n,): about 6 where all is well."""
+        """Return each offset's squared size relative to its noise, (n,): about 6 if all is well."""
         return np.asarray(np.einsum("ni,nij,nj->n", self.offsets, self.weights, self.offsets))
 
 
@@ -154,15 +154,15 @@ def evaluated(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rig
 
 
 def smoothed(fit: PosesFit) -> Array:
-    """Return the part (n, 6) of the offsets that is the robot's, the rest being the camera's, by their covariances."""
+    """Return the robot's part (n, 6) of the offsets, as opposed to the camera's, by their covariances."""
     robot = np.einsum("k,kij->ij", fit.variances, PATTERNS)
     return np.asarray(np.einsum("ij,njk,nk->ni", robot, fit.weights, fit.offsets))
 
 
 def adjust_robustly(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rigid, noise: Array) -> PosesFit:
-    """Return an adjustment that gross errors in less than half of the poses do not move: Cauchy's loss.
+    """Return an adjustment that is robust to gross errors in less than half of the poses: Cauchy's loss.
 
-    noise (2,): sigmas of translation (mm) and rotation (rad) to begin with, then taken from the medians of the offsets.
+    noise (2,): initial sigmas of translation (mm) and rotation (rad), then estimated from the medians of the offsets.
     """
     X, Z, s = flange_from_held, base_from_fixed, noise**2
     for _ in range(40):

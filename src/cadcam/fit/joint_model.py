@@ -1,6 +1,6 @@
-"""Views of fields of points by one camera: shared internals, a pose of its own for every view.
+"""Views of point fields by one camera: shared internals, and a pose for every view.
 
-The state holds the poses in the camera frame, p_camera = R p + t, and a step turns and moves a view there:
+The state holds the poses in the camera frame, p_camera = R p + t, and a step rotates and moves a view there:
 t <- exp(w) t + v, R <- exp(w) R. Points are fixed, or bent with a board, or free within a covariance of their own.
 """
 
@@ -22,7 +22,7 @@ from cadcam.geometry import rotation as so3
 BEND = ("bend_x", "bend_y")
 OWN = ("tx", "ty", "tz", "rx", "ry", "rz")  # of a view's pose, in the camera frame
 _EVERY = slice(None)
-_AT_ONCE = 8192  # points: what comes up on the way stays in the processor's cache
+_AT_ONCE = 8192  # points: intermediate results stay in the processor's cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,7 +39,7 @@ class JointState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Control:
-    """Free points: index (k, N) of the one that was seen, P for a fixed point; whitener (P, 3), 1/sigma in 1/mm."""
+    """Free points: index (k, N) of each observed one, P for a fixed point; whitener (P, 3), 1/sigma in 1/mm."""
 
     index: Longs
     whitener: Array
@@ -76,7 +76,7 @@ class JointModel:
 
     @property
     def shared(self) -> tuple[str, ...]:
-        """Return the names of the shared parameters in the order of the columns, free points behind."""
+        """Return the names of the shared parameters in the order of the columns, free points last."""
         if self.control is None:
             return self.free
         return (*self.free, *(f"{c} of point {i + 1}" for i in range(len(self.control.whitener)) for c in "XYZ"))
@@ -111,7 +111,7 @@ class JointModel:
         )
 
     def points(self, state: JointState, views: slice = _EVERY) -> Array:
-        """Return the points (k, N, 3) as the state bends or moves them, of all views or of some."""
+        """Return the points (k, N, 3), bent or moved by the state, of all views or of some."""
         p = self.p[views]
         if self.bump is not None:
             p = p + (self.bump[views] @ state.bend)[..., None] * np.array([0.0, 0.0, 1.0])
