@@ -1,7 +1,7 @@
-"""Where in a picture a template lies, in any orientation: peaks of the normalised correlation, to parts of a pixel.
+"""Template search in any orientation: peaks of the normalised correlation, to a fraction of a pixel.
 
-The search goes over means of blocks of pixels (`Template.coarsest`), at every position and orientation; the best of
-its maxima climb, at ever finer pixels, to the peak of the normalised correlation in position, angle and, if asked for,
+The search runs on means of blocks of pixels (`Template.coarsest`), at every position and orientation; the best of its
+maxima climb, on finer and finer levels, to the peak of the normalised correlation in position, angle and, if asked for,
 scale. The climb is inverse compositional (S. Baker and I. Matthews, Lucas-Kanade 20 years on, IJCV 2004) on the
 correlation coefficient, so that gain and offset of the grey levels do not matter.
 """
@@ -22,20 +22,21 @@ from cadcam.image.template import Template
 from cadcam.native.correlate import registered, searched, shrunken
 
 _FULL_TURN = (-math.pi, math.pi)
-_FINER = 2.5  # from level to level
-_SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels without being lost
-_ROUGH, _SETTLED = 0.03, 0.001  # px of a level: the last step of a climb, between levels and at the end
-_REACH, _LEAST_REACH = 0.25, 3.0  # share of the template, and px of a level, that a climb may go
+_FINER = 2.5  # ratio from level to level
+_SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels and still be kept
+_ROUGH, _SETTLED = 0.03, 0.001  # px of a level: last step of a climb, between levels and at the end
+_REACH, _LEAST_REACH = 0.25, 3.0  # how far a climb may go: share of the template, and px of a level, at least
 
 
 @dataclass(frozen=True, slots=True)
 class CorrelateOptions:
-    """What is looked for.
+    """What is searched for.
 
-    angles: from and to (rad), the picture's x axis towards its y axis; scales: least and largest. count: peaks to
+    angles: range (rad), from the picture's x axis towards its y axis; scales: least and largest. count: peaks to
     return; least_score: of a peak, 0 to 1. apart: peaks nearer than this share of the template's smaller side, and
-    turned by less than as many radians, are one. either_sign: a template of reversed contrast matches as well.
-    least_contrast: standard deviation of the grey levels under a match, at least. candidates: coarse maxima looked at.
+    rotated by less than as many radians, are one. either_sign: a template of reversed contrast matches as well.
+    least_contrast: least standard deviation of the grey levels under a match. candidates: coarse maxima that are
+    refined.
     """
 
     angles: tuple[float, float] = _FULL_TURN
@@ -62,7 +63,7 @@ class CorrelateOptions:
 
     @property
     def motions(self) -> int:
-        """Return how many motions are free: two shifts and a turn, and the scale where it has a range."""
+        """Return how many motions are free: two shifts and a rotation, and the scale where it has a range."""
         return 4 if self.scales[1] > self.scales[0] else 3
 
 
@@ -73,10 +74,9 @@ ANY_ANGLE = CorrelateOptions()
 class Peaks:
     """Peaks of the normalised correlation, best first.
 
-    q (N, 2) px where the template's centre lies; angle (N,) rad from the picture's x towards its y axis; scale (N,);
-    score (N,) in [-1, 1]; covariance (N, 4, 4) of (x, y, angle, scale) by the grey levels that the template does not
-    explain. complete: whether no maximum of the coarse search that could have become a better first peak was left
-    aside.
+    q (N, 2) px: the template's centre; angle (N,) rad from the picture's x towards its y axis; scale (N,); score (N,)
+    in [-1, 1]; covariance (N, 4, 4) of (x, y, angle, scale), from the grey levels that the template does not explain.
+    complete: whether no maximum of the coarse search was dropped that could have become a better first peak.
     """
 
     q: Array
@@ -106,7 +106,7 @@ class Peaks:
         return np.asarray(np.sqrt(np.einsum("nii->ni", self.covariance)))
 
     def at(self, uv: Array) -> Array:
-        """Return where (N, M, 2) px template points (M, 2), in px from its centre, lie at each peak."""
+        """Return where (N, M, 2) px template points (M, 2), in px from its centre, lie for each peak."""
         c, s = self.scale * np.cos(self.angle), self.scale * np.sin(self.angle)
         R = np.stack([np.stack([c, -s], axis=-1), np.stack([s, c], axis=-1)], axis=-2)
         return np.asarray(self.q[:, None] + np.asarray(uv, np.float64) @ np.swapaxes(R, -1, -2))
@@ -115,8 +115,8 @@ class Peaks:
 def correlate(gray: npt.ArrayLike, template: Template, *, options: CorrelateOptions = ANY_ANGLE) -> Peaks:
     """Return the best peaks of a template in a grey picture (H, W) in [0, 1]; empty if there are none.
 
-    The template lies wholly in the picture, to one pixel. Where nothing reaches least_score, the search is done once
-    more with finer pixels. Raises `BadValue`, and `MissingCore` where cadcam was installed without its C core.
+    The template must lie in the picture, to one pixel. Where nothing reaches least_score, the search is repeated once
+    with finer pixels. Raises `BadValue`, and `MissingCore` where cadcam was installed without its C core.
     """
     picture = _Pyramid(gray)
     factor = template.coarsest()
@@ -129,7 +129,7 @@ def correlate(gray: npt.ArrayLike, template: Template, *, options: CorrelateOpti
 def register(
     gray: npt.ArrayLike, template: Template, start: npt.ArrayLike, *, options: CorrelateOptions = ANY_ANGLE
 ) -> Peaks:
-    """Return the peaks near starts (N, 4): x, y (px), angle (rad), scale; lost ones and repetitions are left out."""
+    """Return the peaks near starts (N, 4): x, y (px), angle (rad), scale; lost ones and duplicates are left out."""
     picture = _Pyramid(gray)
     poses = np.array(start, np.float64).reshape(-1, 4)
     for level in _levels(template.coarsest()):
@@ -138,7 +138,7 @@ def register(
 
 
 class _Pyramid:
-    """A picture and its means over blocks of pixels, made when first asked for."""
+    """A picture and its means over blocks of pixels, computed on first use."""
 
     def __init__(self, gray: npt.ArrayLike) -> None:
         picture = to_gray(gray)
@@ -170,7 +170,7 @@ def _search(picture: _Pyramid, template: Template, factor: int, options: Correla
 
 
 def _levels(factor: int) -> Iterator[int]:
-    """Yield the levels from the coarsest to that of the pixels."""
+    """Yield the levels from the coarsest to single pixels."""
     while factor > 1:
         yield factor
         factor = max(1, round(factor / _FINER))
@@ -186,7 +186,7 @@ def _candidates(picture: _Pyramid, template: Template, factor: int, options: Cor
     at = _maxima(best, which, motions[:, 0], least, 2.5 * template.step(factor))
     score = best.ravel()[at].astype(np.float64)
     y, x = np.divmod(at, best.shape[1])
-    q = (np.stack([x, y], axis=1) - 0.5) * factor - 0.5  # less the margin of 1, from the middle of a block
+    q = (np.stack([x, y], axis=1) - 0.5) * factor - 0.5  # less the margin of 1, from the centre of a block
     return np.concatenate([q, motions[which.ravel()[at]]], axis=1), score
 
 
@@ -198,7 +198,7 @@ def _threshold(best: Picture, least: float, most: int) -> float:
 
 
 def _maxima(best: Picture, which: Ids, angles: Array, least: float, alike: float) -> npt.NDArray[np.intp]:
-    """Return the flat indices, best first, of what no neighbour of about the same angle exceeds."""
+    """Return the flat indices, best first, of maxima that no neighbour of similar angle exceeds."""
     width = best.shape[1]
     score, number = best.ravel(), which.ravel()
     inner = np.zeros(best.shape, bool)
@@ -236,7 +236,7 @@ def _refined(
 def _best_apart(
     template: Template, poses: Array, score: Array, options: CorrelateOptions, count: int, least: float
 ) -> tuple[Array, Array]:
-    """Return the best poses that lie apart in the picture, by place or by angle, best first."""
+    """Return the best poses that differ in place or angle, best first."""
     size = np.abs(score) if options.either_sign else score
     order = np.argsort(-size, kind="stable")
     order = order[size[order] >= least][: 3 * count]
@@ -264,7 +264,7 @@ def _peaks(picture: _Pyramid, template: Template, poses: Array, options: Correla
 
 
 def _within(poses: Array, template: Template, options: CorrelateOptions) -> Mask:
-    """Return which poses are of the angles and scales asked for, to the reach of their climb."""
+    """Return which poses have angles and scales in the range asked for, within the reach of a climb."""
     slack = 0.5 * template.step(template.coarsest())
     low, high = options.angles
     turned = np.abs(_wrapped(poses[:, 2] - 0.5 * (low + high))) <= 0.5 * (high - low) + slack
@@ -285,7 +285,7 @@ def _in_picture(poses: Array, template: Template, picture: Picture) -> Mask:
 
 
 def _covariance(template: Template, poses: Array, score: Array, motions: int) -> Array:
-    """Return the covariances (N, 4, 4): what is left of unit grey levels is noise, alike in every pixel."""
+    """Return the covariances (N, 4, 4); the residual of normalised grey levels is noise, equal in every pixel."""
     points = template.points(1, motions)
     noise = (1 - score**2) / np.maximum(score**2, 1e-12) / max(points.count - 2 - motions, 1)
     out = np.zeros((len(poses), 4, 4))

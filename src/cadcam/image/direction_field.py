@@ -1,14 +1,14 @@
-"""Direction fields of a photo: at each pixel and for each of a few directions, how surely a line runs there.
+"""Direction fields of a photo: at each pixel and for each of a few directions, the certainty of a line there.
 
-The gradient by Sobel's operator is judged against the picture's noise (the median of its magnitude, which is Rayleigh
-distributed where there is nothing but noise) and against the mean around it, so that neither contrast nor exposure
-counts and no texture outweighs a lonely edge; pixels beside the top of an edge count less. Its direction is spread over
-the sectors by a cosine's fourth power. Like the response maps of S. Hinterstoisser et al., Gradient response maps
-for real-time detection of textureless objects, PAMI 34 (2012), the fields are made to be summed along the edges of a
-model; unlike those they keep lines sharp, and coarser fields are pooled from finer ones, so that the two sides of a
-thin plate do not cancel.
+The gradient by Sobel's operator is compared with the picture's noise (the median of its magnitude, which is Rayleigh
+distributed where there is only noise) and with the mean around it, so that neither contrast nor exposure matters and no
+texture outweighs an isolated edge; pixels beside the crest of an edge count less. Its direction is spread over the
+sectors by a cosine's fourth power. Like the response maps of S. Hinterstoisser et al., Gradient response maps for
+real-time detection of textureless objects, PAMI 34 (2012), the fields are made to be summed along the edges of a model;
+unlike those they keep lines sharp, and coarser fields are pooled from finer ones, so that the two sides of a thin plate
+do not cancel.
 
-Fields are those of an ideal camera: through a lens the picture is straightened first.
+Fields are those of an ideal camera: lens distortion is removed first.
 """
 
 from __future__ import annotations
@@ -25,10 +25,10 @@ from cadcam.native.fields import SECTORS, Planes, directions, halve, reduce, str
 
 __all__ = ["SECTORS", "DirectionField", "direction_fields"]
 
-_FLOOR = 0.5 / 255  # grey value per pixel: below it gradients are quantisation
-_WIDEST = 1.5  # a straightened picture is at most so many times as large as the photo
-_LEAST = 4  # px along the shorter side of a field
-_STEP = 8  # px between places whose image the lens tells; between them it is straight to hundredths of a pixel
+_FLOOR = 0.5 / 255  # grey value per pixel: smaller gradients are quantisation
+_WIDEST = 1.5  # largest size of an undistorted picture relative to the photo
+_LEAST = 4  # px, least shorter side of a field
+_STEP = 8  # px between nodes at which the lens is evaluated; linear interpolation is good to hundredths of a pixel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,11 +53,11 @@ def direction_fields(
     levels: int = 3,
     region: tuple[int, int, int, int] | None = None,
 ) -> tuple[DirectionField, ...]:
-    """Return the fields of a photo (H, W) taken by `camera`, the finest (`reduction` photo pixels to one) first.
+    """Return the fields of a photo (H, W) taken by `camera`, the finest (`reduction` photo pixels per pixel) first.
 
-    Each next one has half the size; fewer than `levels` come back where a side would fall below 4 px. region: only this
-    part of the photo, (left, top, right, bottom) px, right and bottom excluded; cameras come back cropped alike, those
-    of a lens with some px more.
+    Each next one has half the size; fewer than `levels` are returned if a side would fall below 4 px. region: only this
+    part of the photo, (left, top, right, bottom) px, right and bottom excluded; cameras are cropped accordingly, with a
+    margin if they have a lens.
     """
     box = (0, 0, *camera.size) if region is None else region
     if isinstance(camera.lens, Ideal):
@@ -81,7 +81,7 @@ def _even(gray: Picture, k: int) -> Picture:
 
 
 def _reduced(camera: Camera, k: int) -> Camera:
-    """Return the camera of boxes of k x k pixels; what is over at the right and below is cut off."""
+    """Return the camera of blocks of k x k pixels; incomplete ones at the right and bottom are cut off."""
     width, height = camera.width // k, camera.height // k
     return camera.crop(0, 0, (width * k, height * k)).resize((width, height)) if k > 1 else camera
 
@@ -89,7 +89,7 @@ def _reduced(camera: Camera, k: int) -> Camera:
 def _straightened(
     gray: Picture, camera: Camera, k: int, region: tuple[int, int, int, int]
 ) -> tuple[Picture, Mask, Camera]:
-    """Return what a region of a photo, made smaller by k, shows an ideal camera, which pixels those are, the camera."""
+    """Return a region of a photo, reduced by k, as an ideal camera sees it, which pixels are valid, and that camera."""
     ideal, nodes = _straight(camera, k)
     left, top, right, bottom = (side / k for side in region)
     x, y = nodes[..., 0], nodes[..., 1]
@@ -98,7 +98,7 @@ def _straightened(
     nodes = nodes[first : first + down + 1, column : column + across + 1]
     x0, y0 = _STEP * column, _STEP * first
     ideal = ideal.crop(x0, y0, (min(_STEP * across, ideal.width - x0), min(_STEP * down, ideal.height - y0)))
-    rows = np.clip(nodes[..., 1], 0, camera.height // k)  # of the photo that are needed
+    rows = np.clip(nodes[..., 1], 0, camera.height // k)  # the rows of the photo that are needed
     low, high = int(np.fmin.reduce(rows, axis=None)), int(np.fmax.reduce(rows, axis=None)) + 2
     return (
         *straighten(_even(gray[low * k : high * k], k), nodes - np.array([0, low], np.float32), _STEP, ideal.size),
@@ -107,7 +107,7 @@ def _straightened(
 
 
 def _steps(inside: Mask) -> tuple[int, int]:
-    """Return the first of the steps between nodes that hold all nodes inside, and how many they are; all if none is."""
+    """Return the first interval between nodes, and their number, that cover all nodes inside; all if none is."""
     found = np.flatnonzero(inside)
     first, last = (max(int(found[0]) - 1, 0), int(found[-1]) + 1) if len(found) else (0, len(inside))
     return first, min(last, len(inside) - 1) - first
@@ -115,10 +115,10 @@ def _steps(inside: Mask) -> tuple[int, int]:
 
 @lru_cache(maxsize=8)
 def _straight(camera: Camera, k: int) -> tuple[Camera, Picture]:
-    """Return the ideal camera that sees a photo made smaller by k straightened, and where in that its nodes lie.
+    """Return the ideal camera that sees a photo, reduced by k, without distortion, and its nodes' places in the photo.
 
-    Nodes (rows, columns, 2) px: every `_STEP`-th pixel of every such row, from the first to beyond the last. Kept for
-    cameras that take photo after photo.
+    Nodes (rows, columns, 2) px: every `_STEP`-th pixel of every `_STEP`-th row, from the first to beyond the last.
+    Cached, as one camera takes photo after photo.
     """
     camera = _reduced(camera, k)
     low, high = _bounds(camera)
@@ -129,7 +129,7 @@ def _straight(camera: Camera, k: int) -> tuple[Camera, Picture]:
 
 
 def _bounds(camera: Camera) -> tuple[Array, Array]:
-    """Return the corners (2,), (2,) px of the straightened picture: what the border sees, within reason."""
+    """Return the corners (2,), (2,) px of the undistorted picture: what the border sees, within limits."""
     w, h = camera.size
     t = np.linspace(0.0, 1.0, 65)
     border = [(t * (w - 1), 0 * t), (t * (w - 1), 0 * t + h - 1), (0 * t, t * (h - 1)), (0 * t + w - 1, t * (h - 1))]

@@ -2,7 +2,7 @@
 
 J. Canny, A computational approach to edge detection, PAMI 8 (1986): derivative of a Gaussian, maxima along the
 gradient, hysteresis. Sub-pixel step after F. Devernay, INRIA RR-2724 (1995) in the form of R. Grompone von Gioi and
-G. Randall, IPOL 7 (2017): the peak is sought along the image axis nearer to the gradient, where no interpolation
+G. Randall, IPOL 7 (2017): the peak is searched for along the image axis nearer to the gradient, where no interpolation
 between pixels is needed. Here the peak is that of a Gaussian through the three magnitudes (a parabola through their
 logarithms): the exact shape of the response to a Gaussian-blurred step.
 """
@@ -23,11 +23,11 @@ from cadcam.image.picture import checked
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-_NOISE_FACTOR = 5.0  # of a Rayleigh scale: exp(-5**2/2), 4 noise maxima in a million pixels start an edge
+_NOISE_FACTOR = 5.0  # Rayleigh scales: exp(-5**2/2), so 4 noise maxima in a million pixels start an edge
 _LEAST_CONTRAST = 8.0 / 255.0  # of a step that starts an edge: below it lie quantisation and JPEG blocks
 _LOW_SHARE = 0.4  # of the high threshold, Canny's own 2:1 to 3:1
-_TOGETHER = 2_000_000  # neighbours looked at in one go: bounds the memory
-_SECTORS = 16  # of direction: edges are searched in one tree a sector
+_TOGETHER = 2_000_000  # neighbours examined at a time: bounds the memory
+_SECTORS = 16  # of direction: edges are searched in one tree per sector
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -189,7 +189,7 @@ def _tree(q: Array) -> cKDTree:
 
 
 def _nearest_agreeing(q: Array, of_edge: Array, points: Array, angle: Array, within: float) -> Array:
-    """Return the distance of each point to the nearest q whose direction agrees, asking for ever more neighbours."""
+    """Return the distance of each point to the nearest q whose direction agrees, querying more and more neighbours."""
     tree, found = _tree(q), np.full(len(points), np.inf)
     left, k = np.arange(len(points)), 4
     while left.size:

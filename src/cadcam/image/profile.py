@@ -1,16 +1,16 @@
-"""Where a photo shows a step of brightness across a line, to a small part of a pixel, and how sure that is.
+"""Brightness steps across a line: their positions to a small fraction of a pixel, and the uncertainty of these.
 
 The step is fitted to the pixels themselves, in a cell along the line: nothing is interpolated, so the noise stays
-independent and its share in the position is known. The model is a step blurred by a Gaussian on ground of another
+independent and its effect on the position is known. The model is a step blurred by a Gaussian, on ground of a different
 slope on either side,
 
     I(d) = a + b (d - r(d)) + e r(d) + c Phi(d / s),   r(d) = d Phi(d / s) + s phi(d / s),
 
-linear in all but the position of the step, for which g = dI/d(position) = -c phi(d / s) / s is its last column: one
+linear in all but the position of the step, for which g = dI/d(position) = -c phi(d / s) / s is the last column: one
 linear fit, right to first order where the line is near the step, and exact once it lies on it. The slopes matter:
-light that bounces between the faces of an inner corner bends the brightness on each side, and a step alone would follow
-it. They also cost most of what noise leaves: each is held near nil by how large it is known to be (a ridge). Another
-line of the model in the cell, the far border of a thin plate, is one more step at a known place.
+light reflected between the faces of an inner corner bends the brightness on each side, and a step alone would follow
+it. They also increase the noise of the position most: each is held near zero according to its prior variance (a ridge).
+Another line of the model in the cell, the far border of a thin plate, is one more step at a known place.
 
 Bound: with everything but the position known, a cell of length L has variance 2 sqrt(pi) s sigma^2 / (c^2 L), the
 Cramer-Rao bound; the fit reaches 1.1 times its root on wide cells with level ground, 1.6 with both slopes free.
@@ -29,18 +29,18 @@ from cadcam.native import profiles
 from cadcam.native.profiles import StepCells
 
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
-_ROWS = 48  # rows of a photo that tell its noise
+_ROWS = 48  # rows of a photo from which its noise is estimated
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
-_USUAL = 1  # the blur of these, or the next, that most lenses have
-_FAINTEST = 0.025  # contrast of steps that are looked for
+_USUAL = 1  # index of the blur that, with the next one, most lenses have
+_FAINTEST = 0.025  # contrast of the faintest steps searched for
 _SPREADS = (0.0, 0.7, 1.0, 1.4, 1.7)  # px, tried in `calming`
-_CLEAR, _MUCH = 16.0, 0.12  # of a blur that depends on direction: chi square, by how much its logarithm changes
-_ACROSS = 0.05  # of the cells that run across the others at least, for that to be told
+_CLEAR, _MUCH = 16.0, 0.12  # blur that depends on direction: least chi square, least change of its logarithm
+_ACROSS = 0.05  # least share of cells across the others' direction for that to be decided
 _TURNS = np.arange(8) * np.pi / 8
 _TRIED = np.array([(a, b, t) for a in np.log(_BLURS) for b in np.log(_BLURS) if b >= a for t in _TURNS])
 _AROUND = np.array(list(itertools.product((-0.5, 0.0, 0.5), repeat=3)))
-_FIRST, _FINER = np.array([0.3, 0.3, np.pi / 8]), 6  # how far apart these are, halved so often
-_FEW = 8  # cells that tell the blur at least
+_FIRST, _FINER = np.array([0.3, 0.3, np.pi / 8]), 6  # their spacing, and how often it is halved
+_FEW = 8  # fewest cells from which the blur is estimated
 _QUANTISED = 1.0 / 255 / math.sqrt(12.0)  # the least noise of an eight-bit photo
 
 
@@ -49,8 +49,8 @@ class Steps:
     """N fitted steps; nan where the cell leaves the picture.
 
     contrast (N,): brightness after the step minus before it, along the normal; moment (N,): -contrast times position;
-    slopes (N, 2): of the ground before and after, brightness a px; noise (N,): sd of a pixel. sd_contrast (N,) and
-    sd_moment (N,) follow from it. clipped (N,): share of pixels that are black or white.
+    slopes (N, 2): of the ground before and after, brightness per px; noise (N,): sd of a pixel, from which sd_contrast
+    (N,) and sd_moment (N,) follow. clipped (N,): share of black or white pixels.
     """
 
     contrast: Array
@@ -64,15 +64,15 @@ class Steps:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepSums:
-    """What the pixels of N cells add up to: their steps but for how firmly slopes are held."""
+    """Sums over the pixels of N cells: their steps, up to how strongly slopes are held."""
 
     sums: Array
 
     def solved(self, held: Array, *, noise: float = 0.0) -> Steps:
         """Return the steps.
 
-        held (N, 2): variance of a pixel over that of the slopes below and above, 0 leaves a slope free and inf makes it
-        nil. noise: least sd of a pixel.
+        held (N, 2): variance of a pixel over that of the slopes below and above; 0 leaves a slope free and inf makes it
+        0. noise: least sd of a pixel.
         """
         out = profiles.steps(self.sums, held)
         c, g, _, _, noise_of_cell, Qcc, Qgg, _, clipped = out.T
@@ -81,23 +81,23 @@ class StepSums:
 
 
 def step_sums(gray: Picture, cells: StepCells) -> StepSums:
-    """Return what the pixels of cells add up to."""
+    """Return the sums over the pixels of cells."""
     return StepSums(profiles.step_sums(gray, cells, dark=DARK, bright=BRIGHT))
 
 
 def step_rests(
     gray: Picture, cells: StepCells, sums: StepSums, *, bins: int, width: float
 ) -> tuple[Array, Array, Array]:
-    """Return what steps with free slopes leave over of their cells' pixels, by distance from the line.
+    """Return the residuals of steps with free slopes in their cells, by distance from the line.
 
-    Of N cells: sums of it and numbers of pixels (N, bins), in bins of `width` px whose middle is at the line, and the
-    variance (N,) of a pixel; brightness. sums: of these cells.
+    For N cells: their sums and numbers of pixels (N, bins), in bins of `width` px centred at the line, and the variance
+    (N,) of a pixel; brightness. sums: those of these cells.
     """
     return profiles.step_residuals(gray, cells, sums.sums, bins=bins, width=width)
 
 
 def noise_of(gray: Picture) -> float:
-    """Return the sd of a pixel's noise, from the median of second differences that no plane or straight edge passes.
+    """Return the sd of a pixel's noise, from the median of a second difference that planes and straight edges cancel.
 
     The mask is that of J. Immerkaer, "Fast noise variance estimation", CVIU 64 (1996); the median instead of his mean
     keeps edges and texture out as long as they fill less than half of the picture.
@@ -114,7 +114,7 @@ def noise_of(gray: Picture) -> float:
 
 
 def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8) -> float:
-    """Return the blur s (px) at which steps fit best in cells that lie on strong edges; `default` where none do.
+    """Return the blur s (px) that fits the steps best in cells on strong edges; `default` where there are too few.
 
     reach (N,): how far the cells reach along the normal, both ways.
     """
@@ -127,8 +127,8 @@ def blur_matrix(
 ) -> Array:
     """Return the blur as a covariance B (2, 2) px^2: a step across the unit normal n is blurred by sqrt(n' B n).
 
-    As `blur_of` tells it, alike in all directions, but where the cells clearly ask for another blur in one direction
-    than in the other (a score test): motion while the shutter is open.
+    As by `blur_of`, equal in all directions, unless the cells clearly require a different blur in different directions
+    (a score test): motion while the shutter is open.
     """
     misfits = _Misfits(gray, q, normal, reach, half_length)
     even, best = misfits.best()
@@ -140,10 +140,10 @@ def blur_matrix(
 
 
 class _Misfits:
-    """What steps of several blurs leave over of their cells, and what that says of the blur.
+    """The residuals of steps of several blurs in their cells, as evidence of the blur.
 
-    It varies far more from cell to cell than with the blur, and cells that no blur fits leave most: only by which share
-    it changes is asked of each.
+    They vary far more from cell to cell than with the blur, and are largest in cells that no blur fits: so only the
+    relative change in each cell is used.
     """
 
     def __init__(self, gray: Picture, q: Array, normal: Array, reach: Array, half_length: float) -> None:
@@ -162,9 +162,9 @@ class _Misfits:
         self.mean[k] = np.mean(self.left[k, there]) if there.sum() >= _FEW else np.inf
 
     def best(self) -> tuple[float, int]:
-        """Return the blur at which the cells fit best together, nan where there are too few, and the nearest tried.
+        """Return the blur that fits all cells best, nan where there are too few, and the index of the nearest tried.
 
-        Downhill from an ordinary blur, until blurs to both sides fit worse.
+        Descends from an ordinary blur until the blurs on both sides fit worse.
         """
         ask = {_USUAL, _USUAL + 1} if len(self.normal) >= _FEW else set()
         while ask:
@@ -178,7 +178,7 @@ class _Misfits:
         return float(np.exp(parabola(np.log(_BLURS), self.mean, best))), best
 
     def depends(self, best: int) -> bool:
-        """Return whether the blur depends on the direction, clearly (a score test) and by much."""
+        """Return whether the blur depends on the direction, significantly (a score test) and by much."""
         if not 0 < best < len(_BLURS) - 1:
             return False
         near = slice(best - 1, best + 2)
@@ -217,7 +217,7 @@ class _Misfits:
 
 
 def _misfits(left: Array, x: Array, across: Array, along: Array, angle: Array) -> Array:
-    """Return what cells leave over on average (T,) by logarithms of the blur across an angle and along it (T,).
+    """Return the mean residuals (T,) of cells for blurs across an angle and along it, given as logarithms (T,).
 
     left (B, N): of each cell by blur; x (N, 2): cosine and sine of twice the normals' angles.
     """
@@ -243,7 +243,7 @@ def parabola(x: Array, y: Array, best: int) -> float:
 class StepCandidates:
     """Slopes along the normals of N samples, the strongest first; nan where there are no more.
 
-    offset (N, K) px along the normal; slope (N, K) brightness a px, smoothed by 1 px.
+    offset (N, K) px along the normal; slope (N, K) brightness per px, smoothed by 1 px.
     """
 
     offset: Array
@@ -262,10 +262,10 @@ def step_candidates(
     spread: float = 0.0,
     clear: float = 4.0,
 ) -> StepCandidates:
-    """Return where brightness steps along the normals within `reach` px, clearly above the noise.
+    """Return where brightness steps along the normals within `reach` px, significantly above the noise.
 
-    spread: by which Gaussian (sd, px) the picture was smoothed; noise: of a pixel before that. clear: how many standard
-    deviations of a slope by noise a step has at least.
+    spread: sd (px) of the Gaussian by which the picture was smoothed; noise: of a pixel before that. clear: least slope
+    of a step, in standard deviations by noise.
     """
     of_slope = slope_noise(noise, half_length, spread)
     offset, slope = profiles.candidates(
@@ -275,9 +275,9 @@ def step_candidates(
 
 
 def slope_noise(noise: float, half_length: float, spread: float = 0.0) -> float:
-    """Return the sd that noise gives the slope of a profile, of a picture smoothed by a Gaussian of sd `spread` px.
+    """Return the sd of a profile's slope due to noise, in a picture smoothed by a Gaussian of sd `spread` px.
 
-    The profile is the mean over 2 half_length px along the line, and smoothed by a Gaussian of 1 px across it.
+    The profile is the mean over 2 half_length px along the line, smoothed by a Gaussian of 1 px across it.
     """
     across2, length = 1 + spread**2, max(2 * half_length, 1.0)
     along = length if spread == 0 else max(length, math.sqrt(4 * math.pi * (length**2 / 12 + spread**2)))
@@ -285,9 +285,9 @@ def slope_noise(noise: float, half_length: float, spread: float = 0.0) -> float:
 
 
 def calming(noise: float) -> float:
-    """Return by which Gaussian (sd, px) a picture is to be smoothed for steps of contrast _FAINTEST to stand out.
+    """Return the sd (px) of the Gaussian that must smooth a picture for steps of contrast _FAINTEST to stand out.
 
-    0 where they do as it is. Steps of a sharp picture are 1 px wide, and those of a blurred one all the more in need.
+    0 where they do without. Steps of a sharp picture are 1 px wide, and those of a blurred one need it all the more.
     """
     for spread in _SPREADS:
         height = _FAINTEST / math.sqrt(2 * math.pi * (2 + spread**2))

@@ -1,7 +1,7 @@
-"""A template to be found in pictures, prepared for every size of pixel that the search uses.
+"""A template to be found in pictures, prepared for every pixel size that the search uses.
 
-A level `factor` works on means over factor x factor px, of the template as of the picture. Preparation is done once a
-template and kept: many pictures can be searched.
+Level `factor` works on means over factor x factor px, of the template and of the picture. The preparation is done once
+per template and kept, so that many pictures can be searched.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from cadcam.errors import BadValue
 from cadcam.image.picture import to_gray
 from cadcam.native.correlate import Orientations, Points
 
-LEAST_POINTS = 25  # pixels that count: fewer match anywhere
-_TAPS = 90  # of the coarsest level: with fewer, what looks alike there differs too often
+LEAST_POINTS = 25  # fewest pixels that count: fewer match anywhere
+_TAPS = 90  # pixels of the coarsest level: with fewer, the picture resembles the template too often
 _RIM = 0.85  # px of a level that the template's rim moves between two orientations
 _SMEARED = 0.55  # least correlation, at a level, between a template and itself half a step off in every motion
-_TWIN = 0.5  # correlation from which a turned template is taken for itself
-_INSIDE = 0.99  # share of a block of pixels that must count
+_TWIN = 0.5  # correlation from which a rotated template is equivalent to itself
+_INSIDE = 0.99  # share of a block's pixels that must count
 
 
 class Template:
@@ -45,7 +45,7 @@ class Template:
         self._orientations: dict[tuple[object, ...], tuple[Orientations, Array]] = {}
         self._twins: dict[int, Array] = {}
         self._worst: dict[int, float] = {}
-        self._coarsest = 0  # not known yet
+        self._coarsest = 0  # unknown yet
         self.round_radius = self._round_radius()
 
     @property
@@ -54,7 +54,7 @@ class Template:
         return self.gray.shape[1], self.gray.shape[0]
 
     def _round_radius(self) -> float:
-        """Return the radius in px of the disc about the centre that counts throughout; 0 where it would hold little."""
+        """Return the radius in px of the disc about the centre that counts throughout; 0 if it holds too little."""
         y, x = np.indices(self.mask.shape) - (np.array(self.mask.shape) - 1)[:, None, None] / 2
         distance = np.hypot(x, y)
         outside = distance[~self.mask].min(initial=np.inf)
@@ -62,7 +62,7 @@ class Template:
         return radius if math.pi * radius**2 >= 0.6 * self.mask.sum() else 0.0
 
     def coarsest(self) -> int:
-        """Return the largest factor at which the template can still be told from what is beside it."""
+        """Return the largest factor at which the template is still distinguishable from its surroundings."""
         if not self._coarsest:
             factor = max(1, math.isqrt(int(self.mask.sum()) // _TAPS))
             while factor > 1 and (self._taps(factor) < _TAPS or self.worst(factor) < _SMEARED):
@@ -71,7 +71,7 @@ class Template:
         return self._coarsest
 
     def worst(self, factor: int) -> float:
-        """Return the least correlation at a level between the template and itself half a pixel and half a turn off."""
+        """Return the least correlation at a level of the template with itself half a pixel and half a step off."""
         if factor not in self._worst:
             self._worst[factor] = self._least_when_off(factor)
         return self._worst[factor]
@@ -95,20 +95,20 @@ class Template:
     def orientations(
         self, factor: int, angles: tuple[float, float], scales: tuple[float, float]
     ) -> tuple[Orientations, Array]:
-        """Return the template on the grid of a level in all angles and scales, and these (K, 2); made once and kept."""
+        """Return the template on the grid of a level at all angles and scales, and these (K, 2); computed once."""
         key = (factor, angles, scales)
         if key not in self._orientations:
             self._orientations[key] = self._oriented(factor, _motions(self.step(factor), angles, scales))
         return self._orientations[key]
 
     def points(self, factor: int, motions: int) -> Points:
-        """Return the template's points at a level, in its px, and how 3 (shifts, turn) or 4 motions change them."""
+        """Return the template's points at a level, in its px, with derivatives by 3 (shifts, rotation) or 4 motions."""
         if (factor, motions) not in self._points:
             self._points[factor, motions] = self._made_points(factor, motions)
         return self._points[factor, motions]
 
     def twins(self, factor: int) -> Array:
-        """Return the turns (rad), other than none, after which the template looks much like itself."""
+        """Return the rotations (rad), other than none, that leave the template much the same."""
         if factor not in self._twins:
             oriented, poses = self.orientations(factor, (-math.pi, math.pi), (1.0, 1.0))
             alike = oriented.weight @ oriented.weight[0]
@@ -145,7 +145,7 @@ class Template:
     def _template_px(
         self, dx: Array, dy: Array, angle: float | Array, scale: float | Array, factor: int
     ) -> tuple[Array, Array]:
-        """Return where in the template (px) the offsets (px of a level) lie when it is turned and scaled."""
+        """Return where in the template (px) the offsets (px of a level) lie when it is rotated and scaled."""
         c, s = factor * np.cos(angle) / scale, factor * np.sin(angle) / scale
         h, w = self.gray.shape
         return c * dx + s * dy + (w - 1) / 2, -s * dx + c * dy + (h - 1) / 2
@@ -154,7 +154,7 @@ class Template:
         return _mean_about(self._sum, *self._template_px(dx, dy, angle, scale, factor), factor / scale)
 
     def _inside(self, dx: Array, dy: Array, angle: float | Array, scale: float | Array, factor: int) -> Mask:
-        """Return which offsets count: within the round part where there is one, else where the mask covers them."""
+        """Return which offsets count: within the round part if there is one, else those covered by the mask."""
         if self.round_radius:
             return np.asarray(np.hypot(dx, dy) <= self._reach(factor) * scale + 0 * angle)
         return _mean_about(self._counted, *self._template_px(dx, dy, angle, scale, factor), factor / scale) >= _INSIDE
@@ -176,7 +176,7 @@ class Template:
         return _normalised(u, v, _mean_about(self._sum, x, y, factor), gx, gy, motions)
 
     def _slopes(self, x: Array, y: Array, factor: int) -> tuple[Array, Array]:
-        """Return the template's slope by px of a level, between what lies one pixel before and after, within it."""
+        """Return the template's slope per px of a level, by central differences within it."""
 
         def between(axis: int, last: int) -> Array:
             at = (x, y)[axis]
@@ -190,7 +190,7 @@ class Template:
 
 
 def _normalised(u: Array, v: Array, value: Array, gx: Array, gy: Array, motions: int) -> Points:
-    """Return points of zero mean and unit length, and their slopes by shifts, turn, scale beside gain and offset."""
+    """Return points of zero mean and unit norm, with slopes by shifts, rotation, scale beside gain and offset."""
     slope = np.stack([gx, gy, gy * u - gx * v, gx * u + gy * v][:motions])
     value = value.astype(np.float64) - value.mean(dtype=np.float64)
     length = max(float(np.linalg.norm(value)), 1e-12)
@@ -209,13 +209,13 @@ def _disc(radius: float) -> tuple[Array, Array]:
 
 
 def _centres(length: int, factor: int) -> Array:
-    """Return the centres of the blocks of a level about the middle, in its px."""
+    """Return the centres of the blocks of a level relative to the template's centre, in its px."""
     n = max(length // factor, 1)
     return np.asarray(np.arange(n) - (n - 1) / 2, np.float64)
 
 
 def _motions(step: float, angles: tuple[float, float], scales: tuple[float, float]) -> Array:
-    """Return (angle, scale) (K, 2) so that each within the ranges is at most half a step from one of them."""
+    """Return (angle, scale) (K, 2) such that any in the ranges is at most half a step from one of them."""
     turn, stretch = angles[1] - angles[0], math.log(scales[1] / scales[0])
     if turn >= 2 * math.pi - 1e-9:
         n = math.ceil(2 * math.pi / step)
@@ -234,7 +234,7 @@ def _integral(values: npt.NDArray[np.floating]) -> Array:
 
 
 def _mean_about(integral: Array, x: Array, y: Array, side: float | Array) -> Array:
-    """Return the mean over squares of a side (px) about points, pixels being squares; 0 beyond the picture."""
+    """Return the mean over squares of a side (px) about points, treating pixels as squares; 0 beyond the picture."""
     h, w = integral.shape
     left, right = (np.clip(x + 0.5 + d, 0, w - 1) for d in (-side / 2, side / 2))
     top, bottom = (np.clip(y + 0.5 + d, 0, h - 1) for d in (-side / 2, side / 2))
