@@ -53,7 +53,7 @@ class _Trial(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Task:
+class _LocateTask:
     """What is asked of `locate_part`, of its photos or of smoothed ones."""
 
     part: Part
@@ -92,13 +92,13 @@ def locate_part(
     searched = search_once(part, photos, views) if start is None else []
 
     def found_in(photos: Sequence[Photo]) -> Location:
-        task = _Task(part, photos, start, reach, freedom, options)
+        task = _LocateTask(part, photos, start, reach, freedom, options)
         return _located(task, searched) if start is None else _located(task, *_near(task, start))
 
     return in_spite_of_noise(photos, found_in)
 
 
-def _located(task: _Task, hypotheses: Sequence[Hypothesis], outside: NothingInView | None = None) -> Location:
+def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: NothingInView | None = None) -> Location:
     """Return the best pose that refining hypotheses, and the start, finds; `outside`: raised instead of no pose."""
     if not hypotheses:
         pose = Rigid() if task.start is None else task.start
@@ -131,7 +131,7 @@ def _located(task: _Task, hypotheses: Sequence[Hypothesis], outside: NothingInVi
     return _with_alternatives(task.part, ranked, equivalent)
 
 
-def _near(task: _Task, start: Rigid) -> tuple[list[Hypothesis], NothingInView | None]:
+def _near(task: _LocateTask, start: Rigid) -> tuple[list[Hypothesis], NothingInView | None]:
     """Return the hypotheses around a start; none, with the approach's error, where the part is larger than the photos.
 
     An approach moves the part as a whole about its centre. Where the camera stands within the part, that is no small
@@ -147,7 +147,7 @@ def _near(task: _Task, start: Rigid) -> tuple[list[Hypothesis], NothingInView | 
 
 
 def _refined(
-    task: _Task, hypotheses: Sequence[Hypothesis], basins: Basins, clear: Callable[[_Trial], bool]
+    task: _LocateTask, hypotheses: Sequence[Hypothesis], basins: Basins, clear: Callable[[_Trial], bool]
 ) -> list[_Trial]:
     """Return the hypotheses refined: until a clear one is found, and then only those that score nearly as high.
 
@@ -172,7 +172,7 @@ def _refined(
 
 
 def _start_refined(
-    task: _Task, hypotheses: Sequence[Hypothesis], trials: Sequence[_Trial], basins: Basins
+    task: _LocateTask, hypotheses: Sequence[Hypothesis], trials: Sequence[_Trial], basins: Basins
 ) -> list[_Trial]:
     """Return what refining the start itself finds, unless hypotheses around it have led to a sure pose already.
 
@@ -278,7 +278,7 @@ def _apart(part: Part, one: Rigid, other: Rigid) -> float:
     return float(np.linalg.norm(one @ corners - other @ corners, axis=1).max() / radius)
 
 
-def _equivalent(task: _Task, best: Location) -> list[Location]:
+def _equivalent(task: _LocateTask, best: Location) -> list[Location]:
     """Return the other poses in which a symmetric part looks the same; none from a start, which chooses among them."""
     out = []
     for part_from_part in task.part.symmetries[1:] if task.start is None else ():

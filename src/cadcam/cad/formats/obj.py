@@ -18,7 +18,7 @@ _REMEDY = "check the line, or export the model again"
 
 
 @dataclass(slots=True)
-class _Lines:
+class _ObjLines:
     """The lines that matter: vertices and faces with their line numbers, and what each face belongs to."""
 
     vertices: list[bytes] = field(default_factory=list)
@@ -65,8 +65,8 @@ def read_obj(path: Path, data: bytes) -> Model:
     return Model(mesh)
 
 
-def _sorted_out(data: bytes) -> _Lines:
-    found = _Lines()
+def _sorted_out(data: bytes) -> _ObjLines:
+    found = _ObjLines()
     label = ["", "", ""]
     owner = -1
     for number, raw in enumerate(data.replace(b"\\\r\n", b"  ").replace(b"\\\n", b" ").splitlines(), 1):
@@ -89,7 +89,7 @@ def _sorted_out(data: bytes) -> _Lines:
     return found
 
 
-def _relabelled(line: bytes, label: list[str], found: _Lines, owner: int) -> int:
+def _relabelled(line: bytes, label: list[str], found: _ObjLines, owner: int) -> int:
     """Take note of a line that names something; return -1 where the faces that follow belong elsewhere."""
     word, _, rest = line.partition(b" ")
     value = rest.decode("utf-8", "replace").strip()
@@ -102,7 +102,7 @@ def _relabelled(line: bytes, label: list[str], found: _Lines, owner: int) -> int
     return owner
 
 
-def _vertices(path: Path, lines: _Lines) -> npt.NDArray[np.float64]:
+def _vertices(path: Path, lines: _ObjLines) -> npt.NDArray[np.float64]:
     """Return positions (V, 3); further numbers on a line (weight, colour) are passed over."""
 
     def complaint(k: int) -> UnreadableFile:
@@ -112,7 +112,7 @@ def _vertices(path: Path, lines: _Lines) -> npt.NDArray[np.float64]:
     return numbers([line.split(None, 3) for line in lines.vertices], 3, complaint)
 
 
-def _corners(path: Path, lines: _Lines) -> tuple[Longs, Longs]:
+def _corners(path: Path, lines: _ObjLines) -> tuple[Longs, Longs]:
     """Return corners per face (N,) and the vertex numbers as written, one face after the other."""
     plain = re.sub(rb"/\S*", b"", b"\n".join(lines.faces)).split(b"\n")  # vertex numbers only
     words = [line.split() for line in plain] if lines.faces else []
@@ -131,13 +131,13 @@ def _corners(path: Path, lines: _Lines) -> tuple[Longs, Longs]:
     raise UnreadableFile(path, "holds faces that are not lists of vertex numbers", _REMEDY)
 
 
-def _no_zero(path: Path, lines: _Lines, counts: Longs, corners: Longs) -> None:
+def _no_zero(path: Path, lines: _ObjLines, counts: Longs, corners: Longs) -> None:
     if (corners == 0).any():
         at = int(np.searchsorted(np.cumsum(counts), np.argmax(corners == 0), side="right"))
         raise UnreadableFile(path, f"line {lines.face_line[at]}: vertex number 0", "OBJ counts vertices from 1")
 
 
-def _parts(lines: _Lines) -> tuple[Longs, list[str]]:
+def _parts(lines: _ObjLines) -> tuple[Longs, list[str]]:
     """Return the part of each face and the names of the parts."""
     named = any(key[0] or key[1] for key in lines.labels)
     names: dict[str, int] = {}
@@ -149,7 +149,7 @@ def _parts(lines: _Lines) -> tuple[Longs, list[str]]:
     return owner, list(names)
 
 
-def _colors(path: Path, lines: _Lines) -> npt.NDArray[np.float64]:
+def _colors(path: Path, lines: _ObjLines) -> npt.NDArray[np.float64]:
     """Return the diffuse colour of each face's material (N, 3), NaN where it is not known."""
     known = _diffuse(path, lines.libraries)
     nothing = (np.nan, np.nan, np.nan)
@@ -157,7 +157,7 @@ def _colors(path: Path, lines: _Lines) -> npt.NDArray[np.float64]:
     return np.array(of_label)[np.array(lines.owner, np.int64)]
 
 
-def _vertex_colors(lines: _Lines) -> list[list[float]]:
+def _vertex_colors(lines: _ObjLines) -> list[list[float]]:
     """Return the colours in [0, 1] behind all positions; nothing unless every vertex has three numbers more."""
     if not lines.vertices or len(lines.vertices[0].split()) != 6:
         return []

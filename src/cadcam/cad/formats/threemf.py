@@ -40,7 +40,7 @@ def read_3mf(path: Path, data: bytes) -> Model:
         (package.start_of(item.attrib, package.start), item.get("objectid", ""), _matrix(path, item.get("transform")))
         for item in root.iterfind("./{*}build/{*}item")
     ]
-    found = _Found()
+    found = _Collected()
     for model, number, place in items:
         package.place(found, model, number, place, "", 0)
     points = np.concatenate([np.zeros((0, 3)), *found.points])
@@ -50,7 +50,7 @@ def read_3mf(path: Path, data: bytes) -> Model:
     return Model(assembled(path, points, faces, part=part, names=found.names, face_colors=colors), _UNIT[unit], True)
 
 
-class _Found:
+class _Collected:
     def __init__(self) -> None:
         self.points: list[Array] = []
         self.faces: list[np.ndarray[tuple[int, ...], np.dtype[np.int64]]] = []
@@ -106,7 +106,7 @@ class _Package:
                 raise UnreadableFile(self.path, f"{name} is not valid XML ({error})", _AGAIN) from None
         return self.models[name]
 
-    def place(self, found: _Found, model: str, number: str, place: Array, above: str, depth: int) -> None:
+    def place(self, found: _Collected, model: str, number: str, place: Array, above: str, depth: int) -> None:
         """Add the object and, where it is an assembly, its components."""
         if depth > 50:
             raise UnreadableFile(self.path, f"object {number} contains itself", _AGAIN)
@@ -123,7 +123,7 @@ class _Package:
         if mesh is not None:
             self._add(found, mesh, place, name, _face_colors(root, item, mesh))
 
-    def _add(self, found: _Found, mesh: ElementTree.Element, place: Array, name: str, colors: Array) -> None:
+    def _add(self, found: _Collected, mesh: ElementTree.Element, place: Array, name: str, colors: Array) -> None:
         try:
             points = np.array([[v.get(k) for k in "xyz"] for v in mesh.iterfind("./{*}vertices/{*}vertex")], float)
             faces = np.array(

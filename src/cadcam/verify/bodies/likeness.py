@@ -79,12 +79,12 @@ def _in_photo(
     where = np.zeros(photo.gray.shape, bool)
     where[window] = binary_dilation(covered, iterations=_RIM_PX)
     light, noise = first.light(photo, without=where), noise_of(photo.gray)
-    pixels = _Pixels.of(photo.gray[window].astype(np.float64), where[window])
+    pixels = _WindowPixels.of(photo.gray[window].astype(np.float64), where[window])
     return np.array([_log_likelihood(s, pixels, light, noise) for s in shown])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Pixels:
+class _WindowPixels:
     """The pixels of a window that count, and the n pixels that blur mixes into them.
 
     shape: of the window; at (2, n): row and column; counts (n,): whether a pixel counts itself; gray (n,).
@@ -96,7 +96,7 @@ class _Pixels:
     gray: Array
 
     @classmethod
-    def of(cls, gray: Array, where: Mask) -> _Pixels:
+    def of(cls, gray: Array, where: Mask) -> _WindowPixels:
         """Return the pixels `where` (h, w) of a window that count, and those around them."""
         from scipy.ndimage import maximum_filter
 
@@ -114,32 +114,37 @@ class _Pixels:
         return np.asarray(out[tuple(self.at)][self.counts])
 
 
-def _log_likelihood(shown: ShownFaces, pixels: _Pixels, light: FittedLight, noise: float) -> float:
+def _log_likelihood(shown: ShownFaces, pixels: _WindowPixels, light: FittedLight, noise: float) -> float:
     """Return the log likelihood of the pixels that count, up to a constant, marginalised over the tones."""
-    face = shown.face[tuple(pixels.at)]
-    of = shown.surface * (int(shown.part.max(initial=0)) + 2) + shown.part  # one number per surface and part
-    seen = np.flatnonzero(np.bincount(shown.face.ravel(), minlength=len(of)))
-    _, first, kind = np.unique(of[seen], return_index=True, return_inverse=True)
-    tone, V = light.brightness(shown.normal[seen[first]], shown.color[seen[first]])
-    nothing = shown.color[seen[first]] < 0
-    tone[nothing], V[nothing], V[:, nothing] = light.nothing, 0.0, 0.0
-    V[nothing, nothing] = light.spread**2
-    of_face = np.zeros(len(of), np.int64)
-    of_face[seen] = kind.reshape(-1)
-    at = of_face[face]
-    large = np.bincount(at[pixels.counts], minlength=len(tone)) >= _OWN_PX
+    kind_of_face, tone, V = _predicted_tones(shown, light)
+    kind = kind_of_face[shown.face[tuple(pixels.at)]]
+    large = np.bincount(kind[pixels.counts], minlength=len(tone)) >= _OWN_PX
     k = int(large.sum())
-    number = np.where(large, np.cumsum(large) - 1, k)  # small surfaces share a tone
+    surface = np.where(large, np.cumsum(large) - 1, k)  # small surfaces share a tone
     off = np.diag(np.full(k + 1, light.spread**2))
     off[:k, :k] = V[np.ix_(large, large)]
     sigma = float(np.hypot(noise, light.scale))
-    shade, costs = _shade(pixels, pixels.gray - tone[at], number[at], off, sigma)
-    expected = pixels.blurred(tone[at] + shade)
+    shade, costs = _shade(pixels, pixels.gray - tone[kind], surface[kind], off, sigma)
+    expected = pixels.blurred(tone[kind] + shade)
     loss = np.minimum(((pixels.gray[pixels.counts] - expected) / sigma) ** 2, _WORST).sum() / _TOGETHER
     return float(-0.5 * (loss + costs))
 
 
-def _shade(pixels: _Pixels, left: Array, surface: Longs, off: Array, sigma: float) -> tuple[Array, float]:
+def _predicted_tones(shown: ShownFaces, light: FittedLight) -> tuple[Longs, Array, Array]:
+    """Return the kind (F,) of each face, one per surface and part, and the kinds' tones (K,) with covariance (K, K)."""
+    label = shown.surface * (int(shown.part.max(initial=0)) + 2) + shown.part
+    seen = np.flatnonzero(np.bincount(shown.face.ravel(), minlength=len(label)))
+    _, first, kind = np.unique(label[seen], return_index=True, return_inverse=True)
+    tone, V = light.brightness(shown.normal[seen[first]], shown.color[seen[first]])
+    nothing = shown.color[seen[first]] < 0
+    tone[nothing], V[nothing], V[:, nothing] = light.nothing, 0.0, 0.0
+    V[nothing, nothing] = light.spread**2
+    kind_of_face = np.zeros(len(label), np.int64)
+    kind_of_face[seen] = kind.reshape(-1)
+    return kind_of_face, tone, V
+
+
+def _shade(pixels: _WindowPixels, left: Array, surface: Longs, off: Array, sigma: float) -> tuple[Array, float]:
     """Return by how much surfaces are brighter at the pixels (n,) than the light predicts, and the cost of that.
 
     left (n,): difference of the pixels' brightness in sigmas; surface (n,): of each pixel; off (k, k): covariance of

@@ -36,7 +36,7 @@ _ROUND_STEPS = 1.0  # quantisation of normals, steps per unit, within which the 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Pixels:
+class _SurfacePixels:
     """Some pixels: normal (n, 3) and colour (n,) of what they show, and the number (n,) of that surface."""
 
     normal: Array
@@ -44,7 +44,7 @@ class _Pixels:
     surface: Longs
 
     @classmethod
-    def of(cls, shown: ShownFaces, where: Mask) -> _Pixels:
+    def of(cls, shown: ShownFaces, where: Mask) -> _SurfacePixels:
         """Return the pixels `where` (h, w)."""
         face = shown.face[where]
         return cls(shown.normal[face], shown.color[face], shown.surface[face])
@@ -114,7 +114,7 @@ class Tones:
             return 0.0, 0.0, 0.0
         camera_from_part = photo.viewpoint.camera_from_world @ self.world_from_part
         hidden = ShownFaces.of(self.part, photo, camera_from_part, without=body, window=window)
-        own, behind = _Pixels.of(shown, inside), _Pixels.of(hidden, inside)
+        own, behind = _SurfacePixels.of(shown, inside), _SurfacePixels.of(hidden, inside)
         pieces = _pieces(own, behind)
         if not pieces:
             return 0.0, 0.0, 0.0
@@ -133,7 +133,7 @@ class Tones:
         return own.log_density(light, tones, pieces), not_there, other
 
 
-def _pieces(own: _Pixels, behind: _Pixels) -> list[Longs]:
+def _pieces(own: _SurfacePixels, behind: _SurfacePixels) -> list[Longs]:
     """Return the pixels of each piece: one surface in front of one other; of a round body, narrow strips together.
 
     The narrow pieces of a mostly flat body are its borders and corners, which are no evidence.
