@@ -18,7 +18,7 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Channel
 from cadcam.verify.bodies.likeness import likenesses
 from cadcam.verify.bodies.redrawn import redrawn
-from cadcam.verify.bodies.tones import Tones, _Pixels
+from cadcam.verify.bodies.tones import Tones, _SurfacePixels
 from cadcam.verify.deviations.deviation import State
 from cadcam.verify.edges.association import nearby_edges, strays
 from cadcam.verify.edges.shown import ShownFaces
@@ -65,7 +65,7 @@ def test_the_pieces_of_one_surface_are_off_their_tone_together() -> None:
     """What lies before and behind cuts a face into pieces: light that is not as fitted changes all of them alike."""
     normal, color = np.tile([0.0, 0.0, 1.0], (90, 1)), np.zeros(90, np.int32)
     surface = np.zeros(90, np.int64)
-    pixels = _Pixels(normal, color, surface)
+    pixels = _SurfacePixels(normal, color, surface)
     light = fitted_light(
         np.full((40, 40), 0.5, np.float32), np.tile([0.0, 0.0, 1.0], (40, 40, 1)), np.zeros((40, 40), np.int32)
     )
