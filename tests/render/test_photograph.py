@@ -21,10 +21,10 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.light import Blur, Vignetting
 from cadcam.image.sensor.presets import GLOBAL_SHUTTER
 from cadcam.image.sensor.sensor import Sensor
-from cadcam.render import open_renderer
+from cadcam.render import open_renderer, photograph
 from cadcam.render.light import LIGHTS, Lamp, Light, named_light
 from cadcam.render.photograph import Photographer, behind, blur_before
-from cadcam.render.samples import renderings, sample_points
+from cadcam.render.samples import pairing, renderings, sample_points
 from cadcam.render.view import Channel, Scene
 
 EVEN = LIGHTS["even"]
@@ -171,6 +171,38 @@ def test_a_plate_over_a_floor_casts_the_shadow_that_geometry_says():
         shadow = np.nansum(dark[x > 54]) * mm + x[x > 54][0] - mm / 2
         assert shadow == pytest.approx(150, abs=0.1 if size_deg == 0 else 2.0)
         assert np.any((dark > 0.1) & (dark < 0.9) & (x > 150 - 0.8 * half) & (x < 150 - 2 * mm)) == (size_deg > 0)
+
+
+def edge_in_part_of_a_lamp(angle):
+    """Return how far (px) an edge of paint is drawn off where a far lid leaves some of a lamp in sight; angle: which.
+
+    The lid's border is straight, and so far off that all of the picture sees the same part of the lamp.
+    """
+    c, s = np.cos(angle), np.sin(angle)
+    corners = np.array([[0.0, 0.0], [0.0, 2e6], [1e6, 2e6], [1e6, 0.0]]) - [-1e5, 1e6]
+    lid = Mesh.single(np.column_stack([corners @ [[c, s], [-s, c]], np.full(4, -1e6)]), [[0, 2, 1], [0, 3, 2]])
+    picture = scene((plate(-1e3, 0, 500.0), 0.0), (plate(0, 1e3, 500.0, name="white"), 1.0), (lid, 0.0))
+    light = Light((Lamp((0, 0, -1.0), 1.0, 30.0),))
+    got = Photographer(picture).radiance(CAMERA, HERE, light=light, blur_px=0.5, samples=16).color[..., 0]
+    line = got.astype(np.float64).mean(axis=0)
+    assert 0 < line[-1] < 0.95  # of the lamp not all is in sight
+    return 32 - line.sum() / line[-1]
+
+
+def test_an_edge_in_half_shadow_is_drawn_in_its_place(monkeypatch):
+    """The points of the pixel that go with those of a lamp in sight had a mean of up to 0.33 px."""
+    angles = np.radians(np.arange(10, 370, 40))
+    assert max(abs(edge_in_part_of_a_lamp(a)) for a in angles) < 0.05
+    monkeypatch.setattr(photograph, "pairing", lambda n: np.zeros((1, 1), np.int64))
+    assert max(abs(edge_in_part_of_a_lamp(a)) for a in angles) > 0.3
+
+
+@pytest.mark.parametrize("n", [1, 2, 8, 16, 64])
+def test_each_pixel_takes_every_point_of_a_lamp_once_and_its_neighbour_the_opposite_one(n):
+    tile = pairing(n)
+    assert np.array_equal(np.sort(tile.ravel()), np.arange(n))
+    lamp = sample_points(n).lamp[tile]
+    assert n == 1 or np.allclose(lamp[:, ::2], -lamp[:, 1::2])
 
 
 def test_light_adds_up():

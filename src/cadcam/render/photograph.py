@@ -7,7 +7,7 @@ thing before a sharp one, or behind it, covers just what it does through a real 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -24,7 +24,7 @@ from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.cutout import Cutout
 from cadcam.render.embree import Caster
 from cadcam.render.light import LIGHTS, Light
-from cadcam.render.samples import sample_points
+from cadcam.render.samples import pairing, sample_points
 from cadcam.render.thin_lens import Pinhole, ThinLens
 from cadcam.render.view import Channel, Scene, View
 
@@ -86,43 +86,49 @@ class Photographer:
 
         aperture: by default a pinhole, sharp at every depth. blur_px: sigma of all blur but the opening's disc and the
         pixel's area, see `blur_before`. samples: renderings that are averaged, rounded up to a power of two; 16 do for
-        edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved. step is called after
-        each rendering.
+        edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved, in half a shadow neither
+        (`cadcam.render.samples.pairing`). step is called after each rendering.
         """
         points, lens = sample_points(samples, blur_px), ThinLens(camera, aperture)
+        towards = [np.stack([lamp.direction(*at) for at in points.lamp]) for lamp in light.lamps]
+        pairs = pairing(len(points))
         color = np.zeros((camera.height, camera.width, 3), np.float32)
         alpha = np.zeros((camera.height, camera.width), np.float32)
-        for pixel, opening, lamp in zip(points.pixel, points.opening, points.lamp, strict=True):
-            self._add(color, alpha, lens.pinhole(camera_from_world, pixel, opening), light, lamp)
+        for k, (pixel, opening) in enumerate(zip(points.pixel, points.opening, strict=True)):
+            seen = lens.pinhole(camera_from_world, pixel, opening)
+            self._add(color, alpha, seen, light, [to[k ^ pairs] for to in towards])
             step()
         n = np.float32(len(points))
         return Cutout(camera, np.divide(color, n, dtype=np.float32), np.divide(alpha, n, dtype=np.float32))
 
-    def _add(self, color: Picture, alpha: Picture, seen: Pinhole, light: Light, lamp_point: Array) -> None:
-        """Add what one pinhole sees by one point of each lamp's disc."""
+    def _add(self, color: Picture, alpha: Picture, seen: Pinhole, light: Light, towards: Sequence[Array]) -> None:
+        """Add what one pinhole sees; towards: of each lamp the directions (h, w, 3) in a tile of pixels."""
         view = self._renderer.render(seen.camera, seen.camera_from_world, channels=_SEEN)
         at = np.nonzero(view.mask)
-        irradiance = self._irradiance(view, seen, at, light, lamp_point)
+        to = [tile[at[0] % tile.shape[0], at[1] % tile.shape[1]] for tile in towards]
+        irradiance = self._irradiance(view, seen, at, light, to)
         color[at] += self._reflectance[view.face[at]] * irradiance[:, None]
         alpha[at] += 1
 
     def _irradiance(
-        self, view: View, seen: Pinhole, at: tuple[npt.NDArray[np.intp], ...], light: Light, lamp_point: Array
+        self, view: View, seen: Pinhole, at: tuple[npt.NDArray[np.intp], ...], light: Light, towards: Sequence[Array]
     ) -> Picture:
-        """Return the light (N,) on the surface points that the pixels `at` see, as the radiance of white."""
+        """Return the light (N,) on the surface points that the pixels `at` see, as the radiance of white.
+
+        towards: of each lamp the direction (N, 3) of its point, for each of them.
+        """
         normal = view.normal[at]
         total = np.full(len(normal), light.ambient, np.float32)
         if light.flash:
             total += light.flash * np.clip(-np.einsum("ij,ij->i", normal, seen.directions[at].astype(np.float32)), 0, 1)
         R = seen.camera_from_world.rotation
-        for lamp in light.lamps:
-            towards = lamp.direction(*lamp_point)
-            cosine = np.clip(normal @ (R @ towards).astype(np.float32), 0, 1)
+        for lamp, to in zip(light.lamps, towards, strict=True):
+            cosine = np.clip(np.einsum("ij,ij->i", normal, (to @ R.T).astype(np.float32)), 0, 1)
             lit = np.flatnonzero(cosine > 0)
             where = tuple(i[lit] for i in at)
             points = self._points(view, seen, where)
             dark = self._shaded(
-                points, normal[lit] @ R.astype(np.float32), towards, float(view.depth[where].max(initial=0))
+                points, normal[lit] @ R.astype(np.float32), to[lit], float(view.depth[where].max(initial=0))
             )
             cosine[lit[dark]] = 0
             total += lamp.strength * cosine
@@ -136,7 +142,8 @@ class Photographer:
     def _shaded(self, points: Array, normals: Picture, towards: Array, farthest: float) -> Mask:
         """Return which points (N, 3) with normals (N, 3) in the world have the model between them and a lamp.
 
-        farthest: the largest depth of a point, which is known to 1e-6 of it.
+        towards (N, 3): the unit direction of the lamp from each; farthest: the largest depth of a point, which is known
+        to 1e-6 of it.
         """
         if self._caster is None:
             self._caster = Caster(self._scene.mesh)
@@ -147,7 +154,7 @@ class Photographer:
             p = points[part]
             start = p + clear * normals[part]
             reach = np.full(len(p), 4 * caster.radius)
-            return np.asarray(caster.first_hit(start, np.broadcast_to(towards, p.shape), reach) >= 0)
+            return np.asarray(caster.first_hit(start, towards[part], reach) >= 0)
 
         return np.concatenate(on_all_cores(cast, blocks(len(points))))
 

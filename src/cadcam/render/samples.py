@@ -2,6 +2,10 @@
 
 Sobol's sequence, so that few are even; and every point with its mirror image, so that the mean of any number of them is
 the middle: blur then moves nothing.
+
+Half a shadow on an edge would still move it: if of n points of a lamp only some are in sight, the n points of the pixel
+that go with these have another mean. So neighbouring pixels pair the two otherwise (`pairing`), as images of few
+samples do that are interleaved (A. Keller, W. Heidrich, Eurographics Workshop on Rendering, 2001).
 """
 
 from __future__ import annotations
@@ -10,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, frozen
+from cadcam.arrays import Array, Longs, frozen
 from cadcam.errors import BadValue
 
 MOST = 4096
@@ -57,6 +61,22 @@ def sample_points(n: int, blur_px: float = 0.0) -> SamplePoints:
     x += 1 / (4 * half)  # with their mirror images, numbers then lie in the middle of equal shares
     x = np.concatenate([x, 1 - x])
     return SamplePoints(in_pixel(x[:, :2], blur_px), on_disc(x[:, 2:4]), on_disc(x[:, 4:6]))
+
+
+def pairing(n: int) -> Longs:
+    """Return a tile (h, w) of the whole numbers below n, a power of two, each once: h w = n.
+
+    A pixel that takes point k ^ tile[y % h, x % w] of a lamp with its own k-th takes every point once; all pixels of a
+    tile together take every pair once, and neighbours in a row opposite points. Ordered dither (B. E. Bayer, IEEE ICC,
+    1973).
+    """
+    bits = n.bit_length() - 1
+    y, x = np.indices((1 << bits // 2, 1 << (bits + 1) // 2), np.int64)
+    out = np.zeros(x.shape, np.int64)
+    for i in range(bits):
+        bit = (x ^ y) >> i // 2 if i % 2 == 0 else y >> i // 2
+        out |= (bit & 1) << (bits - 1 - i)
+    return out
 
 
 def in_pixel(x: Array, blur_px: float) -> Array:
