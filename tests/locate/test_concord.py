@@ -68,6 +68,21 @@ def test_a_pose_between_two_cameras_that_disagree_is_as_unsure_as_they_make_it(
     assert normalised(found) < 3
 
 
+@pytest.mark.parametrize("names", [("left", "right"), ("left", "right", "tele")])
+@pytest.mark.parametrize("off", [(0.02, 0.01, 0.0), (-0.03, 0.0, 0.02)])
+def test_what_calibrations_leave_makes_a_pose_less_sure_and_no_more(
+    names: tuple[str, ...], off: tuple[float, float, float], rng: np.random.Generator
+) -> None:
+    """Less than 0.2 px is no reason to doubt a rig whose files do not say how well they are known."""
+    taken = photos(rng, {"right": off}, *names)
+    found = refine_pose(PART, taken, START)
+    assert found.found
+    assert found.disagreements == ()
+    assert "disagree" not in found.reason
+    assert found.cameras_off_mm > 0
+    assert normalised(found) < 3
+
+
 def test_two_photos_that_contradict_each_other_have_no_pose(rng: np.random.Generator) -> None:
     """Each shows the part clearly, 6 px apart: neither camera is likelier to be the one that is off."""
     found = refine_pose(PART, photos(rng, {"right": (3.0, -2.0, 0.0)}, "left", "right"), START)

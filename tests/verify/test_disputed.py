@@ -6,6 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
@@ -48,12 +49,19 @@ def located(photos: Sequence[Photo]) -> Location:
     return found
 
 
+def states(photos: Sequence[Photo], found: Location) -> set[State]:
+    """Return what becomes of the bodies, each of which is asked for."""
+    seen = verify_part(part(), photos, found, whole_parts(part().scene)).inspection
+    assert seen is not None
+    return {f.state for f in seen.features}
+
+
 def test_two_cameras_that_disagree_displace_no_body() -> None:
     photos, bodies = rig({"left": (-3.0, 0.0, 1.0)}, "front", "left"), whole_parts(part().scene)
     found = located(photos)
-    believed = verify_part(part(), photos, replace(found, disagreements=()), bodies).inspection
-    assert believed is not None
-    assert State.DISPLACED in {f.state for f in believed.features}  # else this shows nothing
+    exact = replace(found, disagreements=(), cameras_off_mm=0.0)
+    assert State.DISPLACED in states(photos, exact)  # else this shows nothing
+    assert State.DISPLACED not in states(photos, replace(exact, cameras_off_mm=found.cameras_off_mm))
     seen = verify_part(part(), photos, found, bodies).inspection
     assert seen is not None
     assert {(f.state, f.why) for f in seen.features} == {(State.UNCLEAR, Unclear.DISPUTED)}
@@ -82,13 +90,43 @@ def test_what_is_missing_is_so_for_both() -> None:
 def test_a_good_part_is_judged_by_the_cameras_that_agree() -> None:
     photos = rig({"left": (3.0, 1.0, 0.0)}, *VIEWS)
     found = located(photos)
-    assert verify_part(part(), photos, replace(found, disagreements=()), ASKED).verdict is Verdict.UNDECIDED
+    exact = replace(found, disagreements=(), cameras_off_mm=0.0)
+    assert verify_part(part(), photos, exact, ASKED).verdict is Verdict.UNDECIDED
     verdict = verify_part(part(), photos, found, ASKED)
     assert verdict.verdict is Verdict.PASS
     assert "photo 'left' shows" in verdict.reason
     assert verdict.reason.endswith("and was left out")
     assert verdict.inspection is not None
     assert {e.photo for e in verdict.inspection.edges} == {0, 2}
+
+
+@pytest.mark.parametrize(("off", "names"), [((0.5, 0.0, 0.0), ("front", "left")), ((0.25, 0.0, 0.0), tuple(VIEWS))])
+def test_cameras_are_judged_by_that_are_off_by_no_more_than_calibrations_are(
+    off: tuple[float, float, float], names: tuple[str, ...]
+) -> None:
+    """0.1 to 0.2 px, of cameras without a covariance: what they are off is told from the photos, and is part of U."""
+    photos = rig({"left": off}, *names)
+    found = located(photos)
+    assert found.disagreements == ()
+    rms = np.linalg.norm(off) / np.sqrt(6 * len(names))  # of places and directions, along each axis
+    assert rms / 3 < found.cameras_off_mm < 3 * rms
+    told, exact = (verify_part(part(), photos, f, ASKED) for f in (found, replace(found, cameras_off_mm=0.0)))
+    assert told.verdict is Verdict.PASS
+    for one, other in zip(told.judgements, exact.judgements, strict=True):
+        if one.limit.quantity is Quantity.POSITION:
+            assert one.U > 1.1 * other.U
+            assert one.deviation < 1.5 * one.U
+    assert State.DISPLACED not in states(photos, found)
+
+
+def test_a_body_that_is_displaced_is_found_by_cameras_that_are_off_by_little() -> None:
+    photos = rig({"left": (0.25, 0.0, 0.0)}, *VIEWS, mesh=displaced("rib 1", np.array([0.0, 2.0, 0.0])))
+    found = located(photos)
+    assert found.disagreements == ()
+    assert found.cameras_off_mm > 0
+    verdict = verify_part(part(), photos, found, ASKED)
+    assert verdict.verdict is Verdict.FAIL
+    assert verdict.reason.startswith("rib 1 is ")
 
 
 def test_a_body_that_is_displaced_makes_no_photos_disagree() -> None:

@@ -211,6 +211,12 @@ class Viewpoint:
         errors = (_calibration(name, estimate, with_internals), found)
         return _of(name, estimate, pose.camera_from_world, sigma_px, errors)
 
+    def less_sure(self, sigma_mm: float, sigma_rad: float, *, why: str) -> Viewpoint:
+        """Return the viewpoint with one more, independent error: of its focal centre and direction, along each axis."""
+        covariance = np.diag([sigma_mm**2] * 3 + [sigma_rad**2] * 3)
+        effect = np.eye(11 + len(self.camera.lens.parameters), 6)
+        return replace(self, errors=(*self.errors, (ErrorSource(why, covariance, object()), effect)))
+
     def rays(self, q: Floats) -> Ray:
         """Return the rays (..., 3) in the world along which pixels q (..., 2) are seen; `BadValue` if there is none."""
         q = np.asarray(q, dtype=np.float64)

@@ -41,7 +41,9 @@ class Location:
     quality in [0, 1]: how certain it is that the pose is right; from `FOUND` on the part counts as found. reason: one
     line of text, why it is believed or not. alternatives: other poses that the photos allow nearly as well (symmetry,
     planar flip), best first. doubted: whether the evidence was weak at first: few or faint lines, or a loose fit.
-    disagreements: those of several photos that do not show the part there.
+    disagreements: those of several photos that do not show the part there. cameras_off_mm: standard deviation by
+    which the photos show each camera to be off along each axis of the world and, by its direction, at the part, in
+    addition to the covariance of its calibration; the covariance of the pose contains what follows from it.
     """
 
     pose: PoseEstimate
@@ -51,6 +53,7 @@ class Location:
     alternatives: tuple[Location, ...] = field(default=(), repr=False)
     doubted: bool = False
     disagreements: tuple[Disagreement, ...] = ()
+    cameras_off_mm: float = 0.0
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:

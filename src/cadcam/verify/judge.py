@@ -59,14 +59,14 @@ def verify_part(
     The pose is fitted again, to the datum that the tolerances name, and every feature is judged relative to a pose
     fitted without it. A part that was not found gets no verdict but NOT FOUND, and why. Photos that `located` left out
     are not used; where it rests on photos that disagree, no place is judged, because a wrong camera displaces bodies of
-    a good part. Raises as `inspect`.
+    a good part. How far cameras are off that disagree by less is part of U. Raises as `inspect`.
     """
     tolerances.check(part.scene)
     if not located.found:
         return _nothing(f"the part was not found: {located.reason or 'no pose fits'}", tolerances, located, None)
     pose: Rigid = located.pose.world_from_part
     kept = [k for k in range(len(photos)) if k not in located.left_out]
-    few = [photos[k] for k in kept]
+    few = [_as_sure(photos[k], part, located) for k in kept]
     seen = inspect(part, few, pose, tolerances=tolerances, options=options, freedom=freedom.at(pose))
     if not seen.found:
         return _nothing(seen.reason, tolerances, located, seen)
@@ -75,6 +75,16 @@ def verify_part(
     verdict = overall(j.verdict for j in judgements)
     reason = "; ".join([_why(verdict, judgements), *map(str, located.disagreements)])
     return Verification(verdict, reason, judgements, seen, tolerances, located)
+
+
+def _as_sure(photo: Photo, part: Part, located: Location) -> Photo:
+    """Return a photo whose camera is as unsure of its place and direction as all photos together show it to be."""
+    mm = located.cameras_off_mm
+    if mm == 0:
+        return photo
+    view = photo.viewpoint
+    away = float(np.linalg.norm(located.pose.world_from_part @ part.aspects.centre - view.camera_from_world.origin))
+    return replace(photo, viewpoint=view.less_sure(mm, mm / away, why="photos that disagree"))
 
 
 def _in_agreement(seen: Inspection, kept: Sequence[int], *, disputed: bool) -> Inspection:

@@ -11,8 +11,10 @@ its depth, takes up the rest: edges that scatter hardly more hide an error of th
    of photo j in it, and r_i = L_i (s_i - sum_j P_j s_j), L_i being how a twist moves the part across the line of sight.
    How far cameras are off, in place and by direction, is such that sum_i |r_i|^2 / E |r_i|^2 is what it should be
    (R. C. Paule, J. Mandel, J. Res. NBS 87, 1982, for laboratories that disagree). The pose is that much less sure.
-3. Where a photo disagrees beyond doubt, the answer says so. Of three photos or more the one is left out without which
-   the others agree, if there is just one such. A photo that shows nothing of the part is left out of the fit, too.
+3. Where a photo disagrees beyond doubt, and by more than is left in any calibration, the answer says so: a camera file
+   without a covariance does not claim to be exact. What is less makes the pose less sure (2.), and what is measured
+   with these cameras (`Location.cameras_off_mm`). Of three photos or more the one is left out without which the others
+   agree, best by all but noise, if there is just one such. A photo that shows nothing of the part is left out, too.
 """
 
 from __future__ import annotations
@@ -42,6 +44,7 @@ from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 _TURNS = 3  # unknowns of a camera that turns
 _TELLING = 0.5  # share of what lines tell that these may take, of a photo that would show the part
 _SURELY = 36.0  # squared standard deviations of a shift of two numbers that noise does not make
+_LEAST_PX = 0.2  # by which lines must move at least: less may be the calibration (docs/benchmarks/real_calibrations.md)
 _SHOWN = 0.25  # quality at which a photo tells by itself where the part is, if its lines are near
 _FAR_PX, _CLEARLY = 40.0, (0.5, 0.2)  # px that others are looked for; their quality, and how much above that in place
 _LEFT = 0.1  # share of a photo's own noise that is left between it and the pose of all, at least
@@ -73,7 +76,12 @@ class Beside:
 
     @property
     def sure(self) -> bool:
-        """Return whether the photo disagrees beyond doubt."""
+        """Return whether the photo disagrees beyond doubt, and by more than a calibration may be off."""
+        return self.doubtless and self.px >= _LEAST_PX
+
+    @property
+    def doubtless(self) -> bool:
+        """Return whether noise, and what is said of the calibration, does not make the shift, however small it is."""
         return self.squared > _SURELY
 
 
@@ -98,8 +106,13 @@ class Concord:
 
     @property
     def holds(self) -> bool:
-        """Return whether no photo disagrees beyond doubt."""
+        """Return whether no photo disagrees by more than calibrations may be off."""
         return not any(one.sure for one in self.photos)
+
+    @property
+    def close(self) -> bool:
+        """Return whether the photos agree but for noise and what is said of their calibrations."""
+        return not any(one.doubtless for one in self.photos)
 
     @property
     def contradicted(self) -> bool:
@@ -114,10 +127,11 @@ class Concord:
         pose = replace(before, from_noise=before.from_noise + B @ (B.T @ added @ B) @ B.T)
         was, now = (weakest_direction(p, part.aspects.centre, photos) for p in (before, pose))
         reason = location.reason.replace(was, now)
+        location = replace(location, pose=pose, cameras_off_mm=float(np.sqrt(self.variance)))
         if self.holds:
-            return replace(location, pose=pose, reason=reason)
+            return replace(location, reason=reason)
         of = self.disagreements([one.photo for one in self.photos if one.sure], photos, left_out=False)
-        location = replace(location, pose=pose, disagreements=of)
+        location = replace(location, disagreements=of)
         said = f"{self._words(photos)}: does every camera stand where its file says?"
         if not self.contradicted:
             return replace(location, reason=f"{reason}; the photos disagree: {said}")
@@ -135,7 +149,7 @@ class Concord:
 
     def _words(self, photos: Sequence[Photo]) -> str:
         """Return which photo disagrees most surely, and by how much."""
-        one = max(self.photos, key=lambda p: p.squared)
+        one = max((p for p in self.photos if p.sure), key=lambda p: p.squared)
         by = f"{np.linalg.norm(one.shift):.2g} mm ({one.px:.1f} px)"
         return f"{photos[one.photo].viewpoint.name!r} shows the part {by} beside where all together have it"
 

@@ -198,18 +198,22 @@ class Refinement:
         else:
             return None
         without = [(gone, self.without(best, gone)) for gone in left_out]
-        told = [(gone, answer) for gone, answer in without if answer is not None]
+        told = [(gone, *answer) for gone, answer in without if answer is not None]
+        told = [one for one in told if one[2]] or told  # two that are off by little agree, but two that are not do so more
         if self.evidence or len(told) != 1:
             return None
-        gone, answer = told[0]
+        gone, answer, _ = told[0]
         location = answer.location
         of = concord.disagreements(gone, self.photos, left_out=True)
         reason = f"{location.reason}; {', '.join(repr(one.name) for one in of)} left out: {why}"
         quality = min(location.quality, best.location.quality)
         return replace(answer, location=replace(location, quality=quality, reason=reason, disagreements=of))
 
-    def without(self, best: PoseAnswer, gone: Sequence[int]) -> PoseAnswer | None:
-        """Return the answer without some photos; None where it is not found, or the others do not agree either."""
+    def without(self, best: PoseAnswer, gone: Sequence[int]) -> tuple[PoseAnswer, bool] | None:
+        """Return the answer without some photos, and whether nothing but noise is between the others.
+
+        None where it is not found, or the others do not agree either.
+        """
         kept = [k for k in range(len(self.photos)) if k not in gone]
         fewer = replace(self, photos=[self.photos[k] for k in kept])
         answer = fewer.settled(*fewer.attracted([best.sights[k] for k in kept], best.pose, self.options.search_px))
@@ -220,7 +224,7 @@ class Refinement:
             return None
         location = concord.told(answer.location, self.part, fewer.photos)
         matches = replace(location.matches, photo=np.array(kept, np.int32)[location.matches.photo])
-        return replace(answer, location=replace(location, matches=matches))
+        return replace(answer, location=replace(location, matches=matches)), concord.close
 
     def colored(self, pose: Rigid) -> tuple[float, Rigid, Sequence[Sight]]:
         """Return the share of the lines' samples that colour supports at a pose, the pose, and its sights."""

@@ -100,6 +100,24 @@ def findings_redrawn(case: Case, look: Findings) -> Findings:
     One body at a time, the farthest from where it is drawn first. Its place is measured, or guessed from the edges
     nearby; of several places the one that resembles the photos most is tried.
     """
+    return _anywhere(look, _redrawn_one_by_one(case, look))
+
+
+def _anywhere(first: Findings, last: Findings) -> Findings:
+    """Return the last look, its bodies there as surely as where they were drawn first, as far as that is in doubt.
+
+    A body is missing that is neither where it was guessed to be nor in its place: what speaks for a guess against its
+    place may be little, and what it costs to have looked at many places speaks against the guess alone.
+    """
+    presence = list(last.presence)
+    for i, (before, found) in enumerate(zip(first.presence, presence, strict=True)):
+        part = last.survey.whole_part(i)
+        if part is not None and last.survey.by[part].any():
+            presence[i] = replace(found, log_ratio=max(found.log_ratio, min(before.log_ratio, 0.0)))
+    return replace(last, presence=presence)
+
+
+def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
     evidence, clutter = look.survey.evidence, look.survey.clutter.share
     seen = edge_visibility(evidence, np.ones(len(evidence.seen), bool))
     for _ in range(_ROUNDS):
