@@ -9,6 +9,7 @@ import numpy as np
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
+from cadcam.verify.bodies.findings import Case, _anywhere, findings_of
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.edges.survey import surveyed
 from cadcam.verify.tolerances.tolerance import whole_parts
@@ -55,3 +56,29 @@ def test_offsets_are_from_the_place_in_the_cad_wherever_a_body_is_drawn(rng: np.
     assert np.all(shift > 2.0)
     others = ~seen.members[seen.names.index("block")] & seen.matched.measured
     assert abs(np.median(seen.matched.offset[others])) < 0.1
+
+
+def test_a_body_that_was_guessed_to_stand_elsewhere_is_no_less_there_than_in_its_place(
+    rng: np.random.Generator,
+) -> None:
+    """A guess that hardly anything spoke for made a body in place missing: places that were searched cost."""
+    asked, shot = whole_parts(part().scene), photo(plate(), rng)
+    case = Case(part(), [shot], Rigid(), asked, np.eye(6), 8.0, 0.01)
+    look = findings_of(case, part(), surveyed(part(), [shot], Rigid(), asked, reach_px=8.0))
+    block, rib = look.survey.names.index("block"), look.survey.names.index("rib 1")
+
+    def told(in_place: float, elsewhere: float, *, drawn: int) -> float:
+        """Return L of the block: first in its place, then with that body drawn elsewhere."""
+        looks = []
+        for L in (in_place, elsewhere):
+            presence = [replace(p, log_ratio=L) if i == block else p for i, p in enumerate(look.presence)]
+            looks.append(replace(look, presence=presence))
+        by = np.zeros((5, 3))
+        by[look.survey.whole_part(drawn)] = 4.0
+        looks[1] = replace(looks[1], survey=replace(look.survey, by=by))
+        return _anywhere(*looks).presence[block].log_ratio
+
+    assert told(-2.5, -8.8, drawn=block) == -2.5
+    assert told(-8.8, -2.5, drawn=block) == -2.5
+    assert told(+3.0, -8.8, drawn=block) == 0.0  # one of the two is wrong: it is in doubt
+    assert told(-2.5, -8.8, drawn=rib) == -8.8  # nothing was guessed

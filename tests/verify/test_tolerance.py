@@ -70,12 +70,69 @@ def test_a_file_says_what_it_says(tmp_path: Path) -> None:
         ("    direction: [0, 3, 4]\n", "    direction: [0, 0, 0]\n", r"a vector that is not zero"),
         ("datum: [{part: plate}]", "datum: [{}]", r"does not say which edges"),
         ("datum: [{part: plate}]", "datum: plate", r"datum is not a list; write '- part: name' lines"),
+        ("datum: [{part: plate}]", "datum: [plate]", r"datum.0 is \"plate\"; write '- part: name' lines"),
+        ("datum: [{part: plate}]", "datum: []", r"datum names nothing; .* or leave it out"),
+        ("datum: [{part: plate}]", "datum: [{part: plte}]", r"datum 0: unknown part 'plte'; did you mean 'plate'"),
+        ("datum: [{part: plate}]", "datum: [{part: rib 1}]", r"datum is all within feature 'rib'"),
+        ("part: rib 1", "part: '*'", r"datum is all within feature 'rib'"),
+        ("part: rib 1", "part: rib 7", r"feature 'rib': unknown part"),
+        ("part: rib 1", "part: rib 1\n    chains: []", r"features.rib.chains is empty; name what is meant"),
+        ("part: rib 1", "part: rib 1\n    chains: [12.5]", r"features.rib.chains.0 is 12.5; a whole number"),
+        ("kinds: [crease, contact]", "kinds: []", r"kinds is empty; name what is meant"),
+        ("kinds: [crease, contact]", "kinds: crease", r"kinds is not a list; a list of texts is expected"),
+        ("position_mm: 0.5\n", "direction: [0, 1, 0]\n", r"features.rib has a direction; it is that of a position_mm"),
+        ("position_mm: 0.5", "position_mm: .nan", r"features.rib.position_mm is not finite"),
+        ("position_mm: 0.5", "position_mm: 0.5 mm", r'features.rib.position_mm is "0.5 mm"; a number is expected'),
+        ("position_mm: 0.5", "position_um: 500", r"unknown key 'position_um'; did you mean 'position_mm'"),
+        ("angle_deg: 0.3", "angle_deg: 180", r"angle_deg is 180.0; expected less than 180"),
+        ("presence: required", "presence: 1", r"features.rib.presence is 1.0; write presence: required"),
+        ("presence: required", "presence: false", r"features.rib.presence is false; write presence: required"),
+        ("k: 2.5", "k: 0", r"k is 0; a coverage factor up to 10 is expected"),
+        ("k: 3", "k: 95", r"corner of the block.k is 95; a coverage factor up to 10 is expected"),
+        ("k: 2.5", "k: .nan", r"k is not finite"),
+        ("  rib:", '  " ":', r'features names a feature " "; a name that can be read'),
+        ("  rib:", '  "r\\u001bb":', r'features names a feature "r\\u001bb"; a name that can be read'),
+        ("  rib:", "  corner of the block:", r"line 9 has the key 'corner of the block' twice"),
+        ("    part: rib 1\n", "    part:rib 1\n", r"is not YAML"),
     ],
 )
 def test_what_is_wrong_is_named_with_what_there_is(tmp_path: Path, old: str, new: str, said: str) -> None:
     assert old in GOOD
     with pytest.raises(CadcamError, match=said):
         read_tolerances(written(tmp_path, GOOD.replace(old, new))).check(part().scene)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", r"is empty"),
+        ("# to be written\n", r"holds no YAML document"),
+        ("features:\n", r"features names no feature; write name: \{part: ..., position_mm: ...\}"),
+        ("features:\n  - part: rib 1\n", r"features names no feature; write name"),
+        ("features:\n  rib:\n", r"features.rib is null; write name"),
+        (
+            "features:\n  rib:\n    part:rib 1\n    position_mm:1\n",
+            r'features.rib is "part:rib 1 position_mm:1"; write',
+        ),
+        ('[features.rib]\npart = "rib 1"\n', r"is not YAML|'key: value' lines are expected"),
+        ('k = 2\npart = "rib 1"\n', r"'key: value' lines are expected"),
+        ('{"features": {"rib": {"part": "rib 1", "position_mm": 0.5}', r"is not YAML: .* is it cut off\?"),
+        ("features: {every: {part: '*', presence: required}}\n", r"datum is not stated, and every part is judged"),
+        (
+            "features: {a: {part: 'rib*', position_mm: 1}, b: {part: '[!r]*', position_mm: 1}}\n",
+            r"such as datum: \[\{part: '\*'\}\]",
+        ),
+    ],
+)
+def test_a_file_of_another_kind_or_without_a_datum_says_what_to_write(tmp_path: Path, text: str, said: str) -> None:
+    with pytest.raises(CadcamError, match=said):
+        read_tolerances(written(tmp_path, text)).check(part().scene)
+
+
+def test_json_is_yaml_and_every_feature_may_be_measured_from_the_others(tmp_path: Path) -> None:
+    text = '{"datum": [{"part": "*"}], "features": {"rib": {"part": "rib 1", "position_mm": 0.5}}}'
+    read_tolerances(written(tmp_path, text)).check(part().scene)
+    read_tolerances(written(tmp_path, text.replace("rib 1", "rib*"))).check(part().scene)
 
 
 def test_a_box_beside_the_part_says_where_its_edges_are() -> None:

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from cadcam.errors import UnreadableFile
-from cadcam.files.jsontext import Place
+from cadcam.files.jsontext import Place, shortened
 from cadcam.files.text import TextFile
 
 _NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
@@ -34,7 +34,8 @@ def parsed_yaml(file: TextFile) -> Place:
     except yaml.YAMLError as error:
         remedy = "indent with blanks: YAML takes no tabs" if _TABS.search(text) else "is it cut off?"
         raise UnreadableFile(file.path, f"is not YAML: {_said(error)}", remedy) from None
-    _ = place.object
+    if not isinstance(place.value, dict):
+        raise UnreadableFile(file.path, f"is {shortened(place.value)}", "'key: value' lines are expected")
     return place
 
 

@@ -186,7 +186,9 @@ def _members(scene: Scene, lines: Sightlines, asked: Tolerances) -> tuple[tuple[
     rest = ~np.any(members, axis=0) if members else np.ones(len(lines), bool)
     for number in np.unique(lines.part[rest]):
         name = scene.mesh.part_names[number]
-        names.append(f"rest of {name}" if name in names else name)
+        while name in names:
+            name = f"rest of {name}"
+        names.append(name)
         members.append(rest & (lines.part == number))
     return tuple(names), tuple(members)
 

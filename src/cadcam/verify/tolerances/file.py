@@ -33,7 +33,7 @@ import numpy as np
 
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import UnknownName
-from cadcam.files.jsontext import Place
+from cadcam.files.jsontext import Place, shortened
 from cadcam.files.text import read_text
 from cadcam.files.yamltext import parsed_yaml
 from cadcam.render.view import Scene
@@ -41,7 +41,9 @@ from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, S
 
 _WHERE = ("part", "chains", "box_mm", "kinds")
 _HOW = ("k", "rule", "direction")
-_K = 2.0
+_K, _LARGEST_K = 2.0, 10.0  # what is larger, 95 or 99, is not meant as a number of sigmas
+_DATUM = "write '- part: name' lines"
+_WRITE = "write name: {part: ..., position_mm: ...}; `cadcam verify --template` writes a file to start from"
 
 
 def read_tolerances(path: str | os.PathLike[str]) -> Tolerances:
@@ -49,13 +51,16 @@ def read_tolerances(path: str | os.PathLike[str]) -> Tolerances:
     file = read_text(path)
     place = parsed_yaml(file)
     place.only("k", "rule", "datum", "features")
-    k = place.at("k").number() if "k" in place.object else _K
+    k = _coverage(place) if "k" in place.object else _K
     rule = rule_at(place.at("rule")) if "rule" in place.object else Rule.GUARD_BAND
     datum = _datum(place.at("datum")) if "datum" in place.object else ()
     listed = place.at("features")
+    if not isinstance(listed.value, dict) or not listed.value:
+        raise listed.error("names no feature", _WRITE)
+    for name in listed.value:
+        if not name.strip() or not name.isprintable():
+            raise listed.error(f"names a feature {shortened(name)}", "a name that can be read is expected")
     features = tuple(_feature(name, listed.at(name), k, rule) for name in listed.object)
-    if not features:
-        raise listed.error("names no feature", "write name: {part: ..., position_mm: ...}; `cadcam verify --template`")
     return place.build(lambda: Tolerances(features, datum, file.path, file.sha256))
 
 
@@ -88,33 +93,48 @@ def _quoted(name: str) -> str:
 
 
 def _datum(place: Place) -> tuple[Selection, ...]:
-    items = place.items("write '- part: name' lines")
+    items = place.items(_DATUM)
+    if not items:
+        raise place.error("names nothing", f"{_DATUM}, or leave it out: then it is all that is not judged")
     for item in items:
+        if not isinstance(item.value, dict):
+            raise item.error(f"is {shortened(item.value)}", _DATUM)
         item.only(*_WHERE)
     return tuple(selection_at(item) for item in items)
 
 
 def _feature(name: str, place: Place, k: float, rule: Rule) -> Feature:
+    if not isinstance(place.value, dict):
+        raise place.error(f"is {shortened(place.value)}", _WRITE)
     place.only(*_WHERE, *_HOW, *(q.value for q in Quantity))
     return Feature(name, selection_at(place), limits_at(place, k, rule))
 
 
 def limits_at(place: Place, k: float, rule: Rule) -> tuple[Limit, ...]:
     """Return a feature's limits; k and rule are those of the file, which it may overrule."""
-    k = place.at("k").number() if "k" in place.object else k
+    k = _coverage(place) if "k" in place.object else k
     rule = rule_at(place.at("rule")) if "rule" in place.object else rule
     direction = place.at("direction").array((3,)) if "direction" in place.object else None
     stated = [q for q in Quantity if q.value in place.object]
     limits = tuple(place.build(partial(_limit, place.at(q.value), q, k, rule, direction)) for q in stated)
     if not limits:
         raise place.error("has no limit", f"give one of {', '.join(q.value for q in Quantity)}")
+    if direction is not None and Quantity.POSITION not in stated:
+        raise place.error("has a direction", f"it is that of a {Quantity.POSITION.value}: give one, or leave it out")
     return limits
+
+
+def _coverage(place: Place) -> float:
+    k = place.at("k").number()
+    if not 0 < k <= _LARGEST_K:
+        raise place.at("k").error(f"is {k:g}", f"a coverage factor up to {_LARGEST_K:g} is expected, usually 2")
+    return k
 
 
 def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, direction: Any) -> Limit:
     if quantity is Quantity.PRESENCE:
-        if place.value not in ("required", True):
-            raise place.error(f"is {place.value!r}", "write presence: required, or leave it out")
+        if place.value != "required" and place.value is not True:
+            raise place.error(f"is {shortened(place.value)}", "write presence: required, or leave it out")
         return Limit(quantity, 0.0, k, rule)
     value = place.number()
     if quantity is Quantity.ANGLE:
@@ -126,16 +146,24 @@ def selection_at(place: Place) -> Selection:
     """Return which edges a feature or datum names."""
     given = place.object
     part = place.at("part").text() if "part" in given else "*"
-    chains = tuple(int(c) for c in place.at("chains").array((None,))) if "chains" in given else ()
+    chains = tuple(c.whole() for c in _several(place, "chains", "numbers")) if "chains" in given else ()
     box = place.at("box_mm").array((2, 3)) if "box_mm" in given else None
-    kinds = tuple(_kind(place.at("kinds"), name) for name in place.at("kinds").texts()) if "kinds" in given else ()
+    kinds = tuple(_kind(kind) for kind in _several(place, "kinds", "texts")) if "kinds" in given else ()
     if not given.keys() & set(_WHERE):
         raise place.error("does not say which edges", f"give one of {', '.join(_WHERE)}")
     return place.build(lambda: Selection(part, chains, box, kinds))
 
 
-def _kind(place: Place, name: str) -> EdgeKind:
-    known = {kind.name.lower(): kind for kind in EdgeKind}
+def _several(place: Place, key: str, what: str) -> list[Place]:
+    """Return the places in a list that narrows a choice: an empty one would choose nothing."""
+    items = place.at(key).items(f"a list of {what} is expected")
+    if not items:
+        raise place.at(key).error("is empty", "name what is meant, or leave it out")
+    return items
+
+
+def _kind(place: Place) -> EdgeKind:
+    known, name = {kind.name.lower(): kind for kind in EdgeKind}, place.text()
     if name not in known:
         raise place.error(f"names an {UnknownName('kind of edge', name, known)}")
     return known[name]

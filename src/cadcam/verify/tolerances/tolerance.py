@@ -16,8 +16,10 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Floats, Mask, frozen
 from cadcam.cad.edges import EdgeKind
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue, CadcamError, UnknownName
 from cadcam.render.view import Scene
+
+_LARGEST_K = 30.0  # sigmas: beyond them numbers hold no probability
 
 
 class Rule(Enum):
@@ -65,6 +67,11 @@ class Selection:
             if not (box[0] <= box[1]).all():
                 raise BadValue("box_mm", box.tolist(), "[lowest corner, highest corner], x, y, z in mm")
             object.__setattr__(self, "box", box)
+
+    @property
+    def whole(self) -> bool:
+        """Return whether all edges of its bodies belong."""
+        return not self.chains and not self.kinds and self.box is None
 
     def bodies(self, scene: Scene) -> Mask:
         """Return which of the scene's parts (P,) are selected; raise `UnknownName` listing them where none is."""
@@ -132,8 +139,10 @@ class Limit:
     def __post_init__(self) -> None:
         if self.quantity is not Quantity.PRESENCE and not (np.isfinite(self.value) and self.value > 0):
             raise BadValue(self.quantity.value, self.value, "a positive number")
-        if not (np.isfinite(self.k) and self.k > 0):
-            raise BadValue("coverage factor k", self.k, "a positive number, usually 2")
+        if self.quantity is Quantity.ANGLE and self.value >= np.pi:
+            raise BadValue(self.quantity.value, np.degrees(self.value), "less than 180: no turn is larger")
+        if not 0 < self.k <= _LARGEST_K:
+            raise BadValue("coverage factor k", self.k, f"a positive number up to {_LARGEST_K:g}, usually 2")
         if self.direction is not None:
             d = frozen(self.direction, "direction", (3,))
             if not np.linalg.norm(d) > 0:
@@ -167,9 +176,30 @@ class Tolerances:
             raise BadValue("feature", f"named twice: {twice!r}", "a name of its own for each")
 
     def check(self, scene: Scene) -> None:
-        """Raise an error that lists the scene's names, for the first name that it does not have."""
-        for chosen in (*self.datum, *(f.selection for f in self.features)):
-            chosen.check(scene)
+        """Raise an error that lists the scene's names, for the first name that it does not have.
+
+        Raise one, too, where nothing is left that the pose could be fitted to, because all of it is judged.
+        """
+        said = [(f"datum {i}", chosen) for i, chosen in enumerate(self.datum)]
+        for where, chosen in (*said, *((f"feature {f.name!r}", f.selection) for f in self.features)):
+            try:
+                chosen.check(scene)
+            except CadcamError as error:
+                error.args = (f"{where}: {error}",)
+                raise
+        self._check_what_is_left(scene)
+
+    def _check_what_is_left(self, scene: Scene) -> None:
+        """Raise `BadValue` where whole bodies that are judged are all that the pose may be fitted to."""
+        judged = [(f, f.selection.bodies(scene)) for f in self.features if f.limits and f.selection.whole]
+        datum = np.any([chosen.bodies(scene) for chosen in self.datum], axis=0) if self.datum else np.array(True)
+        for f, bodies in judged:
+            placed = any(limit.quantity is not Quantity.PRESENCE for limit in f.limits)
+            if placed and not (datum & ~bodies).any():
+                raise BadValue("datum", f"all within feature {f.name!r}", "parts beside it: it is measured from them")
+        if not self.datum and judged and np.any([bodies for _, bodies in judged], axis=0).all():
+            every = "datum: [{part: '*'}] (a feature is always measured from the others)"
+            raise BadValue("datum", "not stated, and every part is judged", f"some to measure from, such as {every}")
 
 
 def whole_parts(scene: Scene) -> Tolerances:
