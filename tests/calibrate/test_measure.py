@@ -233,6 +233,18 @@ def test_rays_know_their_own_covariance(views: list[Viewpoint]) -> None:
     assert np.all(across < 10 * SIGMA * distance / 1500)
 
 
+def test_a_camera_less_sure_of_its_place_and_direction_has_rays_as_much_less_sure(views: list[Viewpoint]) -> None:
+    mm, rad = 0.3, 2e-4
+    q = seen(views[:1], CLOUD)[0]
+    rays, sure = views[0].rays(q), views[0].ray_covariance(q)
+    added = views[0].less_sure(mm, rad, why="it was moved").ray_covariance(q) - sure
+    P = np.eye(3) - rays.direction[:, :, None] * rays.direction[:, None, :]
+    scale = np.abs(sure).max()
+    np.testing.assert_allclose(added[:, :3, :3], np.broadcast_to(mm**2 * np.eye(3), P.shape), atol=1e-9 * scale)
+    np.testing.assert_allclose(added[:, 3:, 3:], rad**2 * P, atol=1e-9 * rad**2)
+    np.testing.assert_allclose(added[:, :3, 3:], 0, atol=1e-9 * mm * rad)
+
+
 def test_one_ray_meets_a_plane_and_two_do_better(views: list[Viewpoint]) -> None:
     plane = Plane.through(POINT, [0.1, 0.2, 1.0])
     p = plane.foot(CLOUD)
