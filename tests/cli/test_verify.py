@@ -89,7 +89,7 @@ def test_a_tolerance_that_names_nothing_is_an_error_that_lists_what_there_is(
     (cell / "tolerances.yaml").write_text(TOLERANCES.replace("rib 1", "rip 1"))
     ran = verified(cadcam, cell, "good.png")
     assert ran.code == 2
-    assert re.search(r"tolerances.yaml: unknown part 'rip 1'; did you mean 'rib 1'\?", ran.err)
+    assert re.search(r"tolerances.yaml: feature 'rib': unknown part 'rip 1'; did you mean 'rib 1'\?", ran.err)
 
 
 def test_names_and_a_template_are_printed_without_a_photo(cadcam: Callable[..., Ran], cell: Path) -> None:
