@@ -199,9 +199,7 @@ class Refinement:
             return None
         without = [(gone, self.without(best, gone)) for gone in left_out]
         told = [(gone, *answer) for gone, answer in without if answer is not None]
-        told = [
-            one for one in told if one[2]
-        ] or told  # two that are off by little agree, but two that are not do so more
+        told = [one for one in told if one[2]] or told  # photos off by little agree, too, but less than right ones do
         if self.evidence or len(told) != 1:
             return None
         gone, answer, _ = told[0]
