@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.freedom import FREE, Freedom, aligned
+from cadcam.locate.freedom import FREE, Freedom, aligned, carried
 
 
 @pytest.fixture
@@ -85,3 +85,36 @@ def test_aligned_motions_are_the_same_ones_about_a_point_and_a_line_of_sight(
     assert np.abs(np.cross(still.T, A[3:].T)[turns]).max(initial=0) < 1e-9 * np.linalg.norm(point)
     if freedom is FREE:
         np.testing.assert_allclose(np.cross(A[:3, 2], sight), 0, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    "freedom",
+    [FREE, Freedom.planar([0.1, -0.3, 1.0]), Freedom.along([1, 2, 3]), Freedom.about([30, -20, 700], [1, 2, 0])],
+)
+def test_what_is_carried_moves_as_its_twist_says_and_only_as_it_may(
+    freedom: Freedom, pose: Rigid, rng: np.random.Generator
+) -> None:
+    """To first order as along a screw: half the step leaves a quarter of the difference; and what is free stays so."""
+    point, p = rng.normal(size=3) * 100, rng.normal(size=(5, 3)) * 100
+    B = aligned(freedom.at(pose), point, rng.normal(size=3))
+    x = rng.normal(size=B.shape[1]) / np.maximum(np.abs(B[3:]).max(axis=0) * 100, 1)
+
+    def apart(step: float) -> float:
+        screw = pose @ Rigid.exp(B @ (step * x))
+        return float(np.linalg.norm(carried(pose, B, step * x, point) @ p - screw @ p, axis=1).max())
+
+    assert apart(0.01) <= 0.26 * apart(0.02) + 1e-9
+    done = (pose.inv @ carried(pose, B, 100 * x, point)).log()
+    free = freedom.at(pose)
+    assert np.linalg.norm(done - free @ (free.T @ done)) < 1e-9 * np.linalg.norm(done)
+
+
+def test_a_part_that_nears_and_turns_stays_on_its_line_of_sight(pose: Rigid) -> None:
+    """Along a screw it would slide aside by half its turn times its path: a long lens' whole picture."""
+    point, sight = np.array([40.0, -30.0, 20.0]), np.array([2e4, -1e4, 5e4])
+    B, x = aligned(FREE.basis, point, sight), np.array([0, 0, 500.0, 0.05, -0.08, 0.02])
+    along = pose.rotation @ sight / np.linalg.norm(sight)
+    path = carried(pose, B, x, point) @ point - pose @ point
+    np.testing.assert_allclose(path, 500.0 * along, atol=1e-9)
+    slid = pose @ Rigid.exp(B @ x) @ point - pose @ point
+    assert np.linalg.norm(slid - along * (slid @ along)) > 15

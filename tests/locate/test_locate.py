@@ -7,19 +7,24 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cadcam.cad.parts import machined_bracket
+from cadcam.camera.camera import Camera
 from cadcam.errors import NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.in_photos import _ranked, _Trial, locate_part
 from cadcam.locate.location import Location
+from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refinement import Refinement
 from cadcam.locate.search.hypothesis import Hypothesis
 
 from .moving import location
+from .photos import error_px, photo, view
 from .scene import CAMERA, block, largest_miss, off, photo_of, pose_of
 
 around = Refinement.around
+BRACKET = Part.of(machined_bracket())
 
 
 @pytest.mark.parametrize(
@@ -151,3 +156,16 @@ def test_a_start_that_sees_nothing_of_the_part_is_refused(rng: np.random.Generat
     pose = Rigid.look_at((392, 165, 192), (193, 258, 23))
     with pytest.raises(NothingInView, match="outside of every photo"):
         locate_part(block(), [photo_of(pose, rng)], Rigid.look_at((700, 500, 300), (1500, 900, 300)))
+
+
+@pytest.mark.parametrize("focal", [4e4, 2e5])
+def test_a_part_is_found_however_long_the_lens(focal: float, rng: np.random.Generator) -> None:
+    """Of 40 m and of 200 m away: a step that nears and turns the part must not throw it out of the picture."""
+    camera = Camera.from_focal((640, 480), focal)
+    pose = view(BRACKET, (1.0, 0.7, 0.9), away=4.2 * focal / CAMERA.fx)
+    middle = pose @ BRACKET.aspects.centre
+    about, nearer = Rigid(translation=middle), Rigid(translation=0.06 * middle)
+    start = nearer @ about @ Rigid.exp([0, 0, 0, 0.15, -0.1, 0.1]) @ about.inv @ pose
+    found = locate_part(BRACKET, [photo(BRACKET, pose, rng, camera=camera)], start)
+    assert found.found, found.reason
+    assert error_px(BRACKET, camera, found.pose.world_from_part, pose) < 1

@@ -11,9 +11,11 @@ from cadcam.arrays import Array, Floats, frozen
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import axes_across
 from cadcam.geometry.rigid import Rigid
-from cadcam.geometry.rotation import hat
+from cadcam.geometry.rotation import exp, hat
 
 Frame = Literal["world", "part"]
+
+_WITHIN = 1e-9  # of its length: a motion this near to what a freedom spans is one of its own
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,6 +100,25 @@ def aligned(B: Array, point: Array, sight: Array) -> Array:
         return screws
     Q = np.linalg.qr(np.linalg.solve(screws, B))[0]
     return np.asarray(screws @ Q @ np.linalg.eigh(Q.T @ (np.arange(6.0)[:, None] * Q))[1])
+
+
+def carried(pose: Rigid, B: Array, x: Array, point: Array) -> Rigid:
+    """Return the pose moved by the twist B x, of those that B (6, k) spans: slid, and turned about a point of the part.
+
+    To first order that is pose @ Rigid.exp(B x). But along a screw, what nears by a share d while it turns by w slides
+    by d w / 2 of its distance, which a long lens shows as far more px than either. Where the freedom does not hold
+    slide and turn each by itself, the screw it is.
+    """
+    xi = B @ x
+    v, w = xi[:3], xi[3:]
+    slide = np.concatenate([v + np.cross(w, point), np.zeros(3)])
+    if B.shape[1] < 6:
+        scale = np.repeat([np.linalg.norm(xi[:3]), np.linalg.norm(w)], 3) + np.finfo(float).tiny
+        inside = np.linalg.lstsq(B / scale[:, None], slide / scale, rcond=None)[0]
+        if np.linalg.norm((B @ inside - slide) / scale) > _WITHIN:
+            return pose @ Rigid.exp(xi)
+    turn = Rigid(exp(w), point - exp(w) @ point)
+    return pose @ Rigid(translation=slide[:3]) @ turn
 
 
 def _unit(direction: Floats, what: str) -> Array:

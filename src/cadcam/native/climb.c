@@ -136,8 +136,10 @@ static int solved(const equations *q, int n, double *x) {
     return 1;
 }
 
-/* pose @ exp(xi), xi = (translation, rotation), by Rodrigues' formula. */
-static void moved(double *pose, const double *xi) {
+/* pose @ exp(xi), xi = (translation, rotation), by Rodrigues' formula. With a pivot, a place of the part, that is
+ * carried straight on and the part turned about it: along a screw, what nears by a share d while it turns by w slides
+ * by d w / 2 of its distance, which a long lens shows as far more px than either. */
+static void moved(double *pose, const double *xi, const double *pivot) {
     const double *w = xi + 3, a2 = w[0] * w[0] + w[1] * w[1] + w[2] * w[2], a = sqrt(a2);
     const double s = a > 1e-9 ? sin(a) / a : 1, c = a > 1e-9 ? (1 - cos(a)) / a2 : 0.5;
     const double d = a > 1e-4 ? (1 - s) / a2 : 1.0 / 6;
@@ -148,7 +150,14 @@ static void moved(double *pose, const double *xi) {
         const double one = i % 4 == 0;
         E[i] = one + s * W[i] + c * W2[i], V[i] = one + c * W[i] + d * W2[i];
     }
-    for (int i = 0; i < 3; i++) t[i] = V[3 * i] * xi[0] + V[3 * i + 1] * xi[1] + V[3 * i + 2] * xi[2];
+    for (int i = 0; i < 3; i++) {
+        const double *from = pivot ? E : V, *by = pivot ? pivot : xi;
+        t[i] = from[3 * i] * by[0] + from[3 * i + 1] * by[1] + from[3 * i + 2] * by[2];
+    }
+    for (int i = 0; i < 3 && pivot; i++) {
+        const int j = (i + 1) % 3, m = (i + 2) % 3;
+        t[i] = pivot[i] - t[i] + xi[i] + w[j] * pivot[m] - w[m] * pivot[j];
+    }
     for (int i = 0; i < 3; i++) pose[9 + i] += pose[3 * i] * t[0] + pose[3 * i + 1] * t[1] + pose[3 * i + 2] * t[2];
     product(pose, E, R);
     memcpy(pose, R, sizeof R);
@@ -249,19 +258,23 @@ static void axes_at(const rigid *c, const float *p, double *F) {
 
 static void step(const cc_pose_edges *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n) {
     equations q = {0};
-    double x[6], xi[6] = {0}, axes[36];
+    double x[6], xi[6] = {0}, axes[36], pivot[3];
+    int free = 0;
     for (int32_t e = 0; e < v->n_eyes; e++) {
         const rigid c = seen_by(&v->eyes[e], pose);
         const cc_place *places = v->places + v->first[k * v->n_eyes + e];
         const int32_t count = v->count[k * v->n_eyes + e];
         for (int32_t i = 0; i < count; i++) add_place(&v->eyes[e], &c, &places[i], kernel, &q);
-        if (n == 6 && count) axes_at(&c, places[0].p, axes), freedom = axes;
+        if (n == 6 && count) {
+            axes_at(&c, places[0].p, axes), freedom = axes, free = 1;
+            for (int i = 0; i < 3; i++) pivot[i] = places[0].p[i];
+        }
     }
     q = along(&q, freedom, n);
     if (!solved(&q, n, x)) return;
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < n; j++) xi[i] += freedom[i * n + j] * x[j];
-    moved(pose, xi);
+    moved(pose, xi, free ? pivot : NULL);
 }
 
 /* The best certainty (0 to 255) under the kernel along the normal of a place, -1 outside the picture; its sector. */

@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.freedom import Freedom, aligned
+from cadcam.locate.freedom import Freedom, aligned, carried
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import pulled
 
@@ -38,7 +38,7 @@ def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search
     pose, middle = start, p.mean(axis=0)
     for reach, soft in schedule(search_px):
         B = aligned(freedom.at(pose), middle, few[0].towards(middle, pose))
-        pose = _pulled(few, pose, B, reach=reach, soft=soft)
+        pose = _pulled(few, pose, B, middle, reach=reach, soft=soft)
     return pose
 
 
@@ -51,7 +51,7 @@ def schedule(search_px: float) -> list[tuple[int, float]]:
     return [*rounds, _LAST]
 
 
-def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft: float) -> Rigid:
+def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, middle: Array, *, reach: int, soft: float) -> Rigid:
     """Return the pose after one round: candidates once, then a few steps among them."""
     rows, offsets, slopes = [], [], []
     for sight in sights:
@@ -64,7 +64,7 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, *, reach: int, soft:
     J, offset, slope = (np.concatenate(a) for a in (rows, offsets, slopes))
     if len(J) < 2 * J.shape[1]:
         return pose
-    return pose @ Rigid.exp(B @ pulled_onto(J, offset, slope, soft=soft))
+    return carried(pose, B, pulled_onto(J, offset, slope, soft=soft), middle)
 
 
 def pulled_onto(

@@ -24,7 +24,7 @@ import numpy as np
 
 from cadcam.arrays import Array, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.freedom import aligned
+from cadcam.locate.freedom import aligned, carried
 from cadcam.locate.lines.attraction import pulled_onto
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import met
@@ -86,7 +86,7 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     far = _LineSteps(few, pose, np.zeros(3), B, middle, _far(few, pose))
     as_it_is, trials = _tried(far, k)
     pulled = [
-        _pulled(few, pose @ Rigid.exp(B @ x), np.log1p(f), B, middle, None if f.any() else far) for x, f in trials
+        _pulled(few, carried(pose, B, x, middle), np.log1p(f), B, middle, None if f.any() else far) for x, f in trials
     ]
     away = any(np.ptp(s) >= _BACK for _, s in pulled)
     on = [_LineSteps(few, *pose_and_s, B, middle).met_now for pose_and_s in pulled] if away else []
@@ -109,7 +109,7 @@ def _pulled(
         stiff[k:, k:] = _OF_PULL * (soft / _USUAL) ** 2 * (np.eye(3) + _SUM * np.full((3, 3), 1 / 3))
         before = np.append(np.zeros(k), s - s.mean())
         step = pulled_onto(seen.J, seen.offset, seen.slope, soft=soft, stiff=(stiff, before))
-        pose, s, seen = pose @ Rigid.exp(B @ step[:k]), s + step[k:], None
+        pose, s, seen = carried(pose, B, step[:k], middle), s + step[k:], None
         if float(np.ptp(s)) < _BACK:
             break
     return pose, s
