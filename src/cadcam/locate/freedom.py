@@ -110,15 +110,20 @@ def carried(pose: Rigid, B: Array, x: Array, point: Array) -> Rigid:
     slide and turn each by itself, the screw it is.
     """
     xi = B @ x
-    v, w = xi[:3], xi[3:]
-    slide = np.concatenate([v + np.cross(w, point), np.zeros(3)])
-    if B.shape[1] < 6:
-        scale = np.repeat([np.linalg.norm(xi[:3]), np.linalg.norm(w)], 3) + np.finfo(float).tiny
-        inside = np.linalg.lstsq(B / scale[:, None], slide / scale, rcond=None)[0]
-        if np.linalg.norm((B @ inside - slide) / scale) > _WITHIN:
-            return pose @ Rigid.exp(xi)
+    w, slide = xi[3:], xi[:3] + np.cross(xi[3:], point)
+    if B.shape[1] < 6 and not (w.any() and slide.any() and _holds(B, slide, point)):
+        return pose @ Rigid.exp(xi)
     turn = Rigid(exp(w), point - exp(w) @ point)
-    return pose @ Rigid(translation=slide[:3]) @ turn
+    return pose @ Rigid(translation=slide) @ turn
+
+
+def _holds(B: Array, slide: Array, point: Array) -> bool:
+    """Return whether a slide (3,) is by itself a motion of those that B (6, k) spans."""
+    at = np.concatenate([B[:3] + np.cross(B[3:].T, point).T, B[3:]])  # how they move the point, and turn the part
+    at[:3] /= np.linalg.norm(slide)
+    Q = np.linalg.qr(at / np.linalg.norm(at, axis=0))[0]
+    asked = np.append(slide / np.linalg.norm(slide), np.zeros(3))
+    return bool(np.linalg.norm(Q @ (Q.T @ asked) - asked) < _WITHIN)
 
 
 def _unit(direction: Floats, what: str) -> Array:
