@@ -6,13 +6,22 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
+from cadcam.cad.mend import mend
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts import machined_bracket
+from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.in_photos import locate_part
 from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel
 
 from ..cad.solids import box, prism
+from .photos import noisy
 
 
 @pytest.mark.parametrize(
@@ -57,8 +66,7 @@ def test_rotations_that_the_tolerance_cannot_tell_apart_are_one() -> None:
 @pytest.mark.parametrize("sides", [16, 64])
 def test_a_turned_part_may_be_turned_about_its_axis(sides: int) -> None:
     away = Rigid.exp([30.0, -20.0, 50.0, 0.3, -0.8, 0.5])
-    spin = Part.of(prism(sides).transformed(away)).spin
-    assert spin is not None
+    (spin,) = Part.of(prism(sides).transformed(away)).spins.T
     points = away @ np.array([[0.0, 0, 0], [0, 0, 30]])
     assert Rigid.exp(spin) @ points == pytest.approx(points, abs=1e-9 * 100)
     assert np.linalg.norm(spin[3:]) == pytest.approx(1.0)
@@ -68,4 +76,52 @@ def test_a_part_with_anything_to_one_side_may_not() -> None:
     ball = np.array([[10.0, 10, 5], [11, 10, 5], [10, 11, 5], [10, 10, 6]])
     lump = Mesh.single(ball, np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]]))
     for mesh in (merge([prism(64), lump]), prism(6), box([0, 0, 0], [50, 50, 10]), machined_bracket()):
-        assert Part.of(mesh).spin is None
+        assert not Part.of(mesh).spins.size
+
+
+def ball(level: int = 3) -> Mesh:
+    """Return a ball of radius 50 about (300, -200, 100): an octahedron cut so often, its corners pushed out."""
+    p = np.array([(1, 0, 0), (0, 1, 0), (-1, 0, 0), (0, -1, 0), (0, 0, 1), (0, 0, -1)], float)
+    T = p[[(k, (k + 1) % 4, 4) for k in range(4)] + [((k + 1) % 4, k, 5) for k in range(4)]]
+    for _ in range(level):
+        a, b, c = T[:, 0], T[:, 1], T[:, 2]
+        d, e, f = (a + b) / 2, (b + c) / 2, (c + a) / 2
+        T = np.concatenate([np.stack(t, axis=1) for t in ((a, d, f), (d, b, e), (f, e, c), (d, e, f))])
+    T /= np.linalg.norm(T, axis=2, keepdims=True)
+    return mend(Mesh.single(50 * T.reshape(-1, 3) + [300, -200, 100], np.arange(3 * len(T)).reshape(-1, 3)))[0]
+
+
+def test_a_ball_may_be_turned_any_way_about_its_middle() -> None:
+    spins = Part.of(ball()).spins
+    assert spins.shape == (6, 3)
+    middle = np.array([300.0, -200, 100])
+    for spin in spins.T:
+        assert Rigid.exp(spin) @ middle == pytest.approx(middle, abs=1e-9 * 500)
+
+
+def test_where_a_ball_is_is_told_and_that_its_turn_cannot_be(rng: np.random.Generator) -> None:
+    """Its facets would tell a turn, and wrongly."""
+    camera, middle = Camera.from_focal((400, 300), 500.0), np.array([300.0, -200, 100])
+    part = Part.of(ball(6))
+    pose = Rigid.look_at(middle + np.array([200.0, 250, 150]), middle)
+    fine = open_renderer(part.scene).render(camera.resize((3200, 2400)), pose, channels=Channel.DEPTH)
+    shown = np.isfinite(fine.depth).reshape(300, 8, 400, 8).mean(axis=(1, 3))
+    photo = Photo.of(noisy(0.3 + 0.4 * gaussian_filter(shown, 0.6), 0.01, rng), camera)
+    start = pose @ Rigid(translation=middle) @ Rigid.exp([6, -5, 8, 0.2, 0.3, -0.2]) @ Rigid(translation=-middle)
+    found = locate_part(part, [photo], start)
+    assert found.found, found.reason
+    assert "however it is turned" in found.reason
+    at = Rigid(translation=middle).inv.adjoint()  # its covariance about its middle
+    covariance = at @ found.pose.covariance @ at.T
+    assert np.degrees(np.sqrt(np.diag(covariance)[3:])) == pytest.approx(180 / np.sqrt(3), rel=0.01)
+    off = found.pose.world_from_part.inv @ pose @ middle - middle
+    assert off @ np.linalg.solve(covariance[:3, :3], off) < 16  # chi square of 3: one in a thousand is more
+
+
+def test_on_a_floor_a_ball_turns_unseen_about_the_upright_alone() -> None:
+    part = Part.of(ball())
+    floor = Freedom.planar([0, 0, 1.0])
+    unseen = floor.among(part.spins, Rigid())
+    assert unseen.shape == (6, 1)
+    assert np.abs(unseen[3:, 0] / np.linalg.norm(unseen[3:])) == pytest.approx([0, 0, 1], abs=1e-9)
+    assert floor.without(unseen, Rigid()).basis.shape == (6, 2)

@@ -61,15 +61,21 @@ class Freedom:
         """Return the translation along `direction` (3,)."""
         return cls(np.r_[_unit(direction, "direction"), np.zeros(3)][:, None], frame)
 
-    def without(self, twist: Array | None, world_from_part: Rigid) -> Freedom:
-        """Return this freedom less one twist (6,) of the part, if the pose is free along it."""
-        if twist is None:
-            return self
+    def among(self, twists: Array, world_from_part: Rigid) -> Array:
+        """Return those motions (6, j) that twists (6, k) of the part span and that are free at a pose, orthonormal."""
+        B, T = self.at(world_from_part), np.linalg.qr(twists)[0]
+        both = B @ np.linalg.svd(T.T @ B)[2].T[:, : T.shape[1]] if T.shape[1] else T
+        return np.asarray(both[:, np.linalg.norm(both - T @ (T.T @ both), axis=0) < _WITHIN])
+
+    def without(self, twists: Array, world_from_part: Rigid) -> Freedom:
+        """Return this freedom less twists (6, k) of the part, orthonormal and free at a pose: there it stays.
+
+        Where nothing would be left, or nothing is taken, it is the freedom itself.
+        """
         B = self.at(world_from_part)
-        inside = B.T @ twist
-        if np.linalg.norm(B @ inside - twist) > 1e-9 * np.linalg.norm(twist) or B.shape[1] == 1:
+        if not 0 < twists.shape[1] < B.shape[1]:
             return self
-        return Freedom(B @ np.linalg.svd(inside[None])[2][1:].T)
+        return Freedom(B @ np.linalg.svd(twists.T @ B)[2][twists.shape[1] :].T)
 
     def at(self, world_from_part: Rigid) -> Array:
         """Return B (6, k), orthonormal columns: the twists xi of `world_from_part @ Rigid.exp(xi)` that are free.

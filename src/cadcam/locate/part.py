@@ -9,7 +9,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.likeness import Likeness, likenesses, mirror_image
-from cadcam.locate.views.symmetry import spin_of, symmetries
+from cadcam.locate.views.symmetry import spins_of, symmetries
 from cadcam.render.embree import Caster
 from cadcam.render.lines.visible import LineDrawer
 from cadcam.render.view import Scene
@@ -50,9 +50,9 @@ class Part:
         return symmetries(self.scene.mesh, self.scene.edges)
 
     @cached_property
-    def spin(self) -> Array | None:
-        """The twist (6,) of a part of revolution's rotation about its axis, which no photo shows; None for others."""
-        return spin_of(self.scene.mesh, self.scene.edges)
+    def spins(self) -> Array:
+        """The twists (6, k) of rotations that no photo shows: 1 of a part of revolution, about its axis; 3 of a ball."""
+        return spins_of(self.scene.mesh, self.scene.edges)
 
     @cached_property
     def mirrored(self) -> Part:

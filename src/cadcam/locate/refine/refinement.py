@@ -110,14 +110,15 @@ class Refinement:
         """Return the answer of `refine_pose`, and the photos with the part's lines drawn near it."""
         if not self.photos:
             raise BadValue("photos", "none", "at least one photo")
-        spin, told = self.part.spin, self.freedom.without(self.part.spin, start)
+        unseen = self.freedom.among(self.part.spins, start)
+        told = self.freedom.without(unseen, start)
         asked = replace(self, freedom=told)
         best = asked.from_start(start)
         location = best.location
         if self.wider:
             best = asked.in_color(asked.again(best), start)
             location = released(self.part, asked.in_accord(best), self.freedom, self.options)
-        return location if told is self.freedom or spin is None else _turned_anyhow(location, spin), best.sights
+        return location if told is self.freedom else _turned_anyhow(location, unseen), best.sights
 
     def from_start(self, start: Rigid) -> PoseAnswer:
         """Return the answer around a start."""
@@ -332,12 +333,14 @@ def _beside(fitted: PoseSolution) -> list[Rigid]:
     return [fitted.pose @ Rigid.exp(sign * step) for step in steps.T for sign in (1, -1)]
 
 
-def _turned_anyhow(location: Location, spin: Array) -> Location:
-    """Return the answer for a part of revolution, whose rotation about its axis, a twist (6,), no photo shows."""
+def _turned_anyhow(location: Location, unseen: Array) -> Location:
+    """Return the answer for a part some of whose rotations, twists (6, k), no photo shows."""
     pose = location.pose
+    at = unseen @ np.linalg.inv(np.linalg.qr(unseen[3:])[1])
     told = replace(
         pose,
-        from_noise=pose.from_noise + _ANY_TURN * np.outer(spin, spin),
-        freedom=np.linalg.qr(np.column_stack([pose.freedom, spin]))[0],
+        from_noise=pose.from_noise + _ANY_TURN * at @ at.T,
+        freedom=np.linalg.qr(np.column_stack([pose.freedom, unseen]))[0],
     )
-    return replace(location, pose=told, reason=f"{location.reason}; turned about its axis the part looks the same")
+    how = "turned about its axis" if unseen.shape[1] == 1 else "however it is turned"
+    return replace(location, pose=told, reason=f"{location.reason}; {how} the part looks the same")

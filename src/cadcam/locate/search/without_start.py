@@ -108,7 +108,7 @@ def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
 
     Otherwise one pose would be approached and refined at many equivalent rotations.
     """
-    if part.spin is None:
+    if not part.spins.size:
         return poses
     R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
     seen = np.einsum("nji,nj->ni", R, eye - t)  # the eye (3,) in the part frame

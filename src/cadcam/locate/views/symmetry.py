@@ -1,4 +1,4 @@
-"""The poses in which a part looks the same: its symmetries, and the axis of a part of revolution."""
+"""The poses in which a part looks the same: its symmetries, and the rotations that no photo shows."""
 
 from __future__ import annotations
 
@@ -55,25 +55,30 @@ def _within(tree: cKDTree, points: Array, reach: float) -> bool:
     return bool(np.isfinite(tree.query(points, distance_upper_bound=reach)[0]).all())
 
 
-def spin_of(mesh: Mesh, edges: FeatureEdges) -> Array | None:
-    """Return the twist (6,) of a rotation about a part of revolution's axis, mm and rad in its frame; else None.
+def spins_of(mesh: Mesh, edges: FeatureEdges) -> Array:
+    """Return the twists (6, k), mm and rad in its frame, of a part's rotations that no photo shows.
 
-    All corners must lie on circles about the axis, all around, and all edges run along these. The circles have corners
-    only in the faceted model; no photo tells how far the part is turned about the axis.
+    k: 3 of a ball, about its centre; 1 of a part of revolution, about its axis; 0 of others. Of a part of revolution
+    all corners lie on circles about the axis, all around, and all edges run along these. Circles and ball have corners
+    only in the faceted model.
     """
     T = mesh.vertices[mesh.faces]
     area = mesh.face_areas
     if not area.sum() > 0:
-        return None
+        return np.zeros((6, 0))
     centre = (area @ T.mean(axis=1)) / area.sum()
     T = T - centre  # surface integral of x x': area / 12 (sum of v v' + (sum v) (sum v)')
     total = T.sum(axis=1)
     moments = np.einsum("f,fki,fkj->ij", area, T, T) + np.einsum("f,fi,fj->ij", area, total, total)
     used = np.unique(mesh.faces)
-    for axis in np.linalg.eigh(moments)[1].T:
-        if _turned(mesh.vertices - centre, axis, used, edges.vertices):
-            return np.concatenate([np.cross(centre, axis), axis])
-    return None
+    radius = np.linalg.norm(mesh.vertices[used] - centre, axis=1)
+    if not len(edges.vertices) and np.ptp(radius) < _SAME * radius.max():
+        axes = np.eye(3)
+    else:
+        principal = np.linalg.eigh(moments)[1].T
+        about = (axis for axis in principal if _turned(mesh.vertices - centre, axis, used, edges.vertices))
+        axes = np.array([*about][:1]).reshape(-1, 3)
+    return np.concatenate([np.cross(centre, axes), axes], axis=1).T
 
 
 def _turned(p: Array, axis: Array, used: Ids, edges: Ids) -> bool:
