@@ -166,3 +166,37 @@ def test_far_from_the_origin_points_are_one_within_the_rounding_of_single_precis
     one, other = sheet(1e5, 1e5 + 500, 0, 866), sheet(1e5 + 500 + apart * step, 1e5 + 1000, 0, 866)
     mended, _ = mend(one_part(both(one, other)))
     assert len(mended.vertices) == vertices + 2
+
+
+@pytest.mark.parametrize("share", [3e-6, 3e-5])
+def test_a_solid_whose_triangles_were_placed_one_by_one_is_sewn(share: float, rng: np.random.Generator) -> None:
+    """Up to a photo's tenth of a pixel, and told; the corners come to lie in the middle of what was one."""
+    solid = prism(17)
+    broken, size = soup(solid), float(np.linalg.norm(solid.size_mm))
+    apart = share * size
+    broken = Mesh.single(broken.vertices + rng.uniform(-0.5, 0.5, broken.vertices.shape) * apart, broken.faces)
+    mended, repairs = mend(broken)
+    assert len(mended.vertices) == len(solid.vertices)
+    assert repairs.open_edges == 0
+    assert repairs.sewn_vertices > 0
+    assert 0.5 * apart < repairs.widest_seam_mm < np.sqrt(3) * apart
+    assert any("sewn" in line for line in repairs.lines())
+    assert outward(mended) == pytest.approx(outward(solid), rel=20 * share)
+
+
+def test_sheets_that_end_near_each_other_are_not_sewn_but_a_crack_is() -> None:
+    one, other = sheet(0, 500, 0, 866), sheet(500.1, 1000, 0, 866)
+    mended, repairs = mend(one_part(both(one, other)))
+    assert repairs.sewn_vertices == 0
+    assert len(mended.vertices) == 8
+    cracked = soup(box((0, 0, 0), (1000, 500, 866)))
+    cracked.vertices.flags.writeable = True
+    cracked.vertices[:3] += [0, 0, 0.1]
+    mended, repairs = mend(cracked)
+    assert repairs.sewn_vertices == 3
+    assert repairs.open_edges == 0
+
+
+def test_parts_are_never_sewn_to_each_other() -> None:
+    one, other = sheet(0, 500, 0, 866), sheet(500.1, 1000, 0, 866)
+    assert mend(both(one, other))[1].sewn_vertices == 0

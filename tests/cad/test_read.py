@@ -17,7 +17,7 @@ from cadcam.cad.read import describe, read_model, read_model_with_report
 from cadcam.cad.write import write_model
 from cadcam.errors import BadValue, UnknownName, UnwritableFile
 
-from .solids import both, box, outward, prism
+from .solids import both, box, outward, prism, soup
 
 SIZE = (10.0, 20.0, 30.0)
 
@@ -309,3 +309,12 @@ def test_real_models_in_metres_have_their_true_size(
     assert mesh.n_faces == faces
     assert report.repairs.open_edges == 0
     assert outward(mesh) > 0
+
+
+def test_triangles_that_nowhere_meet_are_told(tmp_path: Path, rng: np.random.Generator) -> None:
+    """Each side would be drawn as a line of the part; nothing would be found, and nobody would know why."""
+    broken = soup(box((0, 0, 0), (100, 80, 60)))
+    torn = Mesh.single(broken.vertices + rng.normal(scale=1.0, size=broken.vertices.shape), broken.faces)
+    write_model(tmp_path / "torn.stl", torn)
+    warnings = read_model_with_report(tmp_path / "torn.stl")[1].warnings
+    assert any("triangles do not meet: 36 of 36 sides are open" in warning for warning in warnings)

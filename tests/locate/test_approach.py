@@ -157,3 +157,20 @@ def test_the_mirror_pose_of_a_flat_view_is_tried(rng: np.random.Generator) -> No
     off = [np.linalg.norm(CAMERA.project(h.world_from_part @ middle) - CAMERA.project(pose @ middle)) for h in found]
     turned = [np.degrees(np.linalg.norm((h.world_from_part.inv @ pose).log()[3:])) for h in found]
     assert min(t for t, px in zip(turned, off, strict=True) if px < 5) < 8
+
+
+@pytest.mark.parametrize(
+    ("start", "why"),
+    [
+        (Rigid(POSE.rotation, POSE.translation / 1000), "in one unit"),
+        (Rigid(translation=[0, 0, -2000]) @ POSE, "behind it"),
+        (Rigid(translation=[4000, 0, 0]) @ POSE, "beside its picture"),
+    ],
+)
+def test_a_start_outside_says_where_it_is_and_what_may_be_wrong(
+    start: Rigid, why: str, rng: np.random.Generator
+) -> None:
+    x, y, z = start @ BRACKET.aspects.centre
+    with pytest.raises(NothingInView, match=why) as caught:
+        approach(BRACKET, [photo(BRACKET, POSE, rng)], start)
+    assert f"({x:.4g}, {y:.4g}, {z:.4g}) mm" in str(caught.value)

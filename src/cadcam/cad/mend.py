@@ -10,7 +10,7 @@ from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.mesh import Mesh, compacted
 from cadcam.cad.needles import height_ratio, without_needles
 from cadcam.cad.repeats import repeats
-from cadcam.cad.topology import HalfEdges, components, part_vertices, weld
+from cadcam.cad.topology import HalfEdges, components, part_vertices, sewn, weld
 from cadcam.cad.winding import winding_number
 from cadcam.errors import DegenerateGeometry
 
@@ -20,6 +20,8 @@ class Repairs:
     """What `mend` did, in numbers, and what it found but left alone."""
 
     welded_vertices: int = 0
+    sewn_vertices: int = 0
+    widest_seam_mm: float = 0.0
     degenerate_faces: int = 0
     duplicate_faces: int = 0
     turned_faces: int = 0
@@ -28,8 +30,10 @@ class Repairs:
 
     def lines(self) -> list[str]:
         """Return one sentence for each thing done or found."""
+        gap = f" to others up to {self.widest_seam_mm:.2g} mm away"
         said = [
             (self.welded_vertices, "vertex welded", "vertices welded"),
+            (self.sewn_vertices, f"open end sewn{gap}", f"open ends sewn{gap}"),
             (self.degenerate_faces, "face without area mended", "faces without area mended"),
             (self.duplicate_faces, "repeated face removed", "repeated faces removed"),
             (self.turned_faces, "face turned to point outwards", "faces turned to point outwards"),
@@ -42,17 +46,21 @@ class Repairs:
 def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
     """Return the mesh welded, cleaned and wound outwards, and what that took.
 
-    Vertices of one part are welded by position. Faces with a corner welded away go, and so do repeats of a face within
-    its part, and the double walls between bodies of one part that touch face to face; faces too low to have a normal
-    give way to their neighbour. Each component of faces joined by two-faced edges is wound one way; closed ones
-    outwards by their signed volume (a cavity keeps its sense against the body around it), components that only close
-    together with those of other parts likewise. Open sheets keep the sense of the majority of their faces, and
-    one-sided (Möbius) components are left alone. Raises `DegenerateGeometry` when no face is left.
+    Vertices of one part are welded by position, and ends of its open edges sewn together that lie closer than a photo
+    shows. Faces with a corner welded away go, and so do repeats of a face within its part, and the double walls between
+    bodies of one part that touch face to face; faces too low to have a normal give way to their neighbour. Each
+    component of faces joined by two-faced edges is wound one way; closed ones outwards by their signed volume (a cavity
+    keeps its sense against the body around it), components that only close together with those of other parts likewise.
+    Open sheets keep the sense of the majority of their faces, and one-sided (Möbius) components are left alone. Raises
+    `DegenerateGeometry` when no face is left.
     """
     vertex, part, corner = part_vertices(mesh)
     points = mesh.vertices[vertex]
     first = weld(points, part)
-    corners = first[corner]
+    onto, seam = sewn(points, part, first[corner])
+    n_sewn, points = int((onto != np.arange(len(onto))).sum()), _in_the_middle(points, onto)
+    n_welded = len(points) - int(np.unique(first).size)
+    corners = onto[first][corner]
     kept = _distinct_corners(corners)
     n_collapsed = int((~kept).sum())
     kept[kept] = ~repeats(corners[kept])
@@ -70,13 +78,24 @@ def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
     sound = without_needles(sound)
     half = HalfEdges.of(sound.faces.astype(np.int64))
     return _facing_normals(compacted(sound)), Repairs(
-        welded_vertices=len(points) - int(np.unique(first).size),
+        welded_vertices=n_welded,
+        sewn_vertices=n_sewn,
+        widest_seam_mm=seam,
         degenerate_faces=n_collapsed + n_flat,
         duplicate_faces=n_repeats,
         turned_faces=int(turned.sum()),
         open_edges=int((half.count == 1).sum()),
         non_manifold_edges=int((half.count > 2).sum()),
     )
+
+
+def _in_the_middle(points: Array, onto: Longs) -> Array:
+    """Return points (N, 3) with each that others are sewn onto in the middle of them all."""
+    if (onto == np.arange(len(onto))).all():
+        return points
+    count = np.bincount(onto, minlength=len(points))
+    mean = np.stack([np.bincount(onto, points[:, k], len(points)) for k in range(3)], axis=1)
+    return np.where((count > 1)[:, None], mean / np.maximum(count, 1)[:, None], points)
 
 
 def _distinct_corners(corners: Longs) -> Mask:

@@ -120,7 +120,7 @@ def read_model_with_report(
         n_faces=mesh.n_faces,
         n_vertices=len(mesh.vertices),
         repairs=repairs,
-        warnings=(*model.notes, *_doubts(mesh, model, name, source)),
+        warnings=(*model.notes, *_doubts(mesh, model, name, source), *_torn(mesh, repairs)),
     )
     return mesh, report
 
@@ -185,6 +185,14 @@ def _mended(path: Path, mesh: Mesh) -> tuple[Mesh, Repairs]:
         return mend(mesh)
     except DegenerateGeometry as error:
         raise DegenerateGeometry(f"{path}: {error}; export a model with surfaces") from None
+
+
+def _torn(mesh: Mesh, repairs: Repairs) -> list[str]:
+    """Return what is to be said of a mesh most of whose sides are open: lines that the part does not have."""
+    if 2 * repairs.open_edges <= 3 * mesh.n_faces:
+        return []
+    what = f"its triangles do not meet: {repairs.open_edges} of {3 * mesh.n_faces} sides are open"
+    return [f"{what}, and each would be looked for as a line of the part; export it with shared or exact vertices"]
 
 
 def _doubts(mesh: Mesh, model: Model, unit: str, source: str) -> list[str]:

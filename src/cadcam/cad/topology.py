@@ -14,6 +14,9 @@ from cadcam.cad.mesh import Mesh
 # second figure is four times the rounding of a float32 coordinate, which STL, GLB and many OBJ writers went through.
 WELD_SHARE = 1e-6
 FLOAT32_SHARE = 2.5e-7
+# Gaps between open edges are sewn up to this share of the part's diagonal, a tenth of a pixel where the part is 500 px
+# large, and up to this share of the shortest edge there, so that no face is lost.
+SEAM_SHARE, SEAM_OF_EDGE = 2e-4, 0.25
 _ASKEW = np.array([0.4386, 0.5720, 0.6930])  # a direction that no part is drawn along, of length just below 1
 
 
@@ -140,14 +143,61 @@ def weld(points: Array, group: Longs) -> Longs:
     kept = np.flatnonzero(first == np.arange(len(points)))
     near = _near_pairs(points[kept], group[kept])
     if len(near):
-        n = len(kept)
-        label = components(near, n)
-        lowest = np.full(n, n, np.int64)
-        np.minimum.at(lowest, label, np.arange(n))
         joined = np.arange(len(points))
-        joined[kept] = kept[lowest[label]]
+        joined[kept] = kept[_lowest(near, len(kept))]
         first = joined[first]
     return first
+
+
+def sewn(points: Array, group: Longs, corners: Longs) -> tuple[Longs, float]:
+    """Return for each point (N, 3) the first one that it is sewn to, and the widest gap, mm, that this closes.
+
+    Only ends of open edges of faces whose corners are the points (F, 3) are sewn, over at most SEAM_SHARE of their
+    group's diagonal and SEAM_OF_EDGE of the shortest edge at either, and only in a group of which most open edges then
+    meet another: writers that round every triangle by itself, or place it by arithmetic of their own, leave such gaps.
+    Sheets that happen to end near each other stay two.
+    """
+    rim, open_before = _rim(corners, group)
+    near, apart = _near_ends(points, group, corners, rim)
+    onto = _lowest(near, len(points))
+    open_after = _rim(onto[corners], group)[1]
+    torn = 2 * open_after <= open_before
+    kept = torn[group[near[:, 0]]]
+    return np.where(torn[group], onto, np.arange(len(points))), float(apart[kept].max(initial=0.0))
+
+
+def _rim(corners: Longs, group: Longs) -> tuple[Longs, Longs]:
+    """Return the points at open edges of faces whose corners are these (F, 3), and how many edges each group has."""
+    half = HalfEdges.of(corners)
+    side = half.order[half.start[half.count == 1]]
+    a, b = corners.ravel()[side], np.roll(corners, -1, axis=1).ravel()[side]
+    return np.unique(np.concatenate([a, b])), np.bincount(group[a], minlength=int(group.max(initial=-1)) + 1)
+
+
+def _near_ends(points: Array, group: Longs, corners: Longs, rim: Longs) -> tuple[Longs, Array]:
+    """Return pairs (P, 2) of the points of `rim` that may be one as `sewn` says, and their distances (P,), mm."""
+    from scipy.spatial import cKDTree
+
+    a, b = corners.ravel(), np.roll(corners, -1, axis=1).ravel()
+    length = np.linalg.norm(points[a] - points[b], axis=1)
+    shortest = np.full(len(points), np.inf)
+    for end in (a, b):
+        np.minimum.at(shortest, end[length > 0], length[length > 0])
+    most = SEAM_SHARE / WELD_SHARE * weld_tolerance(points, group)[group]
+    rim = rim[most[rim] > 0]
+    near = rim[cKDTree(points[rim] / most[rim, None]).query_pairs(1.0, output_type="ndarray")]
+    apart = np.linalg.norm(points[near[:, 0]] - points[near[:, 1]], axis=1)
+    room = SEAM_OF_EDGE * shortest[near].min(axis=1, initial=np.inf)
+    close = (group[near[:, 0]] == group[near[:, 1]]) & (apart <= room)
+    return near[close], apart[close]
+
+
+def _lowest(pairs: Longs, n: int) -> Longs:
+    """Return for each of n things the first one that pairs (P, 2) of them link it to."""
+    label = components(pairs, n)
+    lowest = np.full(n, n, np.int64)
+    np.minimum.at(lowest, label, np.arange(n))
+    return lowest[label]
 
 
 def weld_tolerance(points: Array, group: Longs) -> Array:

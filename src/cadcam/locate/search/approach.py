@@ -110,9 +110,23 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
         fields.append(direction_fields(photo.lines, photo.camera, reduction=k, levels=levels, region=region))
         places.append(pose)
     if not fields:
-        raise NothingInView("the start puts the part outside of every photo; check the start and the part's unit")
+        raise NothingInView(_outside(aspects, photos[0], start))
     levels = min(len(f) for f in fields)
     return [FieldLevel(tuple(f[k] for f in fields), tuple(places)) for k in range(levels)]
+
+
+def _outside(aspects: Aspects, photo: Photo, start: Rigid) -> str:
+    """Return where a start puts a part that no photo shows, and what may be wrong with it."""
+    x, y, z = photo.viewpoint.camera_from_world @ start @ aspects.centre
+    r = aspects.radius
+    place = f"its middle at ({x:.4g}, {y:.4g}, {z:.4g}) mm of camera {photo.viewpoint.name!r}"
+    if math.hypot(x, y, z) < r:
+        why = f"nearer than the part is large ({2 * r:.4g} mm): are start and part in one unit, mm?"
+    elif z <= 0:
+        why = "behind it: cameras look along +z here; is the pose inverted, or of a camera that looks along -z?"
+    else:
+        why = "beside its picture: is the pose inverted, or in another unit?"
+    return f"the start puts the part outside of every photo, {place}, {why}"
 
 
 def _span(aspects: Aspects, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array] | None:
