@@ -51,7 +51,7 @@ class Part:
 
     @cached_property
     def spins(self) -> Array:
-        """The twists (6, k) of rotations that no photo shows: 1 of a part of revolution, about its axis; 3 of a ball."""
+        """The twists (6, k) of rotations that no photo shows: 1 of a part of revolution, 3 of a ball, else 0."""
         return spins_of(self.scene.mesh, self.scene.edges)
 
     @cached_property
