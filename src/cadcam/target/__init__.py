@@ -1,1 +1,1 @@
-"""Calibration boards and marks: what they look like, and where they are in a picture."""
+"""Calibration boards and marks: their geometry, and how they are found and measured in a picture."""

@@ -1,4 +1,4 @@
-"""Boards and marks to print: SVG and PDF at true scale, with a line of text that says what the print must measure."""
+"""Boards and marks to print: SVG and PDF at true scale, with a line of text that states what the print must measure."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ PAGES: dict[str, tuple[float, float]] = {
 }
 PAGES |= {"letter": (215.9, 279.4), "tabloid": (279.4, 431.8)}
 _TEXT_MM = 3.0
-_LEAST_MARGIN_MM = 8.0  # room for the text, and for what printers cannot reach
+_LEAST_MARGIN_MM = 8.0  # room for the text, and for the margin that printers cannot reach
 _POINTS_PER_MM = 72 / 25.4
 _ARC = 4 / 3 * (np.sqrt(2) - 1)  # of the radius: handles of a quarter circle as a Bezier curve, 0.03 % off
 
@@ -42,7 +42,7 @@ class Sheet(Protocol):
 
     @property
     def cell_mm(self) -> float:
-        """Return the white margin around the ink where no page is named, mm."""
+        """Return the white margin around the ink where no page is given, mm."""
 
     def ink(self) -> Ink:
         """Return what is printed."""
@@ -51,7 +51,7 @@ class Sheet(Protocol):
 def write_sheet(path: str | os.PathLike[str], pattern: Sheet, *, page: str | None = None) -> tuple[float, float]:
     """Write a board, or a plate with marks, as .svg or .pdf at true scale and return the sheet's (width, height) in mm.
 
-    page: a paper size (a4, letter ...), turned if need be, the board in its middle; None: the board with a white
+    page: a paper size (a4, letter ...), rotated if need be, with the board in its middle; None: the board with a white
     margin of one cell. Raises `UnknownName` for another suffix or page, `BadValue` if the board does not fit.
     """
     writers: dict[str, Callable[[Sheet, tuple[float, float]], bytes]] = {".svg": _svg, ".pdf": _pdf}
@@ -86,7 +86,7 @@ def _label(pattern: Sheet) -> str:
 
 
 def _shift(pattern: Sheet, size: tuple[float, float]) -> Array:
-    """Return where the board's origin lies on the sheet, mm from its upper left."""
+    """Return the board's origin on the sheet, mm from its upper left."""
     left, top, right, bottom = pattern.outline
     return np.array([(size[0] - left - right) / 2, (size[1] - top - bottom) / 2])
 
@@ -111,7 +111,7 @@ def _svg(pattern: Sheet, size: tuple[float, float]) -> bytes:
 
 
 def _pdf(pattern: Sheet, size: tuple[float, float]) -> bytes:
-    """Return a PDF 1.4 of one page (ISO 32000-1, 7.5 and 8.5): coordinates in mm, y turned down, by one matrix."""
+    """Return a PDF 1.4 of one page (ISO 32000-1, 7.5 and 8.5): coordinates in mm, y flipped down by one matrix."""
     width, height = (v * _POINTS_PER_MM for v in size)
     x, y = _shift(pattern, size)
     k = _POINTS_PER_MM
@@ -139,14 +139,14 @@ Border: TypeAlias = list[tuple[float, ...]]
 
 
 def _borders(x: float, y: float, inner: float, outer: float, start: float, stop: float) -> list[Border]:
-    """Return the closed borders of a sector of a ring: one, or two where it goes all around."""
+    """Return the closed borders of a sector of a ring: one, or two for a full ring."""
     if stop - start < 2 * np.pi - 1e-9:
         return [[*_arc(x, y, outer, start, stop), *_arc(x, y, inner, stop, start)]]
     return [_arc(x, y, r, start, stop) for r in (inner, outer) if r > 0]
 
 
 def _arc(x: float, y: float, r: float, start: float, stop: float) -> Border:
-    """Return an arc from its first point on, as Bezier curves over at most 22.5 degrees: within 1e-8 of the radius."""
+    """Return an arc, from its first point, as Bezier curves of at most 22.5 degrees: within 1e-8 of the radius."""
     if r == 0:
         return [(x, y)]
     count = int(np.ceil(abs(stop - start) / (np.pi / 8) - 1e-9))
@@ -181,7 +181,7 @@ def _circle(x: float, y: float, r: float) -> str:
 
 
 def _numbered(objects: list[bytes]) -> bytes:
-    """Return the file of these objects with its table of where each begins."""
+    """Return a file of these objects with its cross-reference table."""
     out, places = b"%PDF-1.4\n", []
     for number, body in enumerate(objects, 1):
         places.append(len(out))

@@ -1,1 +1,1 @@
-"""Calibration boards: what they look like, and their points in a picture."""
+"""Calibration boards: their geometry, and the detection of their points in a picture."""

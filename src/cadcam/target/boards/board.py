@@ -1,9 +1,8 @@
-"""What boards and plates share: points on a grid of whole numbers, and ink.
+"""What boards and plates have in common: points on an integer grid, and ink.
 
 A board's frame: the origin is its first point, x along a row to the right, y down the printed board, z into the paper,
 all in mm; so a camera that looks at the upright board sees x to its right and y downwards. Points run along the rows.
-Every board also stands on a grid of whole numbers (`cells`), the neighbours of which `cadcam.target.boards.lattice`
-finds.
+Every board also lies on an integer grid (`cells`), whose neighbourhoods `cadcam.target.boards.lattice` finds.
 """
 
 from __future__ import annotations
@@ -20,7 +19,7 @@ from cadcam.cad.units import MM, unit_name
 from cadcam.errors import BadValue
 
 MAX_POINTS = 50_000
-LARGEST_MM = 1e6  # of what is written as a text: a kilometre is no board, nor any part of one
+LARGEST_MM = 1e6  # longest length in a text: no board is a kilometre
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,7 +54,7 @@ class Pattern(ABC):
     @property
     @abstractmethod
     def cells(self) -> Ids:
-        """Return each point's place (N, 2) as whole numbers (column, row); a cell's size is `cell_mm`."""
+        """Return each point's grid coordinates (N, 2), whole numbers (column, row); a cell's size is `cell_mm`."""
 
     @property
     @abstractmethod
@@ -84,7 +83,7 @@ class Pattern(ABC):
 
     @property
     def turns(self) -> int:
-        """Return how many turns of the board look the same: 1 if its picture says which corner is the first."""
+        """Return the number of rotations that look the same: 1 if a picture shows which corner is the first."""
         places = {tuple(c) for c in self.cells.tolist()}
         high = self.cells.max(axis=0)
         return 1 + sum(self._same_when(turn, places, high) for turn in (1, 2, 3))
@@ -94,7 +93,7 @@ class Pattern(ABC):
         return turned == places and all(self.color(place) == self.color(_turned(place, turn, high)) for place in places)
 
     def color(self, cell: tuple[int, ...]) -> int:
-        """Return 0 or 1: kinds of points that a picture tells apart once the board's turn is given."""
+        """Return 0 or 1: kinds of points that a picture tells apart once the rotation of the board is given."""
         return 0
 
     @abstractmethod
@@ -107,7 +106,7 @@ class Pattern(ABC):
 
 
 def length_mm(part: str, what: str, text: str, form: str) -> float:
-    """Return the length of a part such as 25mm of a longer text; `BadValue` naming `what` and its right form."""
+    """Return the length in `part`, such as 25mm, of a longer text; `BadValue` names `what` and the right form."""
     digits = part.rstrip("abcdefghijklmnopqrstuvwxyzµμABCDEFGHIJKLMNOPQRSTUVWXYZ\"'")
     unit = part[len(digits) :].strip()
     try:
@@ -123,7 +122,7 @@ def length_mm(part: str, what: str, text: str, form: str) -> float:
 
 
 def length_text(mm: float) -> str:
-    """Return a length as `length_mm` reads it, with twelve digits: what was typed in another unit stays as short."""
+    """Return a length as `length_mm` reads it, to twelve digits, so that lengths given in other units stay short."""
     return f"{mm:.12g}mm"
 
 

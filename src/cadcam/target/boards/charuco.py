@@ -1,4 +1,4 @@
-"""ChArUco boards in a picture: OpenCV's markers say where on the board one is, our own fit where the corners are."""
+"""ChArUco boards in a picture: OpenCV's markers identify the corners, our own fit locates them."""
 
 from __future__ import annotations
 
@@ -14,31 +14,31 @@ from cadcam.target.boards.grid import Grid
 from cadcam.target.boards.opencv import areas, find_markers
 from cadcam.target.boards.pattern import Charuco
 
-_AROUND = 2.6  # squares: markers that near to a corner predict its place
-_FITS = 0.25  # of a square: how far a marker's corner may lie from where the board's others say
-_CLEAR = 1.2  # of the margin between square and marker: the marker's nearest corner is sqrt(2) of it away
-_LARGEST = ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "APRILTAG_36h11")  # of each kind; they hold the smaller
+_AROUND = 2.6  # squares: markers within this distance of a corner predict its position
+_FITS = 0.25  # squares: largest distance of a marker's corner from where its neighbours predict it
+_CLEAR = 1.2  # in units of the margin between square and marker: the marker's nearest corner is at sqrt(2)
+_LARGEST = ("4X4_1000", "5X5_1000", "6X6_1000", "7X7_1000", "APRILTAG_36h11")  # of each kind, containing the smaller
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Markers:
-    """Corners of markers: places (M, 4, 2) in squares from the first inner corner, and pixels (M, 4, 2)."""
+    """Corners of markers: positions (M, 4, 2) in squares from the first inner corner, and pixels (M, 4, 2)."""
 
     place: Array
     q: Array
 
 
 def charuco_grid(gray: Picture, board: Charuco) -> tuple[Grid, Charuco]:
-    """Return the board's inner corners in a picture, at the board's own cells, and the board as it turned out.
+    """Return the board's inner corners in a picture at their cells, and the board with its kind as recognised.
 
-    Boards of the legacy kind are recognised by their markers. Raises `NoBoard` saying which markers were seen instead.
+    Boards of the legacy kind are recognised by their markers. Raises `NoBoard`, which names the markers seen instead.
     """
     number, q = find_markers(gray, board.dictionary)
     if not len(number):
         raise NoBoard(str(board), _other_dictionaries(gray, board))
     kinds = [board, replace(board, legacy=not board.legacy)] if board.rows % 2 == 0 else [board]
     fitting = [(_consistent(kind, number, q), kind) for kind in kinds]
-    markers, kind = max(fitting, key=lambda pair: len(pair[0].q))  # the first of equals: the kind asked for
+    markers, kind = max(fitting, key=lambda pair: len(pair[0].q))  # max keeps the first of equals: the kind of `board`
     if len(markers.q) < max(2, len(number) // 2):
         raise NoBoard(str(board), _other_size(board, number, q), None)
     cells, start = _predicted(kind, markers)
@@ -58,7 +58,7 @@ def _places(board: Charuco, number: Ids) -> Array:
 
 
 def _consistent(board: Charuco, number: Ids, q: Array) -> _Markers:
-    """Return the markers that lie where their nearest neighbours, read as this board's, say."""
+    """Return the markers that lie where their nearest neighbours predict them on this board."""
     known = number < len(board.marker_squares)
     number, q = number[known], q[known]
     if len(number) < 2:
@@ -75,7 +75,7 @@ def _consistent(board: Charuco, number: Ids, q: Array) -> _Markers:
 
 
 def _predicted(board: Charuco, markers: _Markers) -> tuple[Ids, Array]:
-    """Return the cells of corners with markers around them, and where those say that they are."""
+    """Return the cells of corners with markers around them, and the positions that those predict."""
     middle = markers.place.mean(axis=1)
     cells, places = [], []
     for cell in board.cells:
@@ -91,7 +91,7 @@ def _predicted(board: Charuco, markers: _Markers) -> tuple[Ids, Array]:
 
 
 def _map(p: Array, q: Array) -> Array:
-    """Return the perspective (3, 3) that takes corners of markers p (M, 4, 2) to q."""
+    """Return the homography (3, 3) from corners of markers p (M, 4, 2) to q."""
     p, q = p.reshape(1, -1, 2), q.reshape(1, -1, 2)
     return np.asarray(perspectives(p, q, np.ones(p.shape[:2]))[0])
 
@@ -104,7 +104,7 @@ def _other_dictionaries(gray: Picture, board: Charuco) -> str:
 
 
 def _other_size(board: Charuco, number: Ids, q: Array) -> str:
-    """Return which size of board would have the markers where they are."""
+    """Return the board size that would explain the positions of the markers."""
     most, highest = 0, int(number.max())
     fit: Charuco | None = None
     for columns in range(3, 41):

@@ -2,8 +2,8 @@
 
 A corner's picture is a saddle: the determinant of the Hessian is negative and least there (Lucchese and Mitra, ICIP
 2002). On a ring around it the grey value crosses its mean four times, at opposite angles (the idea of Bennett and
-Lasenby's ChESS, CVIU 2014); those angles are the edges. Neighbours of a corner lie along its edges and are of the other
-kind: black where it is white. Positions come from `photometric.fit_corners` on the full picture at the end.
+Lasenby's ChESS, CVIU 2014); those angles are the edges. Neighbours of a corner lie along its edges and are of the
+opposite kind: black where it is white. Positions come from `photometric.fit_corners` on the full picture at the end.
 """
 
 from __future__ import annotations
@@ -20,10 +20,10 @@ from cadcam.target.boards.photometric import BLUR, Fit, fit_corners
 from cadcam.target.boards.pyramid import reduced
 
 _RING = 24  # samples on the ring
-_MOST = 4000  # candidates
-_FAINT = 0.02  # of the strongest saddle: below it a candidate is noise
-_MIN_REACH, _MAX_REACH = 2.5, 12.0  # px of the window that is fitted
-_BLURS = 3.0  # that a window reaches at least, where there is room
+_MOST = 4000  # candidates at most
+_FAINT = 0.02  # of the strongest saddle: weaker candidates are noise
+_MIN_REACH, _MAX_REACH = 2.5, 12.0  # px: radius of the fitted window
+_BLURS = 3.0  # blurs that a window reaches at least, where there is room
 _CLEAR = 0.42  # of the distance to the neighbours' edges
 
 
@@ -31,7 +31,7 @@ _CLEAR = 0.42  # of the distance to the neighbours' edges
 class Corners:
     """Candidates in a picture: q (M, 2) px, directions (M, 2) of their two edges in rad, kind (M,) +1 or -1.
 
-    kind: whether the quadrants that the turn from the first direction to the second sweeps are the dark ones.
+    kind: whether the quadrants swept by the rotation from the first direction to the second are the dark ones.
     """
 
     q: Array
@@ -45,7 +45,7 @@ class Corners:
         off = np.abs(np.mod(self.directions[mark] - angle + np.pi / 2, np.pi) - np.pi / 2)
         along = self.directions[mark, int(np.argmin(off))]
         other = self.directions[mark, int(np.argmax(off))]
-        turn = np.mod(other - along, np.pi)  # from the one edge to the other, on the side of growing angles
+        turn = np.mod(other - along, np.pi)  # from the one edge to the other, by increasing angles
         middle = along + turn / 2 if side > 0 else along + turn / 2 + np.pi / 2
         first, second = self.directions[mark]
         swept = np.mod(middle - first, np.pi) < np.mod(second - first, np.pi)
@@ -55,8 +55,8 @@ class Corners:
 def corner_grid(gray: Picture, *, smoothing: float, enough: int, scale: float = 1.0) -> Grid | None:
     """Return the largest grid of chessboard corners in a picture, or None.
 
-    Candidates are sought in the picture reduced by `scale` (at most 1) and smoothed there by `smoothing` px, grown to a
-    lattice, fitted and completed there where the lattice says that a corner should be, and fitted to the full picture.
+    Candidates are detected in the picture reduced by `scale` (at most 1) and smoothed by `smoothing` px, grown to a
+    lattice, fitted and completed where the lattice predicts further corners, and finally fitted to the full picture.
     """
     small, full = reduced(gray, scale)
     corners = corner_candidates(small, smoothing)
@@ -75,14 +75,14 @@ def corner_grid(gray: Picture, *, smoothing: float, enough: int, scale: float = 
     fine = fitted_corners(gray, grid.cells, q, blur=blur)
     if fine is not None and len(fine) >= len(grid):
         return fine
-    coarse = replace(grid.fit, q=q, covariance=grid.fit.covariance * ratio**2)  # so soft that nothing is lost
+    coarse = replace(grid.fit, q=q, covariance=grid.fit.covariance * ratio**2)  # weak enough that nothing is lost
     return replace(grid, fit=coarse)
 
 
 def fitted_corners(gray: Picture, cells: Ids, q: Array, *, clear_of: float = 1.0, blur: float = 1.0) -> Grid | None:
-    """Return the corners near q (N, 2) at `cells` (N, 2) of their grid, fitted and completed; None if there are none.
+    """Return the corners near q (N, 2) at `cells` (N, 2) of their grid, fitted and completed, or None.
 
-    clear_of: the distance by a square's side to what else there is; the windows keep clear of it. blur: a guess, px.
+    clear_of: the distance to other structure, in units of a square's side; windows keep clear of it. blur: a guess, px.
     """
 
     def fit(places: Array, steps: Array) -> Fit:
@@ -94,7 +94,7 @@ def fitted_corners(gray: Picture, cells: Ids, q: Array, *, clear_of: float = 1.0
 
 
 def corner_candidates(gray: Picture, smoothing: float) -> Corners:
-    """Return the saddle points of a picture smoothed by a Gaussian of `smoothing` px that pass the test on the ring."""
+    """Return the saddle points of a picture smoothed by a Gaussian of `smoothing` px that pass the ring test."""
     from scipy.ndimage import gaussian_filter, maximum_filter
 
     smooth = gaussian_filter(gray, smoothing)
@@ -135,7 +135,7 @@ def _on_ring(smooth: Picture, q: Array, strength: Array, *, radius: float) -> Co
     y = q[:, 1:] + radius * np.sin(turn)
     ring = map_coordinates(smooth, [y, x], order=1, mode="nearest").astype(np.float64)
     half = ring.reshape(-1, 2, _RING // 2)
-    even = half.mean(axis=1)  # what is the same on opposite sides
+    even = half.mean(axis=1)  # the part that opposite sides have in common
     even -= (even.max(axis=1, keepdims=True) + even.min(axis=1, keepdims=True)) / 2
     odd = np.abs(half[:, 0] - half[:, 1]).max(axis=1)
     wrapped = np.concatenate([even, even[:, :1]], axis=1)

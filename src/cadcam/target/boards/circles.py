@@ -1,7 +1,7 @@
-"""Discs in a picture: blobs of elliptic shape, joined to a lattice, fitted to the grey values.
+"""Discs in a picture: elliptic blobs, joined to a lattice and fitted to the grey values.
 
-What is measured is the centre of the disc's *picture*. Under perspective and distortion that is not where the disc's
-centre is seen (Heikkila, PAMI 22, 2000); `disc_shift` says by how much, for any lens.
+What is measured is the centre of the disc's *image*. Under perspective and distortion that is not the image of the
+disc's centre (Heikkila, PAMI 22, 2000); `disc_shift` gives the difference, for any lens.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from cadcam.target.boards.photometric import Fit, fit_discs
 from cadcam.target.boards.pyramid import reduced
 
 _LEAST_AREA = 10.0  # px
-_FAINT = 0.12  # of the picture's own contrast
-_ROUND = 0.15  # by how much a blob's area may differ from that of the ellipse with its moments
-_LONG = 5.0  # the longest ellipse by its width
+_FAINT = 0.12  # contrast, relative to the picture's own
+_ROUND = 0.15  # largest relative difference of a blob's area from that of the ellipse with its moments
+_LONG = 5.0  # largest ratio of the ellipse's axes
 _MOST = 8000
-_INTO_GAP, _TO_NEIGHBOUR = 0.7, 0.95  # of the gap between discs, that the fitted window takes in; and at most
-_LEAST_MARGIN, _MOST_MARGIN = 1.5, 6.0  # px of it
+_INTO_GAP, _TO_NEIGHBOUR = 0.7, 0.95  # of the gap between discs, that the fitted window covers; and at most
+_LEAST_MARGIN, _MOST_MARGIN = 1.5, 6.0  # px: limits of the window's margin
 _RINGS, _SPOKES = 4, 12  # of the quadrature over a disc: exact for polynomials of degree 7
 
 
@@ -42,7 +42,7 @@ def disc_grid(
 ) -> Grid | None:
     """Return the largest grid of discs in a picture, dark ones or light ones, or None.
 
-    window: by the reduced picture's longer side, over which dark and light are separated; larger than a disc.
+    window: the neighbourhood in which dark and light are separated, larger than a disc; share of the longer side.
     """
     small, full = reduced(gray, scale)
     blobs = elliptic_blobs(small, round(window * max(small.shape)), light=light)
@@ -58,7 +58,7 @@ def disc_grid(
 
 
 def fitted_discs(gray: Picture, cells: Ids, q: Array, radius: float, *, light: bool, staggered: bool) -> Grid | None:
-    """Return the discs near q (N, 2) at `cells` of their grid, fitted and completed; radius: by a cell's side."""
+    """Return the discs near q (N, 2) at `cells` of their grid, fitted and completed; radius: over a cell's side."""
     nearest = np.sqrt(2.0) if staggered else 1.0
 
     def fit(places: Array, steps: Array) -> Fit:
@@ -76,7 +76,7 @@ def fitted_discs(gray: Picture, cells: Ids, q: Array, radius: float, *, light: b
 
 
 def radius_by_cell(grid: Grid) -> float:
-    """Return the discs' radius by the side of a cell, as the fitted ellipses show it."""
+    """Return the discs' radius in units of a cell's side, from the fitted ellipses."""
     p = grid.fit.parameters
     A = np.stack([np.stack([p[:, 2], p[:, 3]], axis=-1), np.stack([p[:, 3], p[:, 9]], axis=-1)], axis=-1)
     return _radius_by_step(np.linalg.inv(A) / 4, local_steps(grid.fit.q, grid.cells))
@@ -91,7 +91,7 @@ def _radius_by_step(moments: Array, steps: Array) -> float:
 
 
 def elliptic_blobs(gray: Picture, window: int, *, light: bool) -> Blobs:
-    """Return the blobs beyond the middle of the least and greatest value within `window` px that are ellipses."""
+    """Return the elliptic blobs, thresholded midway between the least and greatest value within `window` px."""
     from scipy.ndimage import gaussian_filter, label, maximum_filter, minimum_filter
 
     smooth = gaussian_filter(gray, 0.7)
@@ -104,7 +104,7 @@ def elliptic_blobs(gray: Picture, window: int, *, light: bool) -> Blobs:
 
 
 def _softened(field: Picture, sigma: float) -> Picture:
-    """Return a field under a Gaussian, worked out on every few rows and columns: as many as it cannot tell apart."""
+    """Return a field smoothed by a Gaussian, computed only on every few rows and columns, as sigma allows."""
     from scipy.ndimage import gaussian_filter
 
     step = max(1, int(sigma / 4))
@@ -141,7 +141,7 @@ def _elliptic(area: Array, moments: Array) -> Mask:
 
 
 def _seeds(blobs: Blobs) -> list[tuple[int, Array]]:
-    """Return blobs with their shortest two steps, those first around which the lattice already shows."""
+    """Return blobs with their two shortest steps, those around which the lattice is already visible first."""
     from scipy.spatial import cKDTree
 
     tree = cKDTree(blobs.q)
@@ -164,9 +164,9 @@ def _seeds(blobs: Blobs) -> list[tuple[int, Array]]:
 
 
 def disc_shift(camera: Camera, camera_from_board: Rigid, centres: Array, radius_mm: float) -> Array:
-    """Return by how much (N, 2) px the centres of discs' pictures lie beside the pictures of their centres (N, 3) mm.
+    """Return the offset (N, 2) px of the centres of the discs' images from the images of their centres (N, 3) mm.
 
-    The centroid of the picture, the integral of q over the disc with the area that each piece has in the picture. To
+    The former is the centroid of the image: the integral of q over the disc, weighted with the image's area element. To
     first order in the curvature of the projection it is also the centre of the ellipse that fits the border best.
     """
     nodes, weights = np.polynomial.legendre.leggauss(_RINGS)

@@ -1,4 +1,4 @@
-"""A board in a picture: several ways of finding it are tried, and the one that gives most points, best fitted, wins."""
+"""A board in a picture: several detectors are tried, and the result with the most points and the best fit is kept."""
 
 from __future__ import annotations
 
@@ -25,18 +25,18 @@ _SMOOTHINGS = (1.5, 1.0, 2.5, 4.0)  # px of the reduced picture
 _WINDOWS = (0.08, 0.03, 0.2)  # of the reduced picture's longer side
 _LEAST_SHARE = 0.4  # of the board's points that a view must show
 _LEAST = 6
-_SMALLEST = 16  # px along a side: below it there is no room for a board
-_CLEAR, _AGREE = 12, 3  # as many tries that end with the same grid, of as many points: there is no other
-_STRAY = 0.5  # of a row: as many marks beyond the board make it another board
+_SMALLEST = 16  # px of the picture's shorter side: less leaves no room for a board
+_CLEAR, _AGREE = 12, 3  # points and tries: after so many tries with the same grid of so many points, no other is sought
+_STRAY = 0.5  # of a row: so many marks beyond the board's outline make it another board
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Detection:
     """The points of a board in a picture: their numbers (N,), pixels q (N, 2), covariance (N, 2, 2) px^2 each.
 
-    Of discs, q is the centre of the disc's picture, and `radius_mm` what the pictures say the radius is; else None.
-    covariance: by the residuals of the grey values about the fitted model. detector: what found it; tried: all that was
-    tried, with what came of it.
+    For discs, q is the centre of the disc's image, and `radius_mm` the radius estimated from the picture; else None.
+    covariance: from the residuals of the grey values. detector: the one that found the board; tried: every detector
+    tried, with its result.
     """
 
     pattern: Pattern
@@ -73,10 +73,10 @@ class Detection:
 
 
 def detect(picture: npt.ArrayLike, pattern: Pattern) -> Detection:
-    """Return the board in a picture (H, W) or (H, W, 3). Raises `NoBoard` saying what was seen instead.
+    """Return the board in a picture (H, W) or (H, W, 3). Raises `NoBoard`, which says what was seen instead.
 
-    A board that is seen in part is taken if what is seen can lie at one place only (its indistinguishable turns apart)
-    and is two fifths of it at least. Raises `MissingExtra` for a ChArUco board without OpenCV.
+    A partly visible board is accepted if the visible part fits at one place only (apart from rotations that look the
+    same) and is at least two fifths of it. Raises `MissingExtra` for a ChArUco board without OpenCV.
     """
     gray = to_gray(picture)
     if min(gray.shape) < _SMALLEST:
@@ -145,7 +145,7 @@ def _rank(grid: Grid, found: PlacedLattice) -> tuple[bool, int, float]:
 
 
 def _refuse(found: PlacedLattice, pattern: Pattern) -> None:
-    """Raise `NoBoard` for a grid that is not this board's, or that may lie at several places of it."""
+    """Raise `NoBoard` for a grid that is not this board's, or that fits at several places of it."""
     seen = (-(-found.extent[0] // 2) if getattr(pattern, "staggered", False) else found.extent[0], found.extent[1])
     what = "discs" if isinstance(pattern, CircleGrid) else "inner corners"
     have, all_points = len(found.points), len(pattern.cells)

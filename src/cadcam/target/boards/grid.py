@@ -1,4 +1,4 @@
-"""Marks of a board fitted on their grid: what does not look like the rest is dropped, what is missing is sought."""
+"""Marks of a board fitted on their grid: those unlike the rest are dropped, missing ones are searched for."""
 
 from __future__ import annotations
 
@@ -14,8 +14,8 @@ from cadcam.target.boards.photometric import CONTRAST, Fit
 
 Fitter: TypeAlias = Callable[[Array, Array], Fit]  # places q (N, 2), steps of the grid there (N, 2, 2) -> the fit
 
-_WEAK = 0.35  # of the median contrast: below it it is no mark of the board
-_MISFIT, _TIMES = 0.16, 3.0  # rms by contrast that is always allowed; and that by its median
+_WEAK = 0.35  # of the median contrast: weaker marks are not the board's
+_MISFIT, _TIMES = 0.16, 3.0  # rms over contrast that is always allowed; and as a multiple of its median
 _ROUNDS = 8
 _SIDES = ((1, 0), (0, 1), (-1, 0), (0, -1))
 _CORNERS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
@@ -23,7 +23,7 @@ _CORNERS = ((1, 1), (1, -1), (-1, 1), (-1, -1))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Grid:
-    """Fitted marks and their places on a grid, cells (N, 2), in no order and from no origin.
+    """Fitted marks and their cells (N, 2) on a grid of arbitrary origin, in no particular order.
 
     alternating: whether the contrast's sign alternates from cell to cell, as that of chessboard corners does.
     """
@@ -37,7 +37,7 @@ class Grid:
 
     @property
     def color(self) -> Ids:
-        """Return the contrast's sign (N,), 0 where it says nothing."""
+        """Return the contrast's sign (N,), 0 where it carries no information."""
         sign = np.sign(self.fit.parameters[:, CONTRAST]) if self.alternating else np.zeros(len(self.cells))
         return sign.astype(np.int32)
 
@@ -55,7 +55,7 @@ class Grid:
 def fitted_grid(
     cells: Ids, q: Array, fit: Fitter, shape: tuple[int, ...], *, alternating: bool, staggered: bool
 ) -> Grid | None:
-    """Return the marks near q (N, 2) at `cells` that fit, and those that their neighbours predict and the fit confirms.
+    """Return the marks near q (N, 2) at `cells` that fit, and those predicted by neighbours that a fit confirms.
 
     None where fewer than four are left. shape: the picture's.
     """
@@ -72,9 +72,9 @@ def fitted_grid(
 
 
 def local_steps(q: Array, cells: npt.NDArray[np.integer], *, at: npt.NDArray[np.integer] | None = None) -> Array:
-    """Return the steps (M, 2, 2) px, columns along the grid's x and y, by the marks within two cells of each place.
+    """Return the steps (M, 2, 2) px, columns along the grid's x and y, from the marks within two cells of each cell.
 
-    at: the cells (M, 2) where they are wanted, default those of all marks.
+    at: the cells (M, 2) of interest, by default those of all marks.
     """
     from scipy.spatial import cKDTree
 
@@ -90,7 +90,7 @@ def local_steps(q: Array, cells: npt.NDArray[np.integer], *, at: npt.NDArray[np.
 
 
 def _kept(grid: Grid) -> Grid | None:
-    """Return the marks that look like marks of one board: fitted well, about as strong, of alternating kind."""
+    """Return the marks consistent with one board: fitted well, of similar contrast, of alternating kind."""
     fit = grid.fit
     if not fit.good.any():
         return None
@@ -122,7 +122,7 @@ def _with_neighbours(
 def _wanted(
     grid: Grid, shape: tuple[int, ...], tried: set[tuple[int, int]], sides: tuple[tuple[int, int], ...]
 ) -> tuple[Ids, Array]:
-    """Return the empty cells beside the grid's, and where two or three marks in line with them say that they are."""
+    """Return the empty cells next to the grid's, and the positions extrapolated from two or three marks in line."""
     at = {(x, y): i for i, (x, y) in enumerate(grid.cells.tolist())}
     found: dict[tuple[int, int], list[Array]] = {}
     for x, y in at:
@@ -140,7 +140,7 @@ def _wanted(
 
 
 def _connected(cells: Ids, good: Mask) -> Mask:
-    """Return which of the good cells hang together with most others."""
+    """Return which of the good cells belong to the largest connected group."""
     from scipy.ndimage import label
 
     if not good.any():

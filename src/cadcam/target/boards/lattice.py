@@ -1,7 +1,7 @@
 """Which mark is which on a regular grid: lattices grown through marks in a picture, and matched to a board's cells.
 
-A lattice grows from one mark and two steps; each next mark is sought where the local steps lead, so that perspective
-and lens distortion bend it as they like. It need not be whole: marks may be missing, false ones lie beside it.
+A lattice grows from one mark and two steps; each next mark is searched for where the local steps lead, so that
+perspective and lens distortion may bend it. It need not be complete: marks may be missing, false ones may lie nearby.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 Cell: TypeAlias = tuple[int, int]
 Kind: TypeAlias = Callable[[int, Array, float], int]  # mark, step to it, side of the step on which the other edge lies
-_NEAR = 0.3  # of a step: how far a mark may lie from where its neighbours say
+_NEAR = 0.3  # of a step: largest distance of a mark from where its neighbours predict it
 _SIDES: tuple[Cell, ...] = ((1, 0), (0, 1), (-1, 0), (0, -1))
 _SEEDS = 24
 _TURNS = [np.array(m).reshape(2, 2) for m in product((-1, 0, 1), repeat=4) if abs(m[0] * m[3] - m[1] * m[2]) == 1]
@@ -43,9 +43,9 @@ class Lattice:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedLattice:
-    """A lattice laid on a board: point numbers and marks of what fits; `extent`, its full (columns, rows).
+    """A lattice placed on a board: point numbers and marks of what fits; `extent`, its full (columns, rows).
 
-    fixed: whether no other place on the board would have taken as many marks (turns of the board apart).
+    fixed: whether no other place on the board would match as many marks (apart from rotations of the board).
     beyond: marks of the lattice that the board has no point for.
     """
 
@@ -61,9 +61,9 @@ def grown(
 ) -> Lattice | None:
     """Return the largest lattice through marks q (M, 2), or None where not even four marks make one.
 
-    seeds: marks to start from, the best first, each with its two steps (2, 2) px, one a row. sizes (M,): a mark more
-    than twice as large or small as its neighbour belongs to something else. kind: +1 or -1 for marks that alternate.
-    Ends early at a lattice of `enough` marks.
+    seeds: marks to start from, the best first, each with its two steps (2, 2) px, one per row. sizes (M,): a mark more
+    than twice as large or small as its neighbour does not belong. kind: +1 or -1 for marks that alternate. Stops early
+    at a lattice of `enough` marks.
     """
     from scipy.spatial import cKDTree
 
@@ -110,7 +110,7 @@ def _grow(tree: cKDTree, q: Array, seed: int, steps: Array, sizes: Array, kind: 
 
 
 def _step(at: dict[Cell, int], q: Array, cell: Cell, side: Cell, steps: Array) -> Array:
-    """Return the step from a cell to its side as its surroundings show it: behind it, beside it, at the seed."""
+    """Return the step from a cell to its side, from the marks nearest to it: behind it, beside it, or the seed's."""
     back = (cell[0] - side[0], cell[1] - side[1])
     if back in at:
         return np.asarray(q[at[cell]] - q[at[back]])
@@ -123,7 +123,7 @@ def _step(at: dict[Cell, int], q: Array, cell: Cell, side: Cell, steps: Array) -
 
 
 def _agrees(at: dict[Cell, int], q: Array, there: Cell, mark: int, step: Array) -> bool:
-    """Return whether the marks that already lie around a cell place it where `mark` is."""
+    """Return whether the marks already placed around a cell predict the position of `mark`."""
     for sx, sy in product((1, -1), (1, -1)):
         across, along, corner = (there[0] + sx, there[1]), (there[0], there[1] + sy), (there[0] + sx, there[1] + sy)
         if across in at and along in at and corner in at:
@@ -139,10 +139,10 @@ def _nearest(tree: cKDTree, q: Array, reach: float) -> int | None:
 
 
 def straightened(cells: npt.NDArray[np.integer], *, staggered: bool) -> Ids:
-    """Return the cells counted along steps that make the lattice the smallest rectangle.
+    """Return the cells in the steps that make the lattice the smallest rectangle.
 
     Any two steps that span a lattice reach all of it; foreshortened discs may have grown along a diagonal. staggered:
-    count columns and rows of a staggered grid, in half steps.
+    count columns and rows as in a staggered grid, in half steps.
     """
     basis = min(_spans(staggered), key=lambda m: (int(np.prod(np.ptp(cells @ m.T, axis=0) + 1)), np.abs(m).sum()))
     return np.asarray(cells @ basis.T, dtype=np.int32)
@@ -156,14 +156,14 @@ def _spans(staggered: bool) -> list[npt.NDArray[np.int64]]:
 
 
 def placed(cells: npt.NDArray[np.integer], q: Array, color: npt.NDArray[np.integer], pattern: Pattern) -> PlacedLattice:
-    """Return N marks at `cells` of a lattice laid on the board so that most fall on points, upright if turns are alike.
+    """Return N marks at `cells` of a lattice, placed on the board where most match points, upright among equals.
 
     color (N,): +1 where the quadrants between the lattice's steps of like sign are dark, -1 where the others are; all 0
-    for marks without such a thing. Never mirrored: a board is seen from its front.
+    for marks without such quadrants. Never mirrored: a board is seen from its front.
     """
     best: PlacedLattice | None = None
     rank: tuple[int, float] = (0, 0.0)
-    places: list[tuple[int, int]] = []  # (marks on points, places with as many) for each turn
+    places: list[tuple[int, int]] = []  # (marks on points, number of places with as many) for each rotation
     for turn in _TURNS:
         along = cells @ turn.T
         right = _direction(along, q)
@@ -190,7 +190,7 @@ def _direction(cells: npt.NDArray[np.int64], q: Array) -> Array:
 def _best_shift(
     cells: npt.NDArray[np.int64], own: npt.NDArray[np.integer], pattern: Pattern
 ) -> tuple[PlacedLattice, int]:
-    """Return where most marks fall on points of their own kind, by correlating the two sets; and at how many places."""
+    """Return the shift at which most marks match points of their kind, by correlation; and how many do as well."""
     from scipy.signal import correlate
 
     cells = cells - cells.min(axis=0)
@@ -219,7 +219,7 @@ def _occupied(cells: npt.NDArray[np.integer], frame: npt.NDArray[np.integer]) ->
 
 
 def _extent(cells: npt.NDArray[np.integer]) -> tuple[int, int]:
-    """Return how many columns and rows are at least half as full as the fullest: a stray mark makes no row."""
+    """Return how many columns and rows are at least half as full as the fullest: a stray mark is not a row."""
     lines = [np.bincount(cells[:, axis] - cells[:, axis].min()) for axis in (0, 1)]
     columns, rows = (int((line >= line.max() / 2).sum()) for line in lines)
     return columns, rows

@@ -1,4 +1,4 @@
-"""The one door to OpenCV: its absence named, what differs between its versions 4 and 5 evened out.
+"""The only access to OpenCV: names it when it is missing and hides the differences between its versions 4 and 5.
 
 OpenCV's pixel (0, 0) is the centre of the top-left pixel, as ours; corners come as (N, 1, 2) from version 4 and as
 (N, 2) from version 5.
@@ -19,7 +19,7 @@ _OLDEST = (4, 7)  # the first with CharucoDetector and legacy boards
 
 
 def opencv(what: str) -> Any:
-    """Return the module cv2; raise `MissingExtra` naming `what` needs it where it is missing or too old."""
+    """Return the module cv2; raise `MissingExtra`, naming `what` needs it, where it is missing or too old."""
     try:
         import cv2
     except ImportError:
@@ -35,7 +35,7 @@ def opencv(what: str) -> Any:
 
 
 def has_opencv() -> bool:
-    """Return whether OpenCV is installed, new enough."""
+    """Return whether OpenCV is installed in a version that is recent enough."""
     try:
         opencv("this")
     except MissingExtra:
@@ -69,19 +69,19 @@ def marker_bits(name: str, count: int) -> Mask:
 
 
 def as_bytes(gray: Picture) -> npt.NDArray[np.uint8]:
-    """Return a grey picture as OpenCV's detectors want it: 8 bits, its darkest 0.1 % black, its lightest white."""
+    """Return a grey picture as OpenCV's detectors expect it: 8 bits, its darkest 0.1 % black, its lightest white."""
     low, high = np.percentile(gray, [0.1, 99.9])
     span = max(float(high - low), 1e-6)
     return np.asarray(np.clip((gray - low) * (255 / span) + 0.5, 0, 255).astype(np.uint8))
 
 
 def pixels(corners: Any) -> Array:
-    """Return corners of any of OpenCV's shapes as (N, 2)."""
+    """Return corners in any of OpenCV's shapes as (N, 2)."""
     return np.asarray(corners, dtype=np.float64).reshape(-1, 2)
 
 
 def chessboard_candidates(gray: Picture, columns: int, rows: int) -> Iterator[tuple[str, Array]]:
-    """Yield the name of each of OpenCV's chessboard finders that answers, and its corners (N, 2) row by row."""
+    """Yield the name of each of OpenCV's chessboard finders that succeeds, and its corners (N, 2) row by row."""
     cv2 = opencv("OpenCV's chessboard finders")
     picture = as_bytes(gray)
     thorough = cv2.CALIB_CB_NORMALIZE_IMAGE | cv2.CALIB_CB_EXHAUSTIVE | cv2.CALIB_CB_ACCURACY
@@ -95,7 +95,7 @@ def chessboard_candidates(gray: Picture, columns: int, rows: int) -> Iterator[tu
 
 
 def circle_candidates(gray: Picture, columns: int, rows: int, *, staggered: bool) -> Iterator[tuple[str, bool, Array]]:
-    """Yield name, whether the discs are light, and centres (N, 2) of OpenCV's circle grid finder where it answers."""
+    """Yield name, whether the discs are light, and centres (N, 2) of OpenCV's circle grid finder where it succeeds."""
     cv2 = opencv("OpenCV's circle grid finder")
     grid = cv2.CALIB_CB_ASYMMETRIC_GRID if staggered else cv2.CALIB_CB_SYMMETRIC_GRID
     for light in (False, True):
@@ -109,7 +109,7 @@ def circle_candidates(gray: Picture, columns: int, rows: int, *, staggered: bool
 def find_markers(gray: Picture, name: str, *, thorough: bool = True) -> tuple[Ids, Array]:
     """Return numbers (M,) and corners (M, 4, 2) px of a dictionary's markers in a picture.
 
-    Corners run clockwise from the marker's upper left. Each number is reported once, its largest marker. thorough:
+    Corners run clockwise from the marker's upper left. Each number is reported once, for its largest marker. thorough:
     small and badly lit markers too.
     """
     cv2 = opencv("a ChArUco board")

@@ -1,4 +1,4 @@
-"""Calibration boards as geometry: where their points are, and where their ink is (`board` has what they share)."""
+"""Calibration boards as geometry: their points and their ink (`board` has what they have in common)."""
 
 from __future__ import annotations
 
@@ -48,13 +48,13 @@ class Chessboard(Pattern):
         return np.asarray(inside & (index.sum(axis=-1) % 2 == 0))
 
     def color(self, cell: tuple[int, ...]) -> int:
-        """Return whether the square above and left of the corner is white; a quarter turn changes it once more."""
+        """Return whether the square above and left of the corner is white; each quarter turn inverts it."""
         return (cell[0] + cell[1]) % 2
 
     def _same_when(self, turn: int, places: set[tuple[int, ...]], high: npt.NDArray[np.int32]) -> bool:
         if turn % 2 and self.columns != self.rows:
             return False
-        # the first square, black, comes to lie where square (columns, 0), (columns, rows) or (0, rows) was
+        # the first square, black, moves to where square (columns, 0), (columns, rows) or (0, rows) was
         return ((0, self.columns, self.columns + self.rows, self.rows)[turn]) % 2 == 0
 
     def ink(self) -> Ink:
@@ -72,7 +72,7 @@ class Charuco(Pattern):
     """A chessboard of `columns` x `rows` *squares* with a marker of OpenCV's `dictionary` in each white one.
 
     Its points are the inner corners, numbered along the rows from 0, as OpenCV does; markers too. The first square is
-    black, or white where `legacy` (OpenCV before 4.6 with an even number of rows).
+    black, or white if `legacy` (OpenCV before 4.6 with an even number of rows).
     """
 
     square_mm: float
@@ -107,7 +107,7 @@ class Charuco(Pattern):
 
     @property
     def turns(self) -> int:
-        """Return 1: the markers tell every corner apart."""
+        """Return 1: the markers identify every corner."""
         return 1
 
     @property
@@ -129,7 +129,7 @@ class Charuco(Pattern):
         return np.asarray(inside & np.where(white, self._marker_black(place - square, square, inside & white), True))
 
     def _marker_black(self, within: Array, square: npt.NDArray[np.int64], there: Mask) -> Mask:
-        """Return the ink of the markers at `within` (..., 2), a share of the square."""
+        """Return the ink of the markers at `within` (..., 2), in units of a square."""
         bits = self.marker_bits()
         number = np.zeros((self.rows, self.columns), dtype=np.int64)
         cells = self.marker_squares
@@ -149,7 +149,7 @@ class Charuco(Pattern):
         return marker_bits(self.dictionary, len(self.marker_squares))
 
     def ink(self) -> Ink:
-        """Return the black squares and the black modules of the markers, those side by side joined."""
+        """Return the black squares and the black modules of the markers, adjacent ones joined."""
         square = grid(self.columns, self.rows)
         black = square[(square.sum(axis=1) + self._white_first) % 2 == 0] - 1
         shapes = [np.hstack([black, black + 1]) * self.square_mm]
@@ -169,7 +169,7 @@ class CircleGrid(Pattern):
     """`columns` x `rows` black discs, `spacing_mm` apart.
 
     `staggered`: every second row is shifted by half a step (OpenCV's asymmetric grid): rows are `spacing_mm` apart,
-    discs in a row twice as much. diameter_mm: None where it is to be measured in the picture.
+    discs in a row twice as much. diameter_mm: None if it is to be measured in the picture.
     """
 
     spacing_mm: float
@@ -201,12 +201,12 @@ class CircleGrid(Pattern):
 
     @property
     def nearest_mm(self) -> float:
-        """Return the distance of the nearest two centres."""
+        """Return the distance between the two nearest centres."""
         return self.spacing_mm * (np.sqrt(2.0) if self.staggered else 1.0)
 
     @property
     def printed_diameter_mm(self) -> float:
-        """Return the diameter, half the distance of neighbours where none was given."""
+        """Return the diameter, half the distance between neighbours if none was given."""
         return self.nearest_mm / 2 if self.diameter_mm is None else self.diameter_mm
 
     @property

@@ -1,8 +1,8 @@
-"""Marks fitted to the grey values themselves: position, shape, levels and blur together, each mark with a covariance.
+"""Marks fitted to the grey values: position, shape, levels and blur together, with a covariance for each mark.
 
-The same damped Gauss-Newton runs over all marks of a picture at once, arrays (marks, pixels, parameters). Where the
-model is the picture's own (blurred edges, uniform noise) this is the maximum-likelihood position. Both models are
-point-symmetric about the position, so that blur of any symmetric shape, gain and offset leave it unbiased.
+One damped Gauss-Newton iteration runs over all marks of a picture at once, in arrays (marks, pixels, parameters). Where
+the model is true of the picture (blurred edges, uniform noise), the position is the maximum-likelihood estimate. Both
+models are point-symmetric about the position, so that blur of any symmetric shape, gain and offset do not bias it.
 """
 
 from __future__ import annotations
@@ -15,22 +15,22 @@ import numpy as np
 
 from cadcam.arrays import Array, Index, Mask, Picture
 
-Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, their slopes
+Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, derivatives
 
 CONTRAST, BLUR = 4, 5  # columns of these parameters in either model
 _GROUND = (6, 7, 8)  # columns of m, gx, gy
-_BATCH = 200_000  # numbers of a Jacobian computed at a time, so that intermediate results stay in the cache
+_BATCH = 200_000  # elements of a Jacobian computed at a time, so that intermediate results stay in the cache
 _ITERATIONS = 25
-_STEP_PX, _FALL = 1e-4, 1e-3  # converged: a shift below it, and the sum of squares falls by less than this share
-_MOST_DAMPING = 1e7  # beyond it no step goes downhill any more
+_STEP_PX, _FALL = 1e-4, 1e-3  # converged: smaller shifts, and a relative decrease of the sum of squares below this
+_MOST_DAMPING = 1e7  # at which no step reduces the cost any more
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Fit:
     """B fitted marks: positions q (B, 2) px, covariance (B, 2, 2) px^2, parameters (B, n), and how well they fit.
 
-    misfit: rms of the residuals by the mark's contrast; good: whether the fit ended inside its window, with a contrast.
-    shared: variance of x, in which the pixels of a line stand together, by that of independent ones.
+    misfit: rms of the residuals over the mark's contrast; good: whether the fit ended inside its window, with contrast.
+    shared: variance of x if the pixels of a line share errors, relative to that for independent pixels.
     """
 
     q: Array
@@ -56,7 +56,7 @@ class Fit:
 class WindowPixels:
     """Grey values (B, P) of B windows; their pixels (B, P, 2 or more), u, v relative to q (B, 2) first; weights (B, P).
 
-    What follows u, v is what else a model wants to know of a pixel.
+    The columns after u, v are whatever else a model needs to know of a pixel.
     """
 
     values: Array
@@ -92,10 +92,10 @@ def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blu
 
 
 def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
-    """Return the centres of the ellipses near q (B, 2): the discs' *pictures*, not where their centres are seen.
+    """Return the centres of the ellipses near q (B, 2): of the discs' *images*, not the images of their centres.
 
-    moments (B, 2, 2): second moments of each ellipse's area, px^2; reach (B,): the window, an ellipse as many times as
-    large. Model: m + g.(u, v) + c Phi(-d/s) with d the distance from the ellipse w^T A w = 1 to first order.
+    moments (B, 2, 2): second moments of each ellipse's area, px^2; reach (B,): the window's size in units of the
+    ellipse. Model: m + g.(u, v) + c Phi(-d/s) with d the distance from the ellipse w^T A w = 1 to first order.
     Parameters: x y A11 A12 c s m gx gy A22.
     """
     A = np.linalg.inv(4 * moments)
@@ -133,7 +133,7 @@ def _corner(parameters: Array, pixels: Array) -> tuple[Array, Array]:
 
 
 def _blurred_step(u: Array, v: Array, angle: Array, blur: Array) -> tuple[Array, Array, Array]:
-    """Return the blurred step across an edge, from -1 to 1, the distance d from the edge, and the step's slope by d."""
+    """Return the blurred step across an edge, from -1 to 1, the distance d from the edge, and the derivative by d."""
     from scipy.special import erf
 
     d = u * np.sin(angle) - v * np.cos(angle)
@@ -156,7 +156,7 @@ def _disc(parameters: Array, pixels: Array) -> tuple[Array, Array]:
     by_d = -contrast * np.exp(-0.5 * t * t) / (np.sqrt(2 * np.pi) * blur)
 
     def derivative(of_radius: Array, of_norm: Array) -> Array:
-        """Return that of the grey values, from those of radius and norm: the chain rule through d."""
+        """Return the derivative of the grey values from those of radius and norm: the chain rule through d."""
         return np.asarray(by_d * ((2 * radius - 1) * of_radius / norm - d * of_norm / norm))
 
     ground, J = _ground(parameters, pixels)
@@ -171,7 +171,7 @@ def _disc(parameters: Array, pixels: Array) -> tuple[Array, Array]:
 
 
 def _ground(parameters: Array, pixels: Array) -> tuple[Array, Array]:
-    """Return the ground m + g.(u, v) of either model (B, P), and a Jacobian with its columns filled in, else nil."""
+    """Return the ground m + g.(u, v) of either model (B, P), and a Jacobian with its columns set, the others zero."""
     level, by_x, by_y = (parameters[:, None, i] for i in _GROUND)
     ground = level + by_x * pixels[..., 0] + by_y * pixels[..., 1]
     J = np.zeros((*ground.shape, parameters.shape[1]))
@@ -186,9 +186,9 @@ def whole(weight: Array, wanted: Mask) -> Mask:
 
 
 def patches(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array, Array, Mask]:
-    """Return grey values (B, P), their pixels relative to q (B, P, 2), and which of them the picture has.
+    """Return grey values (B, P), their pixels relative to q (B, P, 2), and which of them are inside the picture.
 
-    step: of the rows and columns that are taken.
+    step: every how many rows and columns are used.
     """
     half = int(np.ceil((reach.max(initial=1.0) + 1) / step)) * step
     side = np.arange(-half, half + 1, step)
@@ -205,9 +205,9 @@ def patches(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array
 def fitted(
     model: Model, start: Array, window: WindowPixels, q: Array, size: Array, *, iterations: int = _ITERATIONS
 ) -> Fit:
-    """Return the fit of a model whose first two parameters are x, y relative to q; size (B,): how far it may go, px.
+    """Return the fit of a model whose first two parameters are x, y relative to q; size (B,): largest shift, px.
 
-    Parameters beyond those by which the model gives slopes are held. iterations: at most.
+    Parameters without a derivative in the model are held fixed. iterations: at most.
     """
     count, n = start.shape
     step = max(1, _BATCH // max(n * window.values.shape[1], 1))
@@ -223,10 +223,10 @@ def fitted(
 
 
 def missed(model: Model, fit: Fit, window: WindowPixels, *, free: tuple[int, ...]) -> tuple[Array, Array]:
-    """Return by how much chi-square (F, B) would fall if the first `free` (F) parameters of the model were free.
+    """Return the decrease of chi-square (F, B) to expect if the first `free` (F) parameters of the model were free.
 
-    And the step (B, n) for the last entry of `free`. A score test: to first order from where the fit without them
-    ended, in units of the variance that would then remain.
+    And the step (B, n) for the last entry of `free`. A score test: to first order from the fit without them, in units
+    of the variance that would then remain.
     """
     H, g, cost = _normal(model, fit.parameters, window)
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
@@ -268,7 +268,7 @@ def _damped_step(H: Array, g: Array, damping: Array) -> Array:
 
 
 def _cofactor(H: Array) -> Array:
-    """Return the inverses of normal matrices (B, n, n), of those without full rank the pseudo-inverse."""
+    """Return the inverses of normal matrices (B, n, n), or the pseudo-inverse where the rank is deficient."""
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
     inverse = np.asarray(np.linalg.pinv(_scaled(H, scale), rcond=1e-12, hermitian=True), np.float64)
     return _scaled(inverse, np.asarray(scale.clip(max=1e6)))  # limited for parameters that no pixel depends on

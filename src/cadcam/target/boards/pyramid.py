@@ -1,4 +1,4 @@
-"""A picture made smaller to find things in, and the way back to its full coordinates."""
+"""Reduced pictures for detection, and the map back to full coordinates."""
 
 from __future__ import annotations
 
@@ -17,11 +17,11 @@ def reduced(gray: Picture, scale: float) -> tuple[Picture, Callable[[Array], Arr
 
     small = zoom(gaussian_filter(gray, 0.4 / scale), scale, order=1, grid_mode=True, mode="nearest")
     ratio = np.array(gray.shape[::-1]) / np.array(small.shape[::-1])
-    return small, lambda q: (q + 0.5) * ratio - 0.5  # the outline maps on the outline
+    return small, lambda q: (q + 0.5) * ratio - 0.5  # the picture's border maps to the border
 
 
 def scales(size: tuple[int, ...], *, longest: int = 900, least: int = 450) -> list[float]:
-    """Return the scales to search a picture at, the first with a longer side of about `longest` px, down and up."""
+    """Return the scales to search a picture at: first the one whose longer side is about `longest` px, then others."""
     side = max(size)
     if side <= 1.3 * longest:
         return [1.0] if side < 2 * least else [1.0, 0.5]

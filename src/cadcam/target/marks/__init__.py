@@ -1,1 +1,1 @@
-"""Single marks: what they look like, found in a picture and fitted to its grey values."""
+"""Single marks: their geometry, detection in a picture and fit to the grey values."""

@@ -1,4 +1,4 @@
-"""Where in a picture a mark may be, and in which shape: three searches, and the first look at what they bring."""
+"""Candidate places and shapes of a mark in a picture: three searches, and a first screening of their results."""
 
 from __future__ import annotations
 
@@ -19,24 +19,24 @@ from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.spots import spots
 
 METHODS = ("auto", "spots", "correlation", "blobs", "saddles")
-_STEP = 1.3  # from radius to radius, where a range is given
+_STEP = 1.3  # ratio of successive radii within a range
 _WINDOWS = (0.08, 0.025, 0.25)  # of the picture's longer side, over which blobs are separated from their ground
 _LEVELS = (1.0, 0.5, 0.25)
 _LEAST_SIDE = 120  # px of a reduced picture
 _LEAST_CORRELATION = 0.5
-_NEAR = 0.85  # likeness from which a candidate is near enough as it is
+_NEAR = 0.85  # likeness at which a candidate is close enough without refinement
 _LEAST_APPROACHED = 0.6  # score of a fit in a reduced picture
 _LEAST_LIKENESS, _ROUGH_LIKENESS = 0.6, 0.2
-_SOFT, _ROUGH_SOFT = 0.15, 0.3  # blur by the radius, of what is compared with places that are not exact yet
-_SMALL, _BLUR = 8.0, 1.5  # px: radius of a mark in the reduced picture, and the blur to start with
-_LEAST_WIDTH = 2.5  # px of a ring or disc whose border spots are looked for by
-_CHANGE = 3.0  # of the area, in the approach
-_SAME = 0.5  # of the size: candidates nearer than that are one
+_SOFT, _ROUGH_SOFT = 0.15, 0.3  # blur over radius of compared pictures while places are still inexact
+_SMALL, _BLUR = 8.0, 1.5  # px: radius of a mark in the reduced picture, and the initial blur
+_LEAST_WIDTH = 2.5  # px: least width of a ring or disc whose border is used by `spots`
+_CHANGE = 3.0  # largest ratio of areas before and after the fit in the reduced picture
+_SAME = 0.5  # of the size: nearer candidates are the same
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkCandidates:
-    """Places q (N, 2) px and shapes (N, 2, 2) px by mm."""
+    """Places q (N, 2) px and shapes (N, 2, 2) px per mm."""
 
     q: Array
     shapes: Array
@@ -50,7 +50,7 @@ class MarkCandidates:
 
 
 def mark_candidates(gray: Picture, mark: Mark, method: str, radii: tuple[float, float] | None) -> MarkCandidates:
-    """Return where a search sees the mark, likely ones first within a size; radii: least and largest, px."""
+    """Return where a search finds the mark, likely ones first for each size; radii: least and largest, px."""
     if method == "blobs":
         return _joined(list(_blobs(gray, mark, radii)))
     if radii is None:
@@ -74,7 +74,7 @@ def screened(
 ) -> MarkCandidates:
     """Return at most `most` candidates that look like the mark as they are, best first, one at each place.
 
-    rough: whether places and shapes are known to a fifth of the size only; likeness is then that of soft pictures.
+    rough: whether places and shapes are known only to a fifth of the size; likeness is then that of blurred pictures.
     """
     if not len(seen):
         return seen
@@ -86,10 +86,10 @@ def screened(
 
 
 def approached(gray: Picture, mark: Mark, seen: MarkCandidates, margin: float, *, enough: int | None) -> MarkCandidates:
-    """Return those candidates that are marks in a picture reduced until they are small, with places and shapes there.
+    """Return the candidates that are marks in a picture reduced until they are small, with refined places and shapes.
 
-    There a circle at about the right place is near enough to the ellipse of a tilted mark for a fit to settle.
-    enough: marks that are there; where as many look like them at once, the others are not tried.
+    At that size a circle at about the right place is close enough to the ellipse of a tilted mark for a fit to
+    converge. enough: the number of marks in the picture; where as many look right at once, the others are not tried.
     """
     if not len(seen):
         return seen
@@ -111,7 +111,7 @@ def approached(gray: Picture, mark: Mark, seen: MarkCandidates, margin: float, *
 
 
 def _apart(q: Array, size: Array, order: Index, most: int) -> Index:
-    """Return of `order` those with no earlier one nearer than half their size."""
+    """Return those of `order` without an earlier one within half their size."""
     from scipy.spatial import cKDTree
 
     if not len(order):
@@ -134,7 +134,7 @@ def _spots(gray: Picture, mark: Mark, radius: float) -> Array:
     if not len(rings):
         raise BadValue("method", "spots", f"'saddles' for {mark}, which has no whole ring")
     clear = rings[:, 1] - rings[:, 0] >= _LEAST_WIDTH
-    part = (rings[:, 1] - rings[:, 0]) / rings[:, 1]  # how much of the radius may change: 1 for a disc
+    part = (rings[:, 1] - rings[:, 0]) / rings[:, 1]  # share of the radius that may change: 1 for a disc
     inner, outer = rings[np.argmax(np.where(clear, part, part - 1))].tolist()
     return spots(gray, outer, outer - inner, dark=not mark.light)[0]
 
@@ -148,7 +148,7 @@ def _correlation(gray: Picture, mark: Mark, radius: float) -> Array:
 
 
 def _blobs(gray: Picture, mark: Mark, radii: tuple[float, float] | None) -> Iterator[MarkCandidates]:
-    """Yield the elliptic blobs that may be the disc in the mark's middle, at several sizes of picture and window."""
+    """Yield the elliptic blobs that may be the mark's central disc, for several sizes of picture and window."""
     if mark.core is None:
         raise BadValue("method", "blobs", f"another one: {mark} has no disc in its middle")
     radius, inked = mark.core
@@ -168,7 +168,7 @@ def _blobs(gray: Picture, mark: Mark, radii: tuple[float, float] | None) -> Iter
 
 
 def _saddles(gray: Picture, mark: Mark, radius: float) -> MarkCandidates:
-    """Return the crossings of two edges, x along the one from which growing angles are dark."""
+    """Return the crossings of two edges, with x along the edge from which increasing angles are dark."""
     corners = corner_candidates(gray, float(np.clip(radius / 6, 1.0, 3.0)))
     first, second = corners.directions.T
     swap = (corners.kind > 0) == mark.light

@@ -1,9 +1,9 @@
-"""Correlation with the ideal picture of a mark, searched as the dissertation's program `cross` does (App. A).
+"""Correlation with the ideal picture of a mark, searched as by the dissertation's program `cross` (App. A).
 
 First only a few pixels of two perpendicular slices of the template are compared, in steps of several pixels; then the
-whole slices, at every pixel near what was promising; then the whole template there. What is compared is the zero-mean
-normalised correlation. EQ 7.1 as printed takes no means off: bright, plain ground then correlates to 0.9 with
-everything, peaks are broad, and they pull towards brightness; it is here to show that (`zero_mean=False`).
+whole slices, at every pixel near promising ones; then the whole template there. The score is the zero-mean normalised
+correlation. EQ 7.1 as printed subtracts no means: bright, plain ground then correlates to 0.9 with everything, peaks
+are broad and biased towards brightness; it is available to show this (`zero_mean=False`).
 """
 
 from __future__ import annotations
@@ -19,11 +19,11 @@ from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import share_of_ink
 from cadcam.target.marks.spots import peaks
 
-_GROUND = 1.25  # half-width of a template by the mark's radius
-_SHARP = 0.6  # px: blur of a template, most of it that of the pixels themselves
+_GROUND = 1.25  # half-width of a template over the mark's radius
+_SHARP = 0.6  # px: blur of a template, most of it from the pixel area
 _LEAST_HALF = 3
 _STEP_BY_RADIUS = 0.12
-_ROUGH, _SLICES = 0.6, 0.8  # of the score asked for: what the first two sweeps must reach
+_ROUGH, _SLICES = 0.6, 0.8  # share of the required score that the first two sweeps must reach
 _FEW = 9  # pixels of each slice in the first sweep
 _TOGETHER = 4_000_000
 _SIZES = 7
@@ -45,7 +45,8 @@ class Taps:
 def template(mark: Mark, radius_px: float, *, blur: float = _SHARP, half: int | None = None) -> Picture:
     """Return the ideal picture (n, n) of an upright mark, its centre in the middle of the middle pixel, paper 1, ink 0.
 
-    n = 2 half + 1, by default the mark and a quarter of its radius of ground. blur: Gaussian, the pixel's own included.
+    n = 2 half + 1, by default the mark and a quarter of its radius of ground. blur: Gaussian, including the pixel's
+    own.
     """
     if not radius_px > 0.5:
         raise BadValue("radius", f"{radius_px:g} px", "more than half a pixel")
@@ -69,7 +70,7 @@ def taps(picture: Picture, *, circular: bool = True) -> Taps:
 def correlation_at(gray: Picture, x: Index, y: Index, of: Taps, *, zero_mean: bool = True) -> Array:
     """Return the normalised correlation (N,) of a template centred on whole pixels (x, y), -1 to 1.
 
-    Without `zero_mean` it is EQ 7.1 as printed. Beyond the outline the picture's last pixels go on.
+    Without `zero_mean` it is EQ 7.1 as printed. Outside the picture its border pixels are repeated.
     """
     height, width = gray.shape
     x, y = np.asarray(x, np.int64), np.asarray(y, np.int64)
@@ -91,9 +92,9 @@ def correlation_at(gray: Picture, x: Index, y: Index, of: Taps, *, zero_mean: bo
 def cross(
     gray: Picture, picture: Picture, *, least: float = 0.6, most: int = 200, zero_mean: bool = True
 ) -> tuple[Array, Array]:
-    """Return places (N, 2), to parts of a pixel, and correlations (N,) of a template, best first: program `cross`.
+    """Return sub-pixel places (N, 2) and correlations (N,) of a template, best first: program `cross`.
 
-    The template lies wholly in the picture; there is no place for one that is larger.
+    The template must lie wholly in the picture; a template larger than the picture has no place.
     """
     whole = taps(picture)
     half = picture.shape[0] // 2
@@ -127,8 +128,8 @@ def _grown(x: Index, y: Index, by: int, shape: tuple[int, ...]) -> tuple[Index, 
 def best_radius(gray: Picture, mark: Mark, q: Array, radii: tuple[float, float]) -> tuple[float, float]:
     """Return the radius in px at which the template correlates best with marks near q (N, 2), and that correlation.
 
-    The dissertation's first step (4.2): the size is optimised with respect to the mean of the peaks. radii: least and
-    largest; they are tried in steps, then the best is refined by a parabola through its neighbours.
+    The dissertation's first step (4.2): the size is chosen for the highest mean of the peaks. radii: least and largest;
+    they are tried in steps, then the best is refined by a parabola through its neighbours.
     """
     low, high = radii
     if not 0.5 < low <= high:

@@ -1,8 +1,8 @@
 """Marks in a picture: candidates by one of three searches, each then fitted to the grey values and judged by the fit.
 
-`spots` (a known radius; the fast one), `correlation` (a known radius; the dissertation's program `cross`) and `blobs`
-(any size and tilt: the disc in the middle of a mark is an elliptic blob). Corners of `chess` marks are saddle points.
-The fit decides: a candidate that it does not explain is dropped, whichever way it was found.
+`spots` (a known radius; the fastest), `correlation` (a known radius; the dissertation's program `cross`) and `blobs`
+(any size and tilt: the central disc of a mark is an elliptic blob). Corners of `chess` marks are saddle points. The fit
+decides: a candidate that it does not explain is dropped, whichever search found it.
 """
 
 from __future__ import annotations
@@ -29,26 +29,26 @@ from cadcam.target.marks.window import MARGIN
 
 SUBPIXEL = ("photometric", "parabola", "centroid", "autocorrelation", "autocorrelation-grid")
 _LEAST_SCORE = 0.8
-_LONGEST = 6.0  # major by minor axis of a mark's picture
-_SLACK = 1.4  # by how much a mark may be larger or smaller than a radius that was given
-_SATURATED, _COVERED = 0.05, 0.02  # shares of a mark's window worth a flag
-_OPEN = 0.05  # probability of the other tilt worth a flag
-_SAME = 0.8  # of the larger one's radius: of two fits nearer than that the better one is kept
-_FLAT = 1e-3  # of grey values: a picture without any contrast
+_LONGEST = 6.0  # largest axis ratio of a mark's image
+_SLACK = 1.4  # largest ratio of a mark's radius to the given one, either way
+_SATURATED, _COVERED = 0.05, 0.02  # shares of a mark's window that raise a flag
+_OPEN = 0.05  # probability of the other tilt that raises a flag
+_SAME = 0.8  # of the larger radius: of two fits within it the better one is kept
+_FLAT = 1e-3  # range of grey values of a picture without contrast
 _GRID = 0.02  # px: the dissertation's step
-_MOST, _SPARE, _FITTED = 5000, 6, 2  # candidates at most; looked at beyond twice the count; fitted beyond the count
+_MOST, _SPARE, _FITTED = 5000, 6, 2  # most candidates; screened beyond twice the count; fitted beyond the count
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FoundMark:
     """A mark in a picture.
 
-    pixel (2,): where it is, px; covariance (2, 2) px^2 by the grey values' residuals (NaN for the methods that have
-    none). size: radius of its outermost border along the longer axis, px; image_from_mark (2, 2): px by mm at its
-    centre. score: correlation of the fitted mark's picture with the grey values, 0 to 1. angle: where its x axis
-    points, rad from the picture's x towards y, None for marks without a direction; number: of a coded mark. method:
-    search and sub-pixel rule. flags: "saturated", "covered", "cut" (by the picture's outline), "tilt open" (through a
-    camera, two poses that the grey values cannot tell apart). pose: camera_from_mark, where a camera was given.
+    pixel (2,): its position, px; covariance (2, 2) px^2 from the grey values' residuals (NaN for the methods without
+    one). size: radius of its outermost border along the longer axis, px; image_from_mark (2, 2): px per mm at its
+    centre. score: correlation of the fitted model with the grey values, 0 to 1. angle: direction of its x axis, rad
+    from the picture's x towards y, None for marks without a direction; number: of a coded mark. method: search and
+    sub-pixel rule. flags: "saturated", "covered", "cut" (by the picture's border), "tilt open" (with a camera: two
+    poses that the grey values cannot tell apart). pose: camera_from_mark, where a camera was given.
     """
 
     pixel: Array
@@ -74,7 +74,7 @@ class FoundMark:
         return np.asarray(np.sqrt(np.diag(self.covariance)))
 
     def outline(self, radius_mm: float, points: int = 73) -> Array:
-        """Return the picture (points, 2) of a circle about the centre, px, to first order."""
+        """Return the image (points, 2) of a circle about the centre, px, to first order."""
         turn = np.linspace(0, 2 * np.pi, points)
         circle = radius_mm * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
         return np.asarray(self.pixel + circle @ self.image_from_mark.T)
@@ -84,12 +84,12 @@ class FoundMark:
 class MarkOptions:
     """How marks are searched for, measured and judged.
 
-    method: the search: auto, spots, correlation or blobs (`target.marks.find`). subpixel: the rule for a mark's place:
-    photometric, the fit; or, for upright marks, parabola, centroid, autocorrelation (EQ 4.1-4.5, continuous),
-    autocorrelation-grid (in steps of 0.02 px). perspective: without a camera, fits the perspective of a plane with
-    several borders: takes the shift of tilted marks off, for more noise. least_score: correlation with the grey values
-    that a mark must reach. margin: width of the ground around a mark that is fitted with it, by the mark's radius;
-    must be less than the gap to whatever is next to it. any_number: of a coded mark, whichever number is read.
+    method: the search: auto, spots, correlation or blobs (`target.marks.find`). subpixel: the rule for a mark's
+    position: photometric, the fit; or, for upright marks, parabola, centroid, autocorrelation (EQ 4.1-4.5, continuous),
+    autocorrelation-grid (in steps of 0.02 px). perspective: without a camera, fits the perspective of the plane from
+    several borders: removes the bias of tilted marks, at the price of more noise. least_score: required correlation
+    with the grey values. margin: width of the ground around a mark that is fitted with it, over the mark's radius; must
+    be less than the gap to its neighbours. any_number: of a coded mark, any number that is read.
     """
 
     method: str = "auto"
@@ -126,10 +126,10 @@ def find_marks(
 ) -> list[FoundMark]:
     """Return the marks in a picture (H, W) or (H, W, 3), best first; an empty list if there are none.
 
-    radius_px: of the outermost border in the picture, or (least, largest); with it the fast search is used, without it
-    the size is measured. count: how many there are; `TooFewMarks` if fewer are found, the best if more. camera: fits
-    each mark's pose, so that perspective and lens do not shift it; normal (3,): of the marks' plane in the camera's
-    frame, known to normal_sd rad, which decides between the two tilts. Raises `BadValue`, `UnknownName`.
+    radius_px: of the outermost border in the picture, or (least, largest); if given, the fast search is used, else the
+    size is measured. count: how many there are; `TooFewMarks` if fewer are found, the best if more. camera: fits each
+    mark's pose, so that perspective and lens do not bias it; normal (3,): of the marks' plane in the camera frame,
+    known to normal_sd rad, which decides between the two tilts. Raises `BadValue`, `UnknownName`.
     """
     if count is not None and count < 1:
         raise BadValue("count", count, "1 or more, or none where it is not known")
@@ -149,7 +149,7 @@ def find_marks(
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Task:
-    """What is looked for, by which search, and which fits count; see `find_marks`."""
+    """What is searched for, by which method, and which fits are accepted; see `find_marks`."""
 
     mark: Mark
     search: str
@@ -169,7 +169,7 @@ class _Task:
             yield one, fit.subset(_kept(fit, one, self.radii, self.options.least_score))
 
     def _near(self, gray: Picture) -> MarkCandidates:
-        """Return candidates near enough for a fit to settle."""
+        """Return candidates close enough for a fit to converge."""
         most = _MOST if self.count is None else 2 * self.count + _SPARE
         seen = mark_candidates(gray, self.mark, self.search, self.radii)
         seen = screened(gray, self.mark, seen, most=most, margin=self.options.margin, rough=self._rough)
@@ -177,12 +177,12 @@ class _Task:
 
     @property
     def _rough(self) -> bool:
-        """Return whether the search knows places and shapes to a fifth of the size only."""
+        """Return whether the search gives places and shapes only to a fifth of the size."""
         return self.search in ("spots", "correlation")
 
 
 def _search(gray: Picture, mark: Mark, options: MarkOptions, known: bool) -> str:
-    """Return the search to use; raise for what cannot be asked of this mark or picture."""
+    """Return the search to use; raise for one that this mark or picture does not allow."""
     if options.subpixel != "photometric" and not mark.concentric:
         raise BadValue("subpixel", options.subpixel, f"'photometric' for {mark}, which differs from turn to turn")
     if options.any_number and mark.number is None:
@@ -207,7 +207,7 @@ def _radii(radius_px: float | tuple[float, float] | None, gray: Picture) -> tupl
 
 
 def _kinds(gray: Picture, mark: Mark, seen: MarkCandidates, any_number: bool) -> Iterator[tuple[Mark, MarkCandidates]]:
-    """Yield the marks that are seen, one kind after the other, turned as their rings say."""
+    """Yield the marks that are seen, one kind after the other, rotated as their rings show."""
     if mark.concentric or mark.core is None or not len(seen):
         yield mark, seen
     elif mark.number is None:
@@ -221,7 +221,7 @@ def _kinds(gray: Picture, mark: Mark, seen: MarkCandidates, any_number: bool) ->
 
 
 def _right_size(shapes: Array, mark: Mark, radii: tuple[float, float] | None) -> Mask:
-    """Return which shapes (B, 2, 2) are neither too long nor of another size than was asked for."""
+    """Return which shapes (B, 2, 2) are neither too long nor of a size outside the given one."""
     axes = mark.radius * np.linalg.svd(shapes, compute_uv=False)
     right = axes[:, 0] < _LONGEST * axes[:, 1]
     if radii is None:
@@ -260,7 +260,7 @@ def _found(gray: Picture, mark: Mark, fit: MarkFit, i: int, search: str, subpixe
 
 
 def subpixel_position(gray: Picture, mark: Mark, found: FoundMark, rule: str) -> Array:
-    """Return the position (2,) px by a rule that knows the mark's size but not its tilt; see `find_marks`."""
+    """Return the position (2,) px by a rule that uses the mark's size but not its tilt; see `find_marks`."""
     radius = mark.radius * float(np.sqrt(abs(np.linalg.det(found.image_from_mark))))
     if rule == "centroid":
         q = centroid(gray, found.pixel, radius)
@@ -279,7 +279,7 @@ def subpixel_position(gray: Picture, mark: Mark, found: FoundMark, rule: str) ->
 
 
 def _apart(found: list[FoundMark]) -> list[FoundMark]:
-    """Return the marks that no better one overlaps."""
+    """Return the marks not overlapped by a better one."""
     kept: list[FoundMark] = []
     places, sizes = np.zeros((len(found), 2)), np.zeros(len(found))
     for one in found:

@@ -1,9 +1,9 @@
 """Marks fitted to the grey values: position, shape or pose, levels, light and blur, each with its covariance.
 
-Without a camera the mark's plane is taken as affine (what is measured is the centre of the picture of the borders), or
-with its two perspective terms free where a mark has several borders. With a camera the pose is fitted through the whole
-camera, lens included, and what comes back is where the mark's *centre* is seen: the bias of ellipse centres (Heikkila,
-PAMI 22, 2000) does not arise. A single mark has two tilts that look nearly alike; both are tried.
+Without a camera the map from the mark's plane is affine (what is measured is the centre of the borders' image), or has
+its two perspective terms free where a mark has several borders. With a camera the pose is fitted through the whole
+camera, lens included, and the result is the image of the mark's *centre*: the bias of ellipse centres (Heikkila, PAMI
+22, 2000) does not arise. A single mark has two tilts that look nearly alike; both are tried.
 """
 
 from __future__ import annotations
@@ -24,22 +24,22 @@ from cadcam.target.marks.model import Geometry, affine, posed, predicted, share_
 from cadcam.target.marks.occlusion import clear_fit
 from cadcam.target.marks.window import MARGIN, Window, by_size
 
-_MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # of a window
-_SOFTEST, _SOFT = 0.6, 3.0  # blur by the smaller radius, and px: beyond both anything smooth would be a mark
-_TOGETHER = 256  # windows looked at in one go
-_SPARSE = 1.5  # by the blur: steps between the pixels by which soft pictures are compared
+_MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # shares of a window
+_SOFTEST, _SOFT = 0.6, 3.0  # blur over the smaller radius, and px: with more of both, anything smooth fits
+_TOGETHER = 256  # windows processed at a time
+_SPARSE = 1.5  # over the blur: distance of the pixels at which blurred pictures are compared
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkFit:
-    """B fitted marks: q (B, 2) px, covariance (B, 2, 2) px^2, and what else the fit says.
+    """B fitted marks: q (B, 2) px, covariance (B, 2, 2) px^2, and the other results of the fit.
 
-    image_from_mark (B, 2, 2): px by mm at the centre, its columns the pictures of the mark's x and y (of a concentric
-    mark symmetric: its turn is not seen); contrast (B,) ground minus mark as seen; blur (B,) px. score (B,): of the
-    fitted picture and the grey values, their correlation, less what is hidden or cut off. hidden, outside, clipped
-    (B,): shares of the window that show something else, that lie beyond the picture's outline, that are black or white.
-    good (B,); poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other
-    tilt.
+    image_from_mark (B, 2, 2): px per mm at the centre, its columns the images of the mark's x and y (for a concentric
+    mark symmetric: its rotation is not observable); contrast (B,) observed ground minus mark; blur (B,) px. score (B,):
+    correlation of the fitted model with the grey values, less what is hidden or cut off. hidden, outside, clipped (B,):
+    shares of the window that show something else, that lie outside the picture, that are black or white. good (B,);
+    poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
+
     """
 
     q: Array
@@ -75,11 +75,11 @@ def fit_marks(
     margin: float = MARGIN,
     blur: float = 1.0,
 ) -> MarkFit:
-    """Return marks fitted near q (B, 2) px, starting from shapes (B, 2, 2) px by mm; no camera is needed.
+    """Return marks fitted near q (B, 2) px, starting from shapes (B, 2, 2) px per mm; no camera is needed.
 
-    perspective: whether the plane's two perspective terms are free; only a mark of several borders shows them. margin:
-    ground that the window takes in, by the radius; keep clear of neighbours. Pixels that contradict the mark (something
-    covers it) are left out.
+    perspective: whether the plane's two perspective terms are free; only a mark of several borders determines them.
+    margin: width of ground in the window, over the radius; keep clear of neighbours. Pixels that contradict the mark
+    (something covers it) are left out.
     """
     groups = by_size(np.asarray(mark.radius * np.linalg.svd(image_from_mark, compute_uv=False)[:, 0]))
     if len(groups) > 1:
@@ -103,7 +103,7 @@ def fit_marks(
 
 
 def _joined(parts: list[MarkFit], groups: list[Ids]) -> MarkFit:
-    """Return the fits of groups of marks in the marks' own order."""
+    """Return the fits of groups of marks in the original order of the marks."""
     back = np.argsort(np.concatenate(groups))
     names = [name for name in MarkFit.__slots__ if name != "poses"]
     arrays = {name: np.concatenate([getattr(part, name) for part in parts])[back] for name in names}
@@ -113,7 +113,7 @@ def _joined(parts: list[MarkFit], groups: list[Ids]) -> MarkFit:
 def likeness(
     gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN, soft: float
 ) -> Array:
-    """Return the correlation (B,) of grey values with the mark as it would lie at q (B, 2), blurred by `soft` radii."""
+    """Return the correlation (B,) of grey values with the mark predicted at q (B, 2), blurred by `soft` radii."""
     if not len(q):
         return np.zeros(0)
     major, minor = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False).T
@@ -138,16 +138,16 @@ def _correlation(a: Array, b: Array, weight: Array) -> Array:
 def fit_poses(
     gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float = MARGIN, blur: float = 1.0
 ) -> MarkFit:
-    """Return marks fitted through a camera from rough poses (camera_from_mark): q is where their centres are seen."""
+    """Return marks fitted through a camera from rough poses (camera_from_mark): q are the images of their centres."""
     return seen_through(gray, mark, camera, starts, margin=margin, blur=blur)[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraFit:
-    """What a fit through a camera leaves: windows about q (B, 2), pixels kept in weight (B, P), parameters (B, n).
+    """Intermediate results of a fit through a camera: windows about q (B, 2), weight (B, P) of kept pixels, parameters.
 
-    L (B, 3, 3): rays from local coordinates about q; scale (B,): by which the start's centre is L (0, 0, 1).
-    shared (B,): see `Fit`.
+    L (B, 3, 3): rays from local coordinates about q; scale (B,): factor by which the start's centre is L (0, 0, 1);
+    parameters (B, n); shared (B,): see `Fit`.
     """
 
     window: Window
@@ -162,14 +162,14 @@ class CameraFit:
 def seen_through(
     gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float, blur: float
 ) -> tuple[MarkFit, CameraFit]:
-    """Return `fit_poses` with what it leaves for a closer look."""
+    """Return `fit_poses`, with its intermediate results for further analysis."""
     origin = np.array([pose.translation for pose in starts]).reshape(-1, 3)
     R = np.array([pose.rotation for pose in starts]).reshape(-1, 3, 3)
     q, J = camera.project_with_jacobian(origin)
     shapes = J @ R[..., :2]
     window = Window.around(gray, q, shapes, mark, margin)
     L, pixels = tangent(camera, q, window.pixels)
-    scale = np.linalg.solve(L, origin[..., None])[..., 0][:, 2]  # L (0, 0, 1) by it is the centre
+    scale = np.linalg.solve(L, origin[..., None])[..., 0][:, 2]  # scale L (0, 0, 1) is the centre
     geometry = posed(turned=not mark.concentric)
     held = (np.linalg.solve(L, R) / scale[:, None, None]).reshape(-1, 9)
     window = replace(window, pixels=pixels)
@@ -184,13 +184,13 @@ def seen_through(
 
 
 def _symmetric(S: Array) -> Array:
-    """Return the symmetric P with P P^T = S S^T: the same shape of a mark whose turn is not seen."""
+    """Return the symmetric P with P P^T = S S^T: the same shape, for a mark whose rotation is not observable."""
     U, s, _ = np.linalg.svd(S)
     return np.asarray((U * s[:, None, :]) @ np.swapaxes(U, 1, 2))
 
 
 def _start(mark: Mark, geometry: Geometry, g: Array, held: Array, window: Window, blur: float) -> Array:
-    """Return parameters (B, n) at which the levels fit the picture in the least squares sense."""
+    """Return parameters (B, n) whose levels fit the picture in the least squares sense."""
     start = np.zeros((len(g), geometry.free + LOOSE + held.shape[1]))
     start[:, geometry.places], start[:, geometry.free + LOOSE :] = g, held
     start[:, BLUR] = blur
@@ -230,9 +230,9 @@ def _result(fit: Fit, weight: Array, image_from_mark: Array, window: Window, see
 
 
 def tangent(camera: Camera, q: Array, pixels: Array) -> tuple[Array, Array]:
-    """Return L (B, 3, 3), rays (up to their length) from local coordinates, and the pixels (B, P, 8) with those.
+    """Return L (B, 3, 3), rays (up to scale) from local coordinates, and the pixels (B, P, 8) with those.
 
-    Local coordinates are those of the tangent plane at q: (u, v) to first order, and straight lines are straight.
+    Local coordinates lie in the tangent plane at q: (u, v) to first order, and straight lines are straight.
     """
     ray = camera.unproject(q)
     _, J = camera.project_with_jacobian(ray)

@@ -1,10 +1,9 @@
-"""A board as a camera sees it: each pixel's mean over its square, through any lens, at any pose.
+"""A board as imaged by a camera: each pixel's mean over its area, through any lens, at any pose.
 
-Within a pixel the map from picture to board is taken as linear; its curvature there is below 1e-4 px for any lens of
+Within a pixel the map from picture to board is taken as linear; its curvature there is below 1e-4 px for any lens in
 use. Pixels that an ink border may cross are averaged over a lattice of `_SAMPLES` points (a Fibonacci lattice: its
-projections on both axes are evenly spaced, so that upright borders are as exact as slanted ones, and it is symmetric
-about the pixel's centre, so that what is off here is made up for across a mark); all others take the ink at their
-centre.
+projections on both axes are evenly spaced, so that axis-parallel borders are as exact as slanted ones, and it is
+symmetric about the pixel's centre, so that its errors cancel across a mark); all others take the ink at their centre.
 """
 
 from __future__ import annotations
@@ -23,7 +22,7 @@ from cadcam.target.marks.mark import Mark, MarkSheet
 Reflectance: TypeAlias = Callable[[Array], Array]
 
 _SAMPLES, _GENERATOR = 377, 233  # consecutive Fibonacci numbers, odd ones
-_TOGETHER = 4000  # pixels averaged in one go
+_TOGETHER = 4000  # pixels averaged at a time
 
 
 class Printed(Protocol):
@@ -35,7 +34,7 @@ class Printed(Protocol):
 
     @property
     def cell_mm(self) -> float:
-        """Return the white margin around the ink if none is asked for, mm."""
+        """Return the default white margin around the ink, mm."""
 
     def black(self, p: Array) -> Mask:
         """Return whether there is ink at p (..., 2) mm."""
@@ -75,9 +74,9 @@ def marks_picture(
     noise: float = 0.0,
     rng: np.random.Generator | None = None,
 ) -> Picture:
-    """Return the grey picture (H, W) of marks at any poses, each on a square of paper; near ones hide far ones.
+    """Return the grey picture (H, W) of marks at any poses, each on a square of paper; near ones occlude far ones.
 
-    margin_mm: white around each mark (default half its radius). Marks behind the camera are refused, those beside the
+    margin_mm: white around each mark (default half its radius). Marks behind the camera are rejected, those outside the
     picture left out. blur_px, noise: as for `board_picture`.
     """
     if len(marks) != len(camera_from_marks):
@@ -91,7 +90,7 @@ def marks_picture(
 def _paint(
     picture: Array, mark: Mark, camera: Camera, pose: Rigid, levels: tuple[float, float], margin_mm: float | None
 ) -> None:
-    """Lay one mark and its paper over a picture."""
+    """Paint one mark and its paper onto a picture."""
     margin = mark.radius / 2 if margin_mm is None else margin_mm
     reach = mark.radius + margin + (mark.radius if mark.light else 0.0)
     corners = pose @ np.array([[x, y, 0.0] for x in (-reach, reach) for y in (-reach, reach)])
@@ -151,7 +150,7 @@ def _pixel_corners(camera: Camera) -> Array:
 
 
 def _slope(corners: Array) -> Array:
-    """Return how the place on the board moves with q at each pixel (H, W, 2, 2), by its corners."""
+    """Return the derivative of the place on the board by q at each pixel (H, W, 2, 2), from its corners."""
     along = np.diff((corners[1:] + corners[:-1]) / 2, axis=1)
     down = np.diff((corners[:, 1:] + corners[:, :-1]) / 2, axis=0)
     return np.stack([along, down], axis=-1)
@@ -167,7 +166,7 @@ def _hit(camera: Camera, camera_from_board: Rigid, q: Array) -> Array:
 
 
 def _mixed(reflectance: Reflectance, corners: Array, middle: Array) -> Mask:
-    """Return the pixels that do not look the same at their middle, their corners and halfway between those."""
+    """Return the pixels that differ between their middle, their corners and halfway between those."""
     level, upright = (corners[:, 1:] + corners[:, :-1]) / 2, (corners[1:] + corners[:-1]) / 2
     c, h, v = reflectance(corners), reflectance(level), reflectance(upright)
     others = (c[:-1, :-1], c[:-1, 1:], c[1:, :-1], c[1:, 1:], h[:-1], h[1:], v[:, :-1], v[:, 1:])
@@ -178,7 +177,7 @@ def _mixed(reflectance: Reflectance, corners: Array, middle: Array) -> Mask:
 
 
 def _averaged(reflectance: Reflectance, place: Array, slope: Array) -> Array:
-    index = np.arange(_SAMPLES) + 0.5  # by the half the points are symmetric about the pixel's centre
+    index = np.arange(_SAMPLES) + 0.5  # with the half, the points are symmetric about the pixel's centre
     within = np.column_stack([index / _SAMPLES, index * _GENERATOR % _SAMPLES / _SAMPLES]) - 0.5
     out = np.zeros(len(place))
     for first in range(0, len(place), _TOGETHER):

@@ -1,7 +1,7 @@
-"""What the pixels of a line share: where a camera shifts whole lines, they are no independent witnesses of a place.
+"""Errors shared by the pixels of a line: where a camera shifts whole lines, its pixels are not independent.
 
 Analogue cameras and grabbers start each line a little early or late (section 5.3 of the dissertation). That moves both
-borders of a mark on a line alike, and a variance from single residuals tells too little of it.
+borders of a mark on a line alike, and a variance from independent residuals is too small.
 """
 
 from __future__ import annotations
@@ -12,15 +12,16 @@ from cadcam.arrays import Array, Ids
 from cadcam.target.boards.photometric import Fit, Model
 from cadcam.target.marks.window import Window
 
-_SIGMAS = 3.0  # beyond which it is not chance
+_SIGMAS = 3.0  # beyond which chance is ruled out
 
 
 def shared_by_lines(model: Model, fit: Fit, window: Window, weight: Array) -> Array:
-    """Return the variance (B,) of x by the one that the fit tells; 1 where chance explains the rest.
+    """Return the variance (B,) of x relative to that of the fit; 1 where chance explains the difference.
 
-    A pixel moves x by z = (H^-1 J)_x r. Of independent pixels the variance is sum z^2; of lines that move as a whole it
-    is the sum over lines of (sum z)^2 (K.-Y. Liang, S. Zeger, Biometrika 73, 1986). Two lines as far above and below
-    the centre count as one: what contradicts the model alike on all sides moves nothing, and cancels in them.
+    A pixel changes x by z = (H^-1 J)_x r. For independent pixels the variance is sum z^2; for lines that move as a
+    whole it is the sum over lines of (sum z)^2 (K.-Y. Liang, S. Zeger, Biometrika 73, 1986). Two lines at equal
+    distance above and below the centre count as one: a misfit that is alike on all sides shifts nothing, and cancels in
+    the pair.
     """
     with np.errstate(all="ignore"):
         value, J = model(fit.parameters, window.pixels)

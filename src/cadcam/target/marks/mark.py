@@ -1,7 +1,7 @@
-"""Single marks as geometry: concentric borders, with sectors where a mark has a direction or a number.
+"""Single marks as geometry: concentric borders, with sectors for marks that have a direction or a number.
 
 A mark's frame: the origin is its centre, x to the right, y down the print, z into the paper, all in mm; angles go from
-x towards y. Everything here is black on white; `light` turns it round (white dots on a black ground).
+x towards y. Everything here is black on white; `light` inverts it (white dots on a black ground).
 """
 
 from __future__ import annotations
@@ -59,17 +59,17 @@ class Mark:
 
     @property
     def concentric(self) -> bool:
-        """Return whether the mark looks the same at any turn."""
+        """Return whether the mark looks the same under every rotation."""
         return bool(self.full.all())
 
     @property
     def rings(self) -> Mark:
-        """Return the mark with its whole rings and discs only: what of it looks the same at any turn."""
+        """Return the mark with its whole rings and discs only: the part that is the same under every rotation."""
         return self if self.concentric else Mark(f"rings of {self.name}", self.sectors[self.full], self.light)
 
     @property
     def core(self) -> tuple[float, bool] | None:
-        """Return (radius mm, inked) of the disc in the mark's middle; None where its middle is no disc."""
+        """Return (radius mm, inked) of the mark's central disc; None where its middle is not a disc."""
         whole = self.sectors[self.full]
         if not len(whole):
             return None
@@ -80,7 +80,7 @@ class Mark:
 
     @property
     def turns(self) -> int:
-        """Return how many turns of the mark look the same; 0 if all do."""
+        """Return the number of rotations under which the mark looks the same; 0 if all."""
         if self.concentric:
             return 0
         return next(n for n in range(8, 0, -1) if self._same_turned(FULL / n))
@@ -133,7 +133,7 @@ def bulls_eye(*diameters: float) -> Mark:
 
 
 def angle_mark(disc: float, inner: float, outer: float) -> Mark:
-    """Return a disc in a ring that is open by a sixth of a turn, where its x axis points: it shows its direction."""
+    """Return a disc in a ring with a gap of a sixth of a turn where its x axis points: it shows its direction."""
     _check_growing("angle", (disc, inner, outer))
     gap = FULL / 12
     sectors = [(0.0, disc / 2, 0.0, FULL), (inner / 2, outer / 2, gap, FULL - gap)]
@@ -148,10 +148,10 @@ def chess_mark(diameter: float) -> Mark:
 
 
 def coded_ring(number: int, disc: float, inner: float, outer: float, *, bits: int = CODE_BITS) -> Mark:
-    """Return a disc in a ring of `bits` sectors, black where number has a 1; its first bit lies where x points.
+    """Return a disc in a ring of `bits` sectors, black where number has a 1; its first bit starts at the x axis.
 
-    number is read at any turn: it has to be the least of all its turned forms (`ring_numbers` lists them), as is usual
-    for ring codes (Schneider and Sinnreich, ISPRS Archives 29 B5, 1992). The ring lies free of the disc.
+    The number is read at any rotation: it must be the least of its cyclic shifts (`ring_numbers` lists them), as is
+    usual for ring codes (Schneider and Sinnreich, ISPRS Archives 29 B5, 1992). A gap separates ring and disc.
     """
     _check_growing("coded", (disc, inner, outer))
     if number not in ring_numbers(bits):
@@ -164,7 +164,7 @@ def coded_ring(number: int, disc: float, inner: float, outer: float, *, bits: in
 
 
 def ring_numbers(bits: int = CODE_BITS) -> tuple[int, ...]:
-    """Return the numbers of `bits` bits that are the least of all their turned forms and the same at one turn only."""
+    """Return the numbers of `bits` bits that are the least of their cyclic shifts, all of which differ."""
     if not 4 <= bits <= 16:
         raise BadValue("bits", bits, "4 to 16")
     top = (1 << bits) - 1
@@ -176,7 +176,7 @@ def ring_numbers(bits: int = CODE_BITS) -> tuple[int, ...]:
 
 
 def renumbered(mark: Mark, number: int) -> Mark:
-    """Return the coded mark of the same make with another number."""
+    """Return the coded mark of the same geometry with another number."""
     if mark.number is None:
         raise BadValue("mark", str(mark), "a coded mark")
     text = mark.name.removeprefix("light-").split(":")
@@ -202,7 +202,7 @@ FORMS = {
 
 
 def parse_mark(text: str) -> Mark:
-    """Return the mark of a text such as dot-ring:30mm:60mm:90mm; "light-" before it: white on black.
+    """Return the mark of a text such as dot-ring:30mm:60mm:90mm; the prefix "light-" makes it white on black.
 
     Lengths are diameters with a unit. Raises `UnknownName` for another kind, `BadValue` with an example.
     """
@@ -287,7 +287,7 @@ class MarkSheet:
 
     @property
     def cell_mm(self) -> float:
-        """Return the largest mark's radius: the white margin that a plate has at least."""
+        """Return the largest mark's radius: the least white margin of a plate."""
         return max(mark.radius for mark in self.marks)
 
     @property

@@ -1,16 +1,16 @@
-"""The picture of a mark as a function of where it lies: the model that is fitted to grey values, with its slopes.
+"""The image of a mark as a function of its pose: the model that is fitted to grey values, with its derivatives.
 
 A pixel's place on the mark is p = N_xy / N_z, N = H (m, 1), for the plane's homography H (mark from image, about the
-mark) and the pixel's coordinates m there. The mark is blurred by a Gaussian of s px; what share of ink a pixel then has
-is worked out in the core (mark.h), exactly for discs, straight borders and their corners. Then
+mark) and the pixel's coordinates m there. The mark is blurred by a Gaussian of s px; the resulting share of ink of a
+pixel is computed in the core (mark.h), exactly for discs, straight borders and their corners. Then
 
     I = (m + c (share(q) + b share(q) (1 - share(q)))) (1 + g . (u, v)),
 
-light that varies over the mark acting on ink and paper alike, and b the bend of the camera's response: a gamma makes
-what is half ink lighter or darker than the mean of ink and paper (chapter 5 of the dissertation). The share is the mean
-over the mark's motion d = (dx, dy) px while the shutter is open; d and -d are the same. The first nine parameters are
-x y * * c s m gx gy, the places of which `photometric.fitted` knows; the rest of the geometry follows, then b dx dy.
-The blur takes in the mean over a pixel's square, whose variance is 1/12 px^2.
+light that varies over the mark acting on ink and paper alike, and b the nonlinearity of the camera's response: a gamma
+makes a half-inked pixel lighter or darker than the mean of ink and paper (chapter 5 of the dissertation). The share is
+the mean over the mark's motion d = (dx, dy) px during the exposure; d and -d are the same. The first nine parameters
+are x y * * c s m gx gy, in the places that `photometric.fitted` expects; the rest of the geometry follows, then b dx
+dy. The blur includes the mean over a pixel's square, whose variance is 1/12 px^2.
 """
 
 from __future__ import annotations
@@ -27,37 +27,37 @@ from cadcam.native.marks import LOOSE, Borders, picture, picture_with_slopes
 from cadcam.target.boards.photometric import BLUR, CONTRAST, Model
 from cadcam.target.marks.mark import Mark
 
-Matrix: TypeAlias = Callable[[Array, Array], Array]  # geometry (..., k), what is held (..., h) -> H (..., 3, 3)
+Matrix: TypeAlias = Callable[[Array, Array], Array]  # geometry (..., k), constants (..., h) -> H (..., 3, 3)
 
-_LEVELS = (CONTRAST, BLUR, 6, 7, 8)  # c s m gx gy, before the bend
+_LEVELS = (CONTRAST, BLUR, 6, 7, 8)  # c s m gx gy, before the response's b
 _STEP = 1e-5
 
 
 @dataclass(frozen=True, slots=True)
 class Geometry:
-    """How a mark may lie: `count` parameters, the first two x, y in px; matrix: gives H of them."""
+    """The parametrisation of a mark's pose: `count` parameters, the first two x, y in px; matrix: their H."""
 
     count: int
     matrix: Matrix
 
     @property
     def places(self) -> Ids:
-        """Return where the geometry's parameters stand among all."""
+        """Return the indices of the geometry's parameters among all."""
         return np.array([0, 1, 2, 3, *range(9, 5 + self.count)], dtype=np.int32)
 
     @property
     def free(self) -> int:
-        """Return the number of parameters that are always fitted; b dx dy come after them, then what is held."""
+        """Return the number of parameters that are always fitted; b dx dy come after them, then the constants."""
         return self.count + len(_LEVELS)
 
     @property
     def levels(self) -> Ids:
-        """Return where c s m gx gy b dx dy stand."""
+        """Return the indices of c s m gx gy b dx dy."""
         return np.array([*_LEVELS, *range(self.free, self.free + LOOSE)], dtype=np.int32)
 
     @property
     def motion(self) -> Ids:
-        """Return where dx dy stand."""
+        """Return the indices of dx dy."""
         return self.levels[-2:]
 
     def homography(self, parameters: Array) -> Array:
@@ -65,7 +65,7 @@ class Geometry:
         return self.matrix(parameters[:, self.places], self.held(parameters))
 
     def held(self, parameters: Array) -> Array:
-        """Return what is held (B, h) of parameters (B, n)."""
+        """Return the constants (B, h) of parameters (B, n)."""
         return parameters[:, self.free + LOOSE :]
 
 
@@ -92,10 +92,10 @@ def affine(*, turned: bool, perspective: bool) -> Geometry:
 
 
 def posed(*, turned: bool) -> Geometry:
-    """Return the plane as a camera sees it: x y, log of the depth, turns about the mark's x and y [and z] axes, rad.
+    """Return the plane seen by a camera: x y, log of the depth, rotations about the mark's x and y [and z] axes, rad.
 
-    Held (9): Q = L^-1 R by the depth, L (rays from the image's coordinates), R (camera from mark) at the start. H is
-    the inverse of [Q exp(w) e1, Q exp(w) e2, exp(k) (x, y, 1)].
+    Constants (9): Q = L^-1 R over the depth, L (rays from the image's coordinates), R (camera from mark) at the start.
+    H is the inverse of [Q exp(w) e1, Q exp(w) e2, exp(k) (x, y, 1)].
     """
 
     def matrix(g: Array, held: Array) -> Array:
@@ -111,7 +111,7 @@ def posed(*, turned: bool) -> Geometry:
 
 
 def mark_model(mark: Mark, geometry: Geometry, *, loose: int = 0) -> Model:
-    """Return the model of a mark's picture; loose: how many of b dx dy are free too, the others are held.
+    """Return the model of a mark's image; loose: how many of b dx dy are free too, the others are held fixed.
 
     Its pixels (B, P, 2), or through a lens (B, P, 8): u, v, then the coordinates m in which H acts and dm/dq (2, 2).
     """
@@ -125,7 +125,7 @@ def mark_model(mark: Mark, geometry: Geometry, *, loose: int = 0) -> Model:
 
 
 def predicted(mark: Mark, geometry: Geometry, parameters: Array, pixels: Array) -> Array:
-    """Return the grey values (B, P) that `mark_model` gives, without their slopes."""
+    """Return the grey values (B, P) of `mark_model`, without their derivatives."""
     return picture(
         Borders.of(mark.sectors, mark.full), pixels, geometry.homography(parameters), parameters[:, geometry.levels]
     )
@@ -139,7 +139,7 @@ def share_of_ink(mark: Mark, H: Array, pixels: Array, s: Array) -> Array:
 
 
 def with_slopes(geometry: Geometry, g: Array, held: Array) -> tuple[Array, Array]:
-    """Return H (B, 3, 3) and its slopes (B, k, 3, 3), by central differences: exact to 1e-10 for these functions."""
+    """Return H (B, 3, 3) and its derivatives (B, k, 3, 3), by central differences: here exact to 1e-10."""
     k = geometry.count
     shifted = g[:, None] + _STEP * np.concatenate([np.eye(k), -np.eye(k)])
     H = geometry.matrix(shifted, np.broadcast_to(held[:, None], (len(g), 2 * k, held.shape[1])))

@@ -1,9 +1,9 @@
-"""Marks fitted to the pixels that show them: pixels where something covers part of a mark are found and left out.
+"""Marks fitted to the pixels that show them: pixels where something covers part of a mark are detected and left out.
 
 A fit to all pixels of a partly covered mark ends between mark and cover. So the fit is repeated without a wedge of the
 window, for wedges all around, and the fit that most pixels agree with is taken; pixels that contradict it are left out
-with their neighbours, until nothing changes. Residuals that are alike along all borders, as from a blur of another
-shape, do not shift the mark, and those pixels stay.
+with their neighbours, until the set no longer changes. Residuals that are alike along all borders, as from a blur of
+another shape, do not shift the mark, and those pixels stay.
 """
 
 from __future__ import annotations
@@ -21,12 +21,12 @@ from cadcam.target.marks.response import BENT, fit_as_seen
 from cadcam.target.marks.window import Window
 
 HIDDEN, _SIGMAS = 0.12, 5.0  # a pixel shows something else: residual over contrast, and over the noise
-_ROUNDS = 6  # of leaving such pixels out and fitting again
+_ROUNDS = 6  # of leaving out such pixels and refitting
 _BESIDE, _MOST_BESIDE = 8.0, 2  # neighbours left out with them: within radius / 8, at most 2 px
 _FEW = 0.003  # share of the window that may disagree without another fit
 _HOPELESS = 0.45  # rms residual over contrast beyond which leaving out pixels does not help
-_ONE_SIDED, _CHANCE = 0.08, 1.5  # mean resultant of the directions of odd pixels; in units of what chance gives
-_MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # away from borders: by share of the grey range; share of odd pixels under a cover
+_ONE_SIDED, _CHANCE = 0.08, 1.5  # mean resultant of the directions of odd pixels; as a multiple of its chance level
+_MIDDLE, _ALSO_PLAIN = 0.45, 0.1  # away from borders: share of the grey range; share of odd pixels under a cover
 _BETTER = 0.9  # ratio of misfits below which a fit without a wedge is taken
 _QUICK, _ENOUGH = 8, 700  # iterations and pixels of a fit without a wedge
 _WEDGES = ((8, np.radians(75.0)), (8, np.radians(110.0)))  # how many all around, and half their angle
@@ -58,7 +58,7 @@ def clear_fit(
 
 
 def _together(model: Model, fit: Fit, window: Window, weight: Array) -> Fit:
-    """Return the fit with its covariance widened for errors that the pixels along a line share."""
+    """Return the fit with its covariance enlarged for errors that the pixels of a line share."""
     shared = shared_by_lines(model, fit, window, weight)
     wider = np.stack([np.sqrt(shared), np.ones(len(shared))], axis=-1)
     return replace(fit, covariance=fit.covariance * wider[:, :, None] * wider[:, None, :], shared=shared)
@@ -84,7 +84,7 @@ def _told_apart(
 ) -> tuple[Fit, float, int]:
     """Return fit and relative misfit of `_most_agreed`, and how many of the parameters b dx dy it frees.
 
-    A cover may look like motion blur: motion is free only where that explains the pixels clearly better.
+    A cover may look like motion blur: motion is free only where it explains the pixels clearly better.
     """
     still, moving = start.copy(), start.copy()
     still[:, geometry.motion], moving[:, geometry.motion] = 0.0, whole.parameters[:, geometry.motion]
@@ -111,7 +111,7 @@ def _most_agreed(
     copies = replace(copies, weight=copies.weight * kept)
     starts, about = np.repeat(start, n, axis=0), np.repeat(q, n, axis=0)
     fit = fitted(model, starts, copies, about, copies.size, iterations=_QUICK)
-    # judged by all pixels, those in the wedge as well
+    # judged by all pixels, including those in the wedge
     r = (predicted(mark, geometry, fit.parameters, copies.pixels) - copies.values) * window.weight
     limit = _limit(fit.parameters[:1], noise)
     misfit = (r**2 / (r**2 + limit[:, None] ** 2)).sum(axis=1)
@@ -138,7 +138,7 @@ def _limit(parameters: Array, noise: float) -> Array:
 
 
 def _odd(mark: Mark, geometry: Geometry, fit: Fit, window: Window, noise: float) -> tuple[Mask, Array]:
-    """Return which pixels (B, P) contradict the marks, and the grey values that those would have there."""
+    """Return which pixels (B, P) contradict the marks, and the predicted grey values there."""
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
     off = np.abs(seen - window.values) > _limit(fit.parameters, noise)[:, None]
     return np.asarray(off & (window.weight > 0)), seen
@@ -160,7 +160,7 @@ def _also_plain(odd: Mask, seen: Array, window: Window) -> Mask:
 
 
 def _widened(odd: Mask, window: Window) -> Mask:
-    """Return the odd pixels (P,) of one window, with their neighbours unless they are single ones, which are noise."""
+    """Return the odd pixels (P,) of one window with their neighbours, except isolated ones, which are noise."""
     from scipy.ndimage import binary_dilation, uniform_filter
 
     place = np.rint(window.pixels[0, :, :2] - window.pixels[0, 0, :2]).astype(int)

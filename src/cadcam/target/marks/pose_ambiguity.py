@@ -1,9 +1,9 @@
-"""Which way a mark leans, and where its centre is while that is open.
+"""The two tilts of a mark, and the position of its centre while the tilt is undecided.
 
-A mark's shape allows two tilts, to opposite sides of the line of sight. Each is fitted. Where they are far apart, the
-grey values and what is known of the plane weigh the two; where a mark looks upright they run into each other, and the
-mean is taken over all tilts in between: the misfit is known there as a quadratic form in the homography, in which the
-picture is nearly linear while it is far from linear in the tilt.
+A mark's shape allows two tilts, to opposite sides of the line of sight. Each is fitted. Where they are far apart, they
+are weighted by the grey values and the prior on the plane; where a mark looks upright they merge, and the mean is taken
+over all tilts in between: the misfit is known there as a quadratic form in the homography, in which the image is nearly
+linear while it is far from linear in the tilt.
 """
 
 from __future__ import annotations
@@ -24,12 +24,12 @@ from cadcam.target.marks.tilts import tilts, toward
 from cadcam.target.marks.window import MARGIN
 
 NORMAL_SD = 0.1  # rad
-_SURE = 500.0  # logarithm of odds
-_MERGED = 12.0  # chi-square of the upright pose below which the two tilts are not told apart
-_UNLIKELY = 20.0  # chi-square beyond which tilts are left out
+_SURE = 500.0  # log odds that count as certain
+_MERGED = 12.0  # chi-square of the upright pose below which the two tilts are not separate
+_UNLIKELY = 20.0  # chi-square beyond which tilts are neglected
 _STEEPEST = 1.2  # rad
-_RINGS, _SPOKES, _SIDE = 14, 8, 21  # tilts looked at to find how far the likely ones go, and then
-_SHAPE = [0, 1, 2, 3, 9, 10, 11, 12, 13]  # where the slopes by the nine numbers of H stand
+_RINGS, _SPOKES, _SIDE = 14, 8, 21  # tilts sampled to find the range of the likely ones, and then within it
+_SHAPE = [0, 1, 2, 3, 9, 10, 11, 12, 13]  # indices of the derivatives by the nine elements of H
 
 
 def fit_both_tilts(
@@ -44,9 +44,9 @@ def fit_both_tilts(
 ) -> MarkFit:
     """Return affine fits refined as poses through a camera, from both tilts that a mark's shape allows.
 
-    The pose is the likelier one, the place the mean over all by their probabilities, and the covariance takes in how
-    far they lie apart: upright marks do not show which way they lean. normal (3,): of the plane in the camera's frame,
-    with a standard deviation of normal_sd rad about each axis.
+    The pose is the likelier one, the position the mean over both by their probabilities, and the covariance includes
+    their distance: marks that look upright do not show which way they are tilted. normal (3,): of the plane in the
+    camera frame, with a standard deviation of normal_sd rad about each axis.
     """
     if not len(fit):
         return replace(fit, poses=())
@@ -68,8 +68,8 @@ def fit_both_tilts(
 
 
 def _doubt(first: MarkFit, second: MarkFit, independent: Array, prior: tuple[Array, float] | None) -> Array:
-    """Return the probability (B,) of the second tilt; independent (B,): how many pixels count."""
-    odds = independent * np.log(_misfit(second) / _misfit(first))  # logarithms, of the first by the second
+    """Return the probability (B,) of the second tilt; independent (B,): the number of independent pixels."""
+    odds = independent * np.log(_misfit(second) / _misfit(first))  # log odds of the first over the second
     if prior is not None:
         normal, sd = prior
         away = [np.array([_angle(p.rotation[:, 2], normal) for p in f.poses or ()]) for f in (first, second)]
@@ -80,9 +80,9 @@ def _doubt(first: MarkFit, second: MarkFit, independent: Array, prior: tuple[Arr
 
 
 def _misfit(fit: MarkFit) -> Array:
-    """Return the rms residual (B,) by the contrast, with what was left out as far off as it was left out for, at least.
+    """Return the rms residual (B,) over the contrast, where a left-out pixel counts with at least its limit.
 
-    Else the tilt that contradicts more of the picture might look the better one by what it has left.
+    Otherwise the tilt that contradicts more of the picture might look better in the pixels that it keeps.
     """
     return np.asarray(np.sqrt((1 - fit.hidden) * fit.misfit**2 + fit.hidden * HIDDEN**2).clip(1e-9))
 
@@ -93,7 +93,7 @@ def _angle(a: Array, b: Array) -> float:
 
 
 def _weighed(first: MarkFit, second: MarkFit, other: Array) -> MarkFit:
-    """Return the likelier fit of each mark, its place the mean of both; other (B,): the probability of the second."""
+    """Return the likelier fit of each mark, with the mean position of both; other (B,): the second's probability."""
     pick = {}
     for name in MarkFit.__slots__:
         if name != "poses":
@@ -113,10 +113,10 @@ def _weighed(first: MarkFit, second: MarkFit, other: Array) -> MarkFit:
 class Tilt:
     """The misfit of one mark's picture as a function of its tilt, about a pose that fits.
 
-    q (2,): pixel about which places count; L (3, 3): rays from places there; scale: depth in units of L. sight (3, 3):
-    rotation whose z is the line of sight, turned as the mark is. lean (2,): the tilt that was fitted, rad about the
-    axes of `sight`. H (9,) at it, of H_33 = 1; slope (9,), curve (9, 9): of half the chi-square by H. places (3,):
-    x, y, log depth there.
+    q (2,): pixel that positions are relative to; L (3, 3): rays from positions there; scale: depth in units of L. sight
+    (3, 3): rotation whose z is the line of sight, rotated as the mark is. lean (2,): the fitted tilt, rad about the
+    axes of `sight`. H (9,) at it, with H_33 = 1; slope (9,), curve (9, 9): derivatives of half the chi-square by H.
+    places (3,): x, y, log depth there.
     """
 
     q: Array
@@ -142,7 +142,7 @@ class Tilt:
         pixels, weight = seen.window.pixels[i : i + 1], seen.weight[i]
         shown = parameters[:, geometry.levels]
         value, J = picture_with_slopes(borders, pixels, unit, basis, shown, loose=LOOSE)
-        J[..., -LOOSE:] *= shown[:, -LOOSE:] != 0  # those that were fitted
+        J[..., -LOOSE:] *= shown[:, -LOOSE:] != 0  # the fitted ones
         r, J = (value[0] - seen.window.values[i]) * weight, J[0] * weight[:, None]
         variance = max(float(r @ r), 1e-12) / max(float(weight.sum()) - geometry.free, 1.0)
         variance *= float(seen.shared[i])
@@ -158,12 +158,12 @@ class Tilt:
         )  # fmt: skip
 
     def upright(self) -> float:
-        """Return by how much the chi-square of the upright pose is above that of the fitted one."""
+        """Return the excess of the upright pose's chi-square over that of the fitted one."""
         there, here = self.at(np.stack([np.zeros(2), self.lean]))[0]
         return float(there - here)
 
     def at(self, lean: Array) -> tuple[Array, Array, Array]:
-        """Return chi-squares (G,) of tilts (G, 2) at their best places, those (G, 2) from q, and their covariances."""
+        """Return chi-squares (G,) of tilts (G, 2) at their best positions, those (G, 2) from q, and covariances."""
         geometry, R = posed(turned=self.turned), self._rotations(lean)
         held = np.asarray(np.linalg.solve(self.L, R) / self.scale, np.float64).reshape(-1, 9)
         g = np.zeros((len(lean), geometry.count))
@@ -185,10 +185,10 @@ class Tilt:
         return np.asarray(self.sight @ so3.exp(np.column_stack([lean, np.zeros(len(lean))])))
 
     def mean(self, prior: tuple[Array, float] | None) -> tuple[Array, Array, float] | None:
-        """Return the mean place (2,) px over all likely tilts, its covariance, and the probability of the other side.
+        """Return the mean position (2,) px over all likely tilts, its covariance, and the probability of the other.
 
-        prior: the plane's normal in the camera's frame and its standard deviation, rad. None where tilts beyond what
-        the quadratic form can stand for are likely.
+        prior: the plane's normal in the camera frame and its standard deviation, rad. None where tilts beyond the
+        validity of the quadratic form are likely.
         """
         reach = self._reach(prior)
         if reach is None:
@@ -206,7 +206,7 @@ class Tilt:
         return self.q + middle, spread, float(min(w[lean @ self.lean < 0].sum(), 0.5))
 
     def _reach(self, prior: tuple[Array, float] | None) -> float | None:
-        """Return how far likely tilts go, rad; None beyond `_STEEPEST`."""
+        """Return the largest likely tilt, rad; None beyond `_STEEPEST`."""
         radii = _STEEPEST * 0.75 ** np.arange(_RINGS)[::-1]
         turn = np.arange(_SPOKES) * (2 * np.pi / _SPOKES)
         lean = (radii[:, None, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)).reshape(-1, 2)
@@ -235,12 +235,12 @@ def _leaning(R: Array, ray: Array) -> tuple[Array, Array]:
     sine = float(np.linalg.norm(axis))
     angle = float(np.arctan2(sine, local[2, 2]))
     w = axis * (angle / sine) if sine > 1e-12 else np.zeros(3)
-    spin = so3.exp(-w) @ local  # about z, before leaning: local = exp(w) spin = spin exp(spin^T w)
+    spin = so3.exp(-w) @ local  # about z, before tilting: local = exp(w) spin = spin exp(spin^T w)
     return sight @ spin, (spin.T @ w)[:2]
 
 
 def _unit(geometry: Geometry, g: Array, held: Array) -> tuple[Array, Array]:
-    """Return H (G, 9) of H_33 = 1 and its slopes (G, k, 9)."""
+    """Return H (G, 9) with H_33 = 1 and its derivatives (G, k, 9)."""
     H, D = with_slopes(geometry, g, held)
     last, unit = H[:, 2, 2], H / H[:, 2:, 2:]
     D = (D - unit[:, None] * D[:, :, 2:, 2:]) / last[:, None, None, None]

@@ -1,8 +1,8 @@
-"""Marks fitted with what a camera adds to their pictures, where residuals show it: a bent response, and motion.
+"""Marks fitted with effects of the camera where residuals show them: a nonlinear response, and motion blur.
 
-A camera that bends its response, by a gamma or by being overexposed, contradicts a straight one on all borders alike.
-A mark that moves while the shutter is open is blurred along its way and not across; a model without that makes up for
-it by a tilt, or takes borders for covered. Both are asked for by a score test on the fit that has neither.
+A nonlinear response, from a gamma or from overexposure, contradicts a linear one on all borders alike. A mark that
+moves during the exposure is blurred along its path and not across; a model without motion compensates by a tilt, or
+takes borders for covered. A score test on the fit without either decides whether they are fitted.
 """
 
 from __future__ import annotations
@@ -17,13 +17,13 @@ from cadcam.target.marks.model import Geometry, mark_model
 from cadcam.target.marks.window import Window
 
 STRAIGHT, BENT, MOVED = 0, 1, LOOSE  # how many of b dx dy are fitted
-_SEEN = 30.0  # fall of chi-square from which they are: by chance once in 2e7 marks
-_LONG = 2.0  # blurs that a motion is long at least: a shorter one shifts nothing, and pixel squares can look like it
-_SHARPEST = 0.4  # of the blur that seems round: what is left of it at least when motion is taken out
+_SEEN = 30.0  # decrease of chi-square at which they are fitted: by chance once in 2e7 marks
+_LONG = 2.0  # blurs: least length of a motion; a shorter one shifts nothing, and pixel squares can look like it
+_SHARPEST = 0.4  # of the fitted round blur: what remains of it at least when the motion is separated
 
 
 def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q: Array) -> tuple[Fit, Ids]:
-    """Return the fit to whole windows, and how many of b dx dy (B,) are in it: all where it starts in motion."""
+    """Return the fit to whole windows, and the number (B,) of b dx dy in it: all where the start has motion."""
 
     def part(loose: int, begin: Array, k: Ids) -> Fit:
         some = window.subset(k)
@@ -44,17 +44,16 @@ def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q:
 
 
 def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Array, Array, Array]:
-    """Return by how much chi-square would fall (B,) by a bend, by motion besides, and parameters that have the motion.
+    """Return the decrease of chi-square (B,) by a nonlinear response and by motion, and parameters with the motion.
 
-    What is asked of motions too short to matter is answered by 0.
-    A motion of l px towards the angle a adds l^2/24 (1 + cos 2(n - a)) to the variance of the blur across a border
-    whose normal lies at n. The round part is blur already; the rest changes the picture, to first order, by
-    l^2/(48 s) cos 2(n - a) times its slope by the blur s.
+    For motions too short to matter the decrease is 0. A motion of l px towards the angle a adds l^2/24 (1 + cos 2(n -
+    a)) to the variance of the blur across a border whose normal is at n. The round part is already in the blur; the
+    rest changes the picture, to first order, by l^2/(48 s) cos 2(n - a) times its derivative by the blur s.
     """
     whole = mark_model(mark, geometry, loose=MOVED)
 
     def directed(parameters: Array, pixels: Array) -> tuple[Array, Array]:
-        value, J = whole(parameters, pixels)  # whose slopes by a motion are 0 where there is none
+        value, J = whole(parameters, pixels)  # whose derivatives by a motion are 0 without one
         x, y = J[..., 0].copy(), J[..., 1].copy()  # along the normal
         xx, yy = x * x, y * y
         by_blur = J[..., BLUR] / np.maximum(xx + yy, 1e-12)

@@ -1,4 +1,4 @@
-"""What a mark's ring says, once its ellipse is known: its direction, or the number of a coded mark."""
+"""The ring of a mark read once its ellipse is known: its direction, or the number of a coded mark."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ import numpy as np
 from cadcam.arrays import Array, Picture
 from cadcam.target.marks.mark import FULL, Mark, ring_numbers
 
-_SAMPLES, _BIT = 240, 16  # around a ring, and over a bit of it
-_CLEAR = 0.15  # of the ring's contrast: bits nearer to the middle are doubtful
+_SAMPLES, _BIT = 240, 16  # around a ring, and per bit
+_CLEAR = 0.15  # of the ring's contrast: bits closer to the threshold are doubtful
 
 
 def oriented(gray: Picture, mark: Mark, q: Array, shapes: Array) -> Array:
-    """Return shapes (B, 2, 2) px by mm, turned so that the mark's sectors lie where they are seen."""
+    """Return shapes (B, 2, 2) px per mm, rotated so that the mark's sectors lie where they are seen."""
     angles = np.arange(_SAMPLES) * (FULL / _SAMPLES)
     circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
     dark = np.array([mark.inked(radius * circle) != mark.light for radius in _radii(mark)], np.float64)
@@ -22,7 +22,7 @@ def oriented(gray: Picture, mark: Mark, q: Array, shapes: Array) -> Array:
 
 
 def read(gray: Picture, like: Mark, q: Array, shapes: Array) -> tuple[list[int | None], Array]:
-    """Return the numbers of coded marks of the same family, None where none can be read, and their turned shapes."""
+    """Return the numbers of coded marks of the same family, None where unreadable, and their rotated shapes."""
     bits = code_bits(like)
     angles = (np.arange(bits * _BIT) + 0.5) * (FULL / (bits * _BIT))
     circle = float(np.mean(_radii(like))) * np.stack([np.cos(angles), np.sin(angles)], axis=-1)
@@ -43,7 +43,7 @@ def code_bits(mark: Mark) -> int:
 
 
 def _number(values: Array, bits: int) -> tuple[int | None, float]:
-    """Return the number in values around a ring, high where a bit is set, and the angle where its first bit starts."""
+    """Return the number in values around a ring, high for set bits, and the angle at which its first bit starts."""
     each = len(values) // bits
     middle = (np.percentile(values, 90) + np.percentile(values, 10)) / 2
     swing = np.ptp(np.percentile(values, [10, 90]))
@@ -60,13 +60,13 @@ def _number(values: Array, bits: int) -> tuple[int | None, float]:
 
 
 def _radii(mark: Mark) -> list[float]:
-    """Return the middles of the rings that have sectors, mm."""
+    """Return the mean radii of the rings that have sectors, mm."""
     rings = np.unique(mark.sectors[~mark.full, :2], axis=0)
     return [float(np.mean(r)) for r in rings]
 
 
 def _ring(gray: Picture, q: Array, shapes: Array, circle: Array) -> Array:
-    """Return the grey values (B, S) where marks show points (S, 2) mm."""
+    """Return the grey values (B, S) at points (S, 2) mm of the marks."""
     from scipy.ndimage import map_coordinates
 
     at = q[:, None] + circle @ np.swapaxes(shapes, 1, 2)
@@ -74,7 +74,7 @@ def _ring(gray: Picture, q: Array, shapes: Array, circle: Array) -> Array:
 
 
 def _agreement(seen: Array, dark: Array, by: int) -> Array:
-    """Return how well rings (B, R S) look like those of a mark (R, S), 1 where it is dark, turned by some samples."""
+    """Return the likeness of rings (B, R S) to those of a mark (R, S), 1 where it is dark, rotated by some samples."""
     turned = np.roll(dark, by, axis=1).ravel()
     return np.asarray(-(seen @ (turned - turned.mean())))
 

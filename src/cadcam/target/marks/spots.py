@@ -1,9 +1,9 @@
-"""The fast spot finder: places from which brightness steps the same way in eight directions, at a known radius.
+"""The fast spot detector: places from which brightness steps the same way in eight directions, for a known radius.
 
 The dissertation's App. A: for each pixel the gradient at a distance equal to the radius is taken in eight directions;
-only around a spot's centre it is the same in all. Here the step is taken by its ratio, (outside - inside) / (outside +
-inside), so that a gradient of the light does not matter, and the second weakest of the eight counts, so that something
-may cover an eighth of the border. The picture is first reduced until the radius is a few pixels.
+only around a spot's centre is it the same in all. Here the step is relative, (outside - inside) / (outside + inside),
+so that a gradient of the light does not matter, and the second weakest of the eight counts, so that an eighth of the
+border may be covered. The picture is first reduced until the radius is a few pixels.
 """
 
 from __future__ import annotations
@@ -13,17 +13,17 @@ import numpy as np
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.native.correlate import shrunken, spot_steps
 
-_RADIUS, _WIDTH = 5.0, 2.0  # px of the reduced picture that a spot's radius, and a ring's width, have at least
-_ACROSS = 0.35  # by the radius, to both sides of the border; at most half of what is inside it
-_DIRECTIONS = 8  # as many as the core takes
-_LEVEL = 0.02  # of grey values: below it a ratio says nothing
+_RADIUS, _WIDTH = 5.0, 2.0  # px: least radius of a spot, and least width of a ring, in the reduced picture
+_ACROSS = 0.35  # of the radius, to both sides of the border; at most half of the width inside it
+_DIRECTIONS = 8  # fixed in the core
+_LEVEL = 0.02  # of grey values: a ratio of less is meaningless
 
 
 def spot_response(gray: Picture, radius: float, across: float, *, dark: bool) -> Picture:
     """Return for each pixel (H, W) the second weakest step in eight directions, -1 to 1.
 
-    It goes from radius - across to radius + across px. dark: whether the spot is darker than what surrounds it.
-    Where that leaves the picture it is -1.
+    The step is from radius - across to radius + across px. dark: whether the spot is darker than its surroundings. -1
+    where that leaves the picture.
     """
     turn = np.arange(_DIRECTIONS) * (2 * np.pi / _DIRECTIONS)
     direction = np.stack([np.cos(turn), np.sin(turn)], axis=-1)
@@ -33,14 +33,14 @@ def spot_response(gray: Picture, radius: float, across: float, *, dark: bool) ->
 
 
 def reduction(radius: float, width: float) -> int:
-    """Return the factor to reduce a picture by for spots whose border has `width` px of one colour inside it."""
+    """Return the factor to reduce a picture by for spots with a border of `width` px of one colour on the inside."""
     return max(1, int(min(width / _WIDTH, radius / _RADIUS)))
 
 
 def spots(
     gray: Picture, radius: float, width: float, *, dark: bool, least: float = 0.04, most: int = 200
 ) -> tuple[Array, Array]:
-    """Return places (N, 2) px of spots of `radius` px, strongest first, to about a fifth of it, and their strength.
+    """Return places (N, 2) px of spots of `radius` px, good to a fifth of it, strongest first, and their strength.
 
     width: px of one colour inside the border, for a disc its radius. least: of the response; 0.04 is 8 % more light
     outside than inside.
@@ -54,7 +54,7 @@ def spots(
 
 
 def peaks(response: Picture, least: float, *, apart: float, most: int) -> tuple[Array, Array]:
-    """Return the highest places (N, 2) of a response, each the highest within `apart` px, to parts of a pixel."""
+    """Return the highest places (N, 2) of a response, each the highest within `apart` px, to sub-pixel precision."""
     y, x = np.nonzero(response[1:-1, 1:-1] > least)
     y, x = y + 1, x + 1
     top = np.ones(len(x), bool)
@@ -73,7 +73,7 @@ def peaks(response: Picture, least: float, *, apart: float, most: int) -> tuple[
 
 
 def _middle(response: Picture, q: Ids) -> Array:
-    """Return the middle (N, 2) of what is high within a pixel of each peak."""
+    """Return the centroid (N, 2) of the response within a pixel of each peak."""
     dy, dx = (d.ravel() for d in np.mgrid[-1:2, -1:2])
     near = response[q[:, 1:] + dy, q[:, :1] + dx].astype(np.float64)
     weight = (near - 0.5 * near.max(axis=1, keepdims=True, initial=0.0)).clip(1e-9)

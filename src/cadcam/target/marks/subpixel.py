@@ -1,13 +1,13 @@
-"""Sub-pixel positions from a peak of correlation or from grey values: the dissertation's chapter 4, and the usual ones.
+"""Sub-pixel positions from a correlation peak or from grey values: the dissertation's chapter 4, and the usual ones.
 
 The dissertation's method: the autocorrelation of a rotation-symmetric template is described by
 
     f(x, y) = exp(-a ((x/l)^2 + (y/l)^2)^(p/2)),                                        (EQ 4.2)
 
-and f(x + dx, y + dy) is moved until it fits the correlation of template and picture best, in the root mean square of
+and f(x + dx, y + dy) is shifted until it fits the correlation of template and picture best, in the root mean square of
 EQ 4.5 (printed without its root). The position is then at -(dx, dy): Tables 4.2 and 4.3 print (dx, dy), Table 4.1 has
-the position's signs. It needs the zero-mean correlation: without means taken off (EQ 7.1) nothing falls to exp(-8).
-What `target.marks.fit` does with the grey values themselves is better in every respect but simplicity.
+the position's signs. It requires the zero-mean correlation: with means kept (EQ 7.1) nothing falls to exp(-8). The fit
+of the grey values themselves in `target.marks.fit` is better in every respect but simplicity.
 """
 
 from __future__ import annotations
@@ -20,8 +20,8 @@ from cadcam.arrays import Array, Floats, Picture
 from cadcam.errors import BadValue
 from cadcam.target.marks.cross import correlation_at, taps
 
-_REACH = 1.0  # px: how far the function is moved at most
-_WINDOW = 1.35  # radii of the window that a centroid is taken in
+_REACH = 1.0  # px: largest shift of the function
+_WINDOW = 1.35  # radii: window of the centroid
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +77,10 @@ class Peak:
         return float(np.sqrt(np.mean((self(x + dx, y + dy) - window) ** 2)))
 
     def shift(self, window: Array, *, grid: float | None = None) -> tuple[Array, float]:
-        """Return the (dx, dy) of EQ 4.4 with the least rms, and that rms; the mark lies at -(dx, dy) from the pixel.
+        """Return the (dx, dy) of EQ 4.4 with the least rms, and that rms; the mark is at -(dx, dy) from the pixel.
 
-        window (2l+1, 2l+1): correlations about their highest pixel. grid: step in px of the search, as the dissertation
-        does it (0.02); None: the continuous minimum. Within one pixel to all sides.
+        window (2l+1, 2l+1): correlations about their highest pixel. grid: step in px of a grid search as in the
+        dissertation (0.02); None: the continuous minimum. Within one pixel in all directions.
         """
         window = np.asarray(window, np.float64)
         if window.shape != (2 * self.l + 1,) * 2:
@@ -111,7 +111,7 @@ class Peak:
         return where, self.rms_at(window, where)
 
     def _best_step(self, window: Array, grid: float, about: Array, reach: int, every: int) -> Array:
-        """Return the whole numbers (2,) of steps with the least sum of squares, `every` apart within `reach`."""
+        """Return the steps (2,), whole numbers, with the least sum of squares, `every` apart within `reach`."""
         y, x = np.mgrid[-self.l : self.l + 1, -self.l : self.l + 1]
         steps = np.arange(-reach, reach + 1, every)
         dx, dy = (a.ravel() for a in np.meshgrid(about[0] + steps, about[1] + steps))
@@ -132,9 +132,9 @@ def autocorrelation(picture: Picture, *, zero_mean: bool = True) -> Array:
 
 
 def parabola(window: Floats) -> Array:
-    """Return the summit (..., 2) of the quadric a + b.q + q.C q fitted to 3 x 3 values (..., 3, 3), px from the middle.
+    """Return the maximum (..., 2) of the quadric a + b.q + q.C q fitted to values (..., 3, 3), px from the middle.
 
-    The least squares quadric with its six terms; what is no summit, or lies more than a pixel off, gives NaN.
+    The least squares quadric with its six terms; NaN for a stationary point that is no maximum or over a pixel away.
     """
     z = np.asarray(window, np.float64)
     if z.shape[-2:] != (3, 3):
@@ -153,8 +153,8 @@ def parabola(window: Floats) -> Array:
 def centroid(gray: Picture, q: Floats, radius: float, *, rounds: int = 5) -> Array:
     """Return the centroid (2,) of the grey values' distance from the ground, within a window about q that follows it.
 
-    The ground is the median on the window's rim; radius: of the mark, px. Only for marks alone on plain ground: other
-    things, noise in the window and light that varies all pull at it.
+    The ground is the median on the window's rim; radius: of the mark, px. Only for isolated marks on plain ground:
+    other structure, noise in the window and varying light all bias it.
     """
     at = np.asarray(q, np.float64).copy()
     half = int(np.ceil(_WINDOW * radius)) + 1

@@ -1,4 +1,4 @@
-"""The two poses that a mark's shape in the picture allows."""
+"""The two poses that the shape of a mark's image allows."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from cadcam.geometry.rigid import Rigid
 
 
 def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigid]:
-    """Return the two poses (camera_from_mark) whose picture at q (2,) has, to first order, this shape (2, 2) px by mm.
+    """Return the two poses (camera_from_mark) whose image at q (2,) has, to first order, this shape (2, 2) px per mm.
 
-    In the frame of the line of sight the mark's axes are foreshortened: its shape there is R_2x2 / depth, the singular
-    values of which are 1/depth and cos(tilt)/depth; the sign of the tilt stays open (Bouguet's and others' weak
-    perspective two-fold ambiguity).
+    In the frame of the line of sight the mark's axes are foreshortened: its shape there is R_2x2 / depth, with singular
+    values 1/depth and cos(tilt)/depth; the sign of the tilt is undetermined (the well-known two-fold ambiguity of weak
+    perspective).
     """
     ray = camera.unproject(q)
     sight = toward(ray)
     _, J = camera.project_with_jacobian(ray)
-    S = np.linalg.solve(J @ sight[:, :2], image_from_mark)  # mark plane -> across the sight, by depth
+    S = np.linalg.solve(J @ sight[:, :2], image_from_mark)  # mark plane -> across the line of sight, over depth
     U, sizes, Vt = np.linalg.svd(S)
     depth, cosine = 1 / sizes[0], min(sizes[1] / sizes[0], 1.0)
     poses = []

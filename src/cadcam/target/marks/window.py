@@ -1,4 +1,4 @@
-"""The pixels that marks are fitted to: windows about them, thinned out where ground and ink are plain."""
+"""The pixels that marks are fitted to: windows about them, subsampled where ground and ink are uniform."""
 
 from __future__ import annotations
 
@@ -10,16 +10,16 @@ from cadcam.arrays import Array, Ids, Index, Mask, Picture
 from cadcam.target.boards.photometric import WindowPixels, patches
 from cadcam.target.marks.mark import Mark
 
-MARGIN = 0.7  # of the radius: how much ground the window takes in; it tells varying light from a shift of the mark
-_LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px of it
-_PLAIN = 4.0  # px from all borders, beyond which ground and ink are plain
-_ALIKE = 1.5  # sizes within this ratio are handled together
+MARGIN = 0.7  # of the radius: width of ground in the window; it separates varying light from a shift of the mark
+_LEAST_MARGIN, _MOST_MARGIN = 5.0, 12.0  # px: its limits
+_PLAIN = 4.0  # px from all borders, beyond which ground and ink are uniform
+_ALIKE = 1.5  # marks whose sizes are within this ratio are processed together
 _LARGE = 30.0  # px of radius, from which every second pixel near borders is enough
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Window(WindowPixels):
-    """The pixels of B marks, the share (B,) of each window that is outside the picture; the marks' sizes (B,) px."""
+    """The pixels of B marks, the share (B,) of each window outside the picture, and the marks' sizes (B,) px."""
 
     outside: Array
     size: Array
@@ -28,7 +28,7 @@ class Window(WindowPixels):
     def around(
         cls, gray: Picture, q: Array, image_from_mark: Array, mark: Mark, margin: float, step: int = 1
     ) -> Window:
-        """Return the windows about marks at q (B, 2) px of shapes (B, 2, 2) px by mm; step: of rows and columns."""
+        """Return the windows about marks at q (B, 2) px of shapes (B, 2, 2) px per mm; step: of rows and columns."""
         radius = mark.radius
         A = np.linalg.inv(image_from_mark)
         major, minor = radius * np.linalg.svd(image_from_mark, compute_uv=False).T
@@ -52,26 +52,26 @@ class Window(WindowPixels):
         return Window(*(getattr(self, f.name)[which] for f in fields(self)))
 
     def thinned(self, pixels: int) -> Window:
-        """Return the windows with about so many of their pixels at most, evenly spread."""
+        """Return the windows with at most about `pixels` of their pixels, evenly spread."""
         step = max(1, round(self.values.shape[1] / pixels))
         kept = slice(None, None, step)
         return Window(self.values[:, kept], self.pixels[:, kept], self.weight[:, kept], self.outside, self.size)
 
     def only(self, i: int) -> tuple[Window, Mask]:
-        """Return the i-th window alone, with as many pixels as it has, and which of all (P,) those are."""
+        """Return the i-th window alone, without padding, and which of all pixels (P,) those are."""
         there = self.weight[i] > 0
         one = self.subset(np.array([i]))
         return Window(one.values[:, there], one.pixels[:, there], one.weight[:, there], one.outside, one.size), there
 
 
 def by_size(size: Array) -> list[Ids]:
-    """Return the numbers of the windows of about one size, group by group: side by side they have as many pixels."""
+    """Return the indices of windows of similar size, group by group, so that their pixel counts are similar."""
     octave = np.floor(np.log(np.maximum(size, 1.0)) / np.log(_ALIKE))
     return [np.flatnonzero(octave == k).astype(np.int32) for k in np.unique(octave)]
 
 
 def _telling(mark: Mark, rho: Array, pixels: Array, q: Array, minor: Array) -> Mask:
-    """Return which pixels are near a border, and of the plain rest every fifth: enough for its level and light."""
+    """Return which pixels are near a border, and every fifth of the others: enough for level and light."""
     if not mark.concentric or not len(q) or minor.min() < 3 * _PLAIN:
         return np.ones(rho.shape, bool)
     borders = np.unique(mark.sectors[:, :2]) / mark.radius

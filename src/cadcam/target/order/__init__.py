@@ -1,1 +1,1 @@
-"""Which mark is which: found marks put into the order of a plan."""
+"""Identification of marks: found marks assigned to the places of a plan."""

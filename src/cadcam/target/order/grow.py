@@ -1,4 +1,4 @@
-"""A few marks that are known grown to all that can be: the map of the plane, and each mark where neighbours say."""
+"""A few identified marks grown to all: the map of the plane, and each mark where its neighbours predict it."""
 
 from __future__ import annotations
 
@@ -13,21 +13,21 @@ from cadcam.target.order.plan import MarkPlan, matched_once
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
-_NEAR = 0.35  # of the plan's spacing: within it a mark is taken while the map grows
+_NEAR = 0.35  # of the plan's spacing: a mark within it is accepted while the map grows
 _ROUNDS = 30
 _ENOUGH = 7  # marks from which a perspective is fitted
-_MANY = 24  # marks from which a polynomial separates a lens' distortion from strays
-_REWEIGHTED = 5  # times
+_MANY = 24  # marks from which a polynomial separates lens distortion from outliers
+_REWEIGHTED = 5  # iterations
 _STRAY = 4.0  # robust sigmas at the end
 
 
 def grown(q: Array, plan: MarkPlan, start: Ids, *, sigma_px: float) -> Ids:
-    """Return which mark of the plan each found mark q (N, 2) is, -1 for none, grown from `start` (N,) with three known.
+    """Return the mark of the plan for each found mark q (N, 2), -1 for none, grown from `start` (N,) with three known.
 
-    In turn: a map from pixels to plan through what is known (affine, then perspective); marks next to known ones taken
-    where they fall within a third of the spacing of a place of the plan, once what known neighbours are off by is taken
-    away (a lens that distorts moves neighbours alike). At the end strays are dropped: beyond four robust sigmas, or
-    three of sigma_px if that is more.
+    Alternating: a map from pixels to plan through the known marks (affine, then perspective); then neighbours of known
+    marks are accepted where they fall within a third of the spacing of a place of the plan, after subtracting the
+    residuals of known neighbours (lens distortion moves neighbours alike). At the end outliers are dropped: beyond four
+    robust sigmas, or three of sigma_px if that is more.
     """
     from scipy.spatial import cKDTree
 
@@ -50,7 +50,7 @@ def _in_plan(q: Array, plan: MarkPlan, index: Ids) -> Array:
 
 
 def _taken(u: Array, plan: MarkPlan, index: Ids, tree: cKDTree) -> Ids:
-    """Return the order of marks that fall on u (N, 2) in the plan."""
+    """Return the assignment of marks that fall on u (N, 2) in the plan."""
     ahead = np.asarray(np.isfinite(u).all(axis=1))
     place = np.where(ahead[:, None], u, plan.p.min(axis=0) - 1e6 * np.ptp(plan.p, axis=0).max())
     off = _off(place, plan, index)
@@ -65,7 +65,7 @@ def _taken(u: Array, plan: MarkPlan, index: Ids, tree: cKDTree) -> Ids:
 
 
 def _off(u: Array, plan: MarkPlan, index: Ids) -> Array:
-    """Return how far (M, 2) the known neighbours of each mark of the plan lie from their places, by the median."""
+    """Return the median residual (M, 2) of the known neighbours of each mark of the plan."""
     known = np.flatnonzero(index >= 0)
     off = np.full((len(plan), 2), np.nan)
     off[index[known]] = u[known] - plan.p[index[known]]
@@ -80,11 +80,11 @@ def _medians(values: Array) -> Array:
 
 
 def without_strays(q: Array, plan: MarkPlan, index: Ids, sigma_px: float) -> Ids:
-    """Return the order (N,) without marks that lie beside their places; as it is where too few tell what beside is."""
+    """Return the assignment (N,) without outliers; unchanged where too few marks determine the residuals."""
     if (index >= 0).sum() < _ENOUGH:
         return index
     out = index
-    for _ in range(2):  # the second time with a map that strays no longer bend
+    for _ in range(2):  # the second time with a map that the outliers no longer distort
         known, fitted = np.flatnonzero(index >= 0), np.flatnonzero(out >= 0)
         if len(fitted) < _ENOUGH:
             return out
@@ -100,16 +100,16 @@ def without_strays(q: Array, plan: MarkPlan, index: Ids, sigma_px: float) -> Ids
 
 
 def _like_neighbours(off: Array, plan: MarkPlan, marks: Ids, trusted: Mask) -> Array:
-    """Return what the residuals off (K, 2) px of the marks' neighbours are."""
+    """Return the residuals predicted by the residuals off (K, 2) px of the marks' neighbours."""
     at = np.full((len(plan), 2), np.nan)
     at[marks[trusted]] = off[trusted]
     return _medians(at[plan.near])[marks]
 
 
 def _bent(off: Array, plan: MarkPlan, marks: Ids, trusted: Mask) -> Array:
-    """Return residuals (K, 2) as a cubic polynomial of the place: what a first term of radial distortion leaves.
+    """Return residuals (K, 2) as a cubic polynomial of position: what a first term of radial distortion leaves.
 
-    Reweighted by 1/(1 + (r/2s)^2), so that strays do not bend it.
+    Reweighted by 1/(1 + (r/2s)^2), so that outliers do not distort it.
     """
     x, y = ((plan.p[marks] - plan.p[marks].mean(axis=0)) / np.ptp(plan.p, axis=0).max()).T
     A = np.stack([x**i * y**j for i in range(4) for j in range(4 - i)], axis=1)

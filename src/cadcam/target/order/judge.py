@@ -1,8 +1,8 @@
-"""How good an order of marks is: compared with chance, and with other orders.
+"""The quality of an assignment of marks: compared with chance, and with other assignments ("orders").
 
-With chance (a contrario, after Moisan and Stival, IJCV 2004): how many orders as good would be expected if the marks
-lay at random. With another order: by the residuals and marks that each leaves unexplained, and by the simplest map of
-the plane that explains the rest.
+With chance (a contrario, after Moisan and Stival, IJCV 2004): the expected number of equally good orders if the marks
+lay at random. With another order: by the residuals and the marks that each leaves unexplained, and by the simplest map
+of the plane that explains the rest.
 """
 
 from __future__ import annotations
@@ -17,15 +17,15 @@ from cadcam.target.order.plan import MarkPlan
 from cadcam.target.order.seeds import DEEPEST
 
 _VIEWS = {"similarity": 1.0, "affine": 0.3, "perspective": 0.03}  # share of random matches that a camera could see
-_SLANT = 5.0  # ratio of the two scales: 70 degrees of tilt, with room
-_BATCH = 400_000  # numbers of the design matrices in memory at a time
+_SLANT = 5.0  # largest ratio of the two scales: 70 degrees of tilt, with a margin
+_BATCH = 400_000  # elements of the design matrices in memory at a time
 _LEAST_PRICE = 1.0  # see `_price`
 _SAMPLES = {"similarity": 2, "affine": 3, "perspective": 4}  # marks that fix each map
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Judged:
-    """B orders (B, N): the squared residuals summed and the map (B, 3, 3) for each kind of map, inf where none fits."""
+    """B orders (B, N): the sum of squared residuals and the map (B, 3, 3) for each kind of map, inf where none fits."""
 
     orders: Ids
     squares: dict[str, Array]
@@ -61,7 +61,7 @@ def _fitted(q: Array, plan: MarkPlan, orders: Ids) -> tuple[dict[str, Array], di
 
 
 def _upright(H: Array, p: Array, w: Array) -> Mask:
-    """Return whether the maps (B, 3, 3) squeeze the plane at the marks' middle no more than a tilted view does."""
+    """Return whether the maps (B, 3, 3) compress the plane at the marks' middle no more than a tilted view does."""
     middle = (p * w[..., None]).sum(axis=1) / np.maximum(w.sum(axis=1), 1.0)[:, None]
     u = np.einsum("bij,bj->bi", H[:, :, :2], middle) + H[:, :, 2]
     J = H[:, :2, :2] - (u[:, :2] / u[:, 2:])[:, :, None] * H[:, 2:, :2]
@@ -72,8 +72,9 @@ def costs(found: Judged, q: Array, plan: MarkPlan, sigma_px: float) -> tuple[Arr
     """Return each order's cost (B,), minus its log likelihood up to a constant, and the map that explains it best.
 
     A residual costs r^2/(2 sigma^2), and a parameter of the map log(extent/sigma) (minimum description length, Rissanen
-    1978). A mark that only another order explains must here be false, and one of the plan missing: it costs the log
-    odds of both, estimated from the best order. Its position does not count: false marks may well continue a pattern.
+    1978). A mark that only another order explains must be false in this one, and one of the plan missing: it costs the
+    log odds of both, estimated from the best order. Its position does not count: false marks may well continue a
+    pattern.
     """
     known = found.known
     best = int(np.argmax(known - 1e-6 * _capped(found.squares["perspective"])))
@@ -94,34 +95,34 @@ def _capped(x: Array) -> Array:
 
 
 def _price(found: Judged, best: int, q: Array, plan: MarkPlan) -> float:
-    """Return the cost of one false mark and one missing from the plan, less that of a match of the two."""
+    """Return the cost of one false and one missing mark, less that of a match of the two."""
     n, k = len(q), int(found.known[best])
     visible = max(_visible(found.maps["perspective"][best], q, plan), k)
     false, missing = (n - k + 1) / (n + 2), (visible - k + 1) / (visible + 2)
     odds = float(np.log((1 - false) / false) + np.log((1 - missing) / missing))
-    return max(_LEAST_PRICE, odds) + 1.0  # what a residual costs on average
+    return max(_LEAST_PRICE, odds) + 1.0  # the mean cost of a residual
 
 
 def _visible(H: Array, q: Array, plan: MarkPlan) -> int:
-    """Return how many marks of the plan fall into the box of the found ones."""
+    """Return how many marks of the plan fall inside the bounding box of the found ones."""
     at = mapped(H, plan.p)
     with np.errstate(invalid="ignore"):
         return int(((at >= q.min(axis=0)) & (at <= q.max(axis=0))).all(axis=1).sum())
 
 
 def log_chance(found: Judged, b: int, q: Array, plan: MarkPlan, sigma_px: float) -> float:
-    """Return log10 of how many orders as good as number b chance would give: the least over the kinds of map.
+    """Return log10 of the number of orders as good as number b expected by chance: the least over the kinds of map.
 
-    Tests: twice C(n, s) P(m, s) choices of the s marks that fix a map, as far as a camera could see them so, times
-    three kinds. Each other mark falls within r of one of the plan's with p = visible pi r^2 / area; k of n do with the
-    binomial's tail.
+    Tests: twice C(n, s) P(m, s) choices of the s marks that determine a map, times the share that a camera could see
+    so, times three kinds. Each other mark falls within r of one of the plan's with p = visible pi r^2 / area; that k of
+    n do has the binomial's tail probability.
     """
     fitting = [kind for kind in _SAMPLES if np.isfinite(found.squares[kind][b])]
     return min((_log_chance_of(kind, found, b, q, plan, sigma_px) for kind in fitting), default=np.inf)
 
 
 def _log_chance_of(kind: str, found: Judged, b: int, q: Array, plan: MarkPlan, sigma_px: float) -> float:
-    """Return the same for one kind of map, at whichever of the residuals makes it least likely to be chance."""
+    """Return the same for one kind of map, at the residual that makes it least likely to be chance."""
     from scipy.special import betainc
 
     order, H = found.orders[b], found.maps[kind][b]
@@ -131,7 +132,7 @@ def _log_chance_of(kind: str, found: Judged, b: int, q: Array, plan: MarkPlan, s
     k = np.arange(1, len(r) + 1)  # marks within r
     area = max(float(np.prod(np.ptp(q, axis=0))), 1e-9)
     p = np.minimum(max(_visible(H, q, plan), 1) * np.pi * r**2 / area, 1.0)
-    beyond = k > samples  # the marks that fix the map are no evidence for it
+    beyond = k > samples  # the marks that determine the map are no evidence for it
     tail = np.zeros(len(k))
     tail[beyond] = np.log10(betainc(k[beyond] - samples, n - k[beyond] + 1, p[beyond]).clip(1e-300))
     tests = np.log(6 * _VIEWS[kind]) + _log_choices(n, len(plan), samples)

@@ -1,11 +1,12 @@
-"""Which mark is which: found marks put into the order of a plan (the thesis' program `permute`, appendix A).
+"""Identification of marks: found marks put into the order of a plan (the thesis' program `permute`, appendix A).
 
-The thesis tried permutations, n! of them, and sorted by distances beforehand; that takes marks that are all there and a
-camera that looks straight down. Here small groups of marks are compared with the plan's (three in every way, in a map
-that is nearly affine so near at hand; of plans up to a dozen four in every way, exact under perspective), the best are
-grown outward through the plane's own perspective, and what comes out must beat chance by a hundred to one. Work grows
-as (marks)^2. Then every other place where the plan would fit as well is sought: symmetric plans, and grids of which a
-part is seen, have several, and all of them are returned.
+The thesis tried permutations, n! of them, and sorted by distances beforehand; that requires marks that are all present
+and a camera that looks straight down. Here small groups of marks are compared with the plan's (three in every order, in
+a map that is nearly affine over such small distances; for plans of up to a dozen marks four in every order, exact under
+perspective), the best are grown outward with the plane's own homography, and the result must beat chance by a hundred
+to one. The cost is quadratic in the marks. Then all other places where the plan fits as well are searched for:
+symmetric plans, and partly visible grids, have several, and all of them are returned. part is seen, have several, and
+all of them are returned.
 """
 
 from __future__ import annotations
@@ -26,24 +27,25 @@ from cadcam.target.order.seeds import by_quads, seeds
 
 Side = Literal["any", "kept", "mirrored"]
 SIDES: dict[str, tuple[int, ...]] = {"any": (1, -1), "kept": (1,), "mirrored": (-1,)}
-_LOG_CHANCE = -2.0  # one order by chance in a hundred plans
-_UNDECIDABLE = 5  # marks: under perspective as few fit by chance, and cannot prove anything
+_LOG_CHANCE = -2.0  # log10: one order by chance in a hundred plans
+_UNDECIDABLE = 5  # marks: under perspective so few fit by chance, and prove nothing
 _ENOUGH = {True: 0.7, False: 0.5}  # of the marks explained, few or many: no more starts are tried
-_TRIES, _MORE = 16, 4  # lists of starts from triangles without an order, and after the last that bettered one
+_TRIES, _MORE = 16, 4  # lists of starts from triangles without an order; and after the last improvement of one
 _ODDS = 1000.0
-_SECOND = 0.7  # of the marks of the first plate: a second one that shows as many makes the order ambiguous
-_FEWER = 7  # marks less than the best that an order as good may explain, at most a quarter of them
+_SECOND = 0.7  # of the marks of the first plate: a second one with so many makes the order ambiguous
+_FEWER = 7  # marks fewer than the best that an equally good order may explain, at most a quarter of them
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ordering:
-    """Which mark of a plan each of N found marks is, and how sure that is.
+    """Which mark of a plan each of N found marks is, and the confidence in it.
 
     plan_index: (N,) the plan's marks, -1 for false ones. pixel_from_plan: (3, 3), (q, 1) ~ H (p, 1), the simplest of
     similarity, affine map and perspective (`map_kind`) that explains them. residuals: (N, 2) px found minus mapped, NaN
-    for false marks: noise, and what the lens distorts. chance: how many orders as good are expected by chance; at most
-    0.01, but for four or five marks, all of the plan, that say nothing by themselves. alternatives: other orders (N,)
-    about as likely, the best first; that of a second plate of the same plan, if the marks left over show one, last.
+    for false marks: noise and lens distortion. chance: the number of orders as good expected by chance; at most 0.01,
+    except for four or five marks, all of the plan, which prove nothing by themselves. alternatives: other orders (N,)
+    about as likely, the best first; the order of a second plate of the same plan, if the marks left over show one, is
+    last.
     """
 
     plan_index: Ids
@@ -78,16 +80,16 @@ class Ordering:
 def order_marks(
     pixels: Floats, plan: Floats, *, side: Side = "any", sigma_px: float = 0.5, odds: float = _ODDS
 ) -> Ordering:
-    """Return which of the plan's marks (M, 2) each found mark, pixels (N, 2), is.
+    """Return for each found mark, pixels (N, 2), which of the plan's marks (M, 2) it is.
 
-    The plan is a plane seen by a camera from anywhere: scaled, turned, shifted, foreshortened to about 65 degrees of
-    tilt, mildly distorted; marks of it may be missing, others false, in any order. side: "kept" if the plan's axes turn
-    as the picture's do (x right, y down), "mirrored" if not (y up, as drawings and robots have it), "any" if it is not
-    known: a plan that is its own mirror image is then ambiguous. sigma_px: how well the marks obey a plane's
-    perspective. odds: an order that is this many times less likely is ruled out.
+    The plan is a plane seen by a camera from anywhere: scaled, rotated, shifted, foreshortened up to about 65 degrees
+    of tilt, mildly distorted; some of its marks may be missing, others false, in any order. side: "kept" if the plan's
+    axes have the picture's handedness (x right, y down), "mirrored" if not (y up, as in drawings and for robots), "any"
+    if it is unknown: a plan that is its own mirror image is then ambiguous. sigma_px: the noise of the marks about a
+    plane's perspective. odds: an order that is this many times less likely is ruled out.
 
     Raises `TooFewPoints` below four marks or places, `NoOrder` where nothing fits better than chance does: another
-    plan, or too few marks of it.
+    plan, or too few of its marks.
     """
     if side not in SIDES:
         raise UnknownName("side", side, SIDES)
@@ -103,7 +105,7 @@ def order_marks(
 
 
 def _among_the_rest(q: Array, plan: MarkPlan, first: Ordering, side: Side, sigma_px: float) -> tuple[Ids, ...]:
-    """Return the order of a second plate like the first, among the marks that this leaves over, if there is one."""
+    """Return the order of a second plate like the first among the marks left over, if there is one."""
     rest = np.flatnonzero(first.plan_index < 0)
     if len(rest) < max(_UNDECIDABLE + 1, _SECOND * len(first)):
         return ()
@@ -119,10 +121,10 @@ def _among_the_rest(q: Array, plan: MarkPlan, first: Ordering, side: Side, sigma
 
 
 def _found(q: Array, plan: MarkPlan, signs: tuple[int, ...], sigma_px: float) -> Ids:
-    """Return the first orders (B, N) that explain enough marks, or the best of all that were tried, with their rivals.
+    """Return the first orders (B, N) that explain enough marks, or the best of all tried, with their rivals.
 
-    Of triangles 128 are tried: where one in twenty carries true marks only, as it does with one false mark to each true
-    one, all fail in one case of 700. rank: beats chance, then the number of marks, then by how far it beats chance.
+    128 triangles are tried: if one in twenty has true marks only, as with as many false marks as true ones, all fail in
+    one case of 700. rank: beats chance, then the number of marks, then by how far it beats chance.
     """
     few = by_quads(q, plan)
     enough = max(FEWEST, _ENOUGH[few] * min(len(q), len(plan)))
@@ -135,7 +137,7 @@ def _found(q: Array, plan: MarkPlan, signs: tuple[int, ...], sigma_px: float) ->
         if not len(orders):
             continue
         first, log = _first(q, plan, orders, sigma_px)
-        if log < _LOG_CHANCE:  # it shows the perspective, if not yet the place: a grid may be met beside it
+        if log < _LOG_CHANCE:  # it has the perspective, perhaps not yet the place: a grid may be matched with a shift
             fewer = min(_FEWER, int((first >= 0).sum()) // 4)
             others = [without_strays(q, plan, other, sigma_px) for other in rivals(q, plan, first, signs, fewer=fewer)]
             orders = np.unique([*orders, *(o for o in others if (o >= 0).sum() >= FEWEST)], axis=0)
@@ -187,7 +189,7 @@ def _chosen(q: Array, plan: MarkPlan, orders: Ids, sigma_px: float, odds: float)
 
 
 def _different(found: Judged, ranked: list[int]) -> tuple[Ids, ...]:
-    """Return the orders after the first that are not one before them with a mark more or less."""
+    """Return the orders after the first that do not equal an earlier one up to a mark more or less."""
     kept: list[Ids] = []
     for b in ranked:
         order = found.orders[b]

@@ -1,4 +1,4 @@
-"""The plan of some marks: where they should be, and what a search among them asks again and again."""
+"""The plan of a set of marks: their nominal places, and the look-ups that a search among them repeats."""
 
 from __future__ import annotations
 
@@ -18,9 +18,9 @@ _CELLS_A_SPACING = 8
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MarkPlan:
-    """M marks: places p (M, 2) in any unit, distance to the nearest other mark, nearest marks (M, k) and who is near.
+    """M marks: places p (M, 2) in any unit, distance to the nearest other mark, nearest marks (M, k) and adjacency.
 
-    joined (M, M): whether one of two marks is among the nearest of the other, as 0 or 1.
+    joined (M, M): 1 where one of two marks is among the nearest of the other, else 0.
     """
 
     p: Array
@@ -55,9 +55,9 @@ class MarkPlan:
 
 
 class NearestMark:
-    """Which mark is nearest to a place, by a table: for very many places, where a hit matters and a near miss does not.
+    """The mark nearest to a place, from a table: for very many places, where hits matter and near misses do not.
 
-    Between two marks the answer may be either of them.
+    Between two marks the result may be either of them.
     """
 
     def __init__(self, plan: MarkPlan) -> None:
@@ -77,7 +77,7 @@ class NearestMark:
         self._number = number[nearest[0], nearest[1]].ravel()
 
     def __call__(self, places: Array) -> tuple[Ids, Array]:
-        """Return the marks (...,) near places (..., 2), and their squared distance by the marks' squared spacing."""
+        """Return the marks (...,) near places (..., 2), and their squared distance over the marks' squared spacing."""
         x = ((places[..., 0] - self._low[0]) / self._cell).clip(0, self._last[0]).astype(np.int64)
         y = ((places[..., 1] - self._low[1]) / self._cell).clip(0, self._last[1]).astype(np.int64)
         mark = self._number[x * (self._last[1] + 1) + y]

@@ -1,4 +1,4 @@
-"""Other places that a plan's marks could take: maps of the plan onto itself, whole or in part (a grid's shifts)."""
+"""Other places that a plan's marks could have: maps of the plan onto itself, whole or in part (a grid's shifts)."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from cadcam.fit.plane_maps import mapped, perspectives
 from cadcam.target.order.plan import MarkPlan, NearestMark, areas, matched_once
 
 _NEAR = 0.3  # of the spacing
-_NEIGHBOURS_KEPT = 1  # of those around the base that may fall beside a mark
+_NEIGHBOURS_KEPT = 1  # of those around the base, share that must fall on a mark
 _SLANT = 5.0
 _LEAST_SINE = 0.3
-_SPREAD = 24  # marks all over that are tried before the rest
+_SPREAD = 24  # marks from all over the plan that are tried before the rest
 
 
 def rivals(q: Array, plan: MarkPlan, index: Ids, signs: tuple[int, ...], *, fewer: int) -> Ids:
-    """Return orders (B, N) that explain at most `fewer` marks less than the best of them, `index` among them.
+    """Return orders (B, N) that explain at most `fewer` marks fewer than the best of them, `index` among them.
 
-    An affine map that carries the plan onto itself, as far as its marks were found, makes another order of one.
+    An affine map of the plan onto itself, as far as its marks were found, makes another order of a given one.
     """
     base, around = _base(plan, index)
     if base is None:
@@ -42,7 +42,7 @@ def rivals(q: Array, plan: MarkPlan, index: Ids, signs: tuple[int, ...], *, fewe
 
 
 def _base(plan: MarkPlan, index: Ids) -> tuple[Ids | None, Ids]:
-    """Return three known marks of the plan amid the known ones, and their known neighbours."""
+    """Return three known marks of the plan in the midst of the known ones, and their known neighbours."""
     known = index[index >= 0]
     middle = plan.p[known].mean(axis=0)
     for first in known[np.argsort(np.sum((plan.p[known] - middle) ** 2, axis=1))]:
@@ -73,7 +73,7 @@ def _self_maps(plan: MarkPlan, base: Ids, signs: tuple[int, ...]) -> tuple[Array
 
 
 def _places(q: Array, plan: MarkPlan, index: Ids) -> Array:
-    """Return each found mark's place on the plan (N, 2): its own, or where the map of the known ones has it."""
+    """Return each found mark's place on the plan (N, 2): its own, or that by the map of the known ones."""
     known = np.flatnonzero(index >= 0)
     H = perspectives(q[None, known], plan.p[None, index[known]], np.ones((1, len(known))))[0]
     places = np.nan_to_num(mapped(H, q), nan=1e30)

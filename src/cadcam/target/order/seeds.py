@@ -1,4 +1,4 @@
-"""First guesses at which mark is which: small groups of marks whose shape fits the plan's, the best first."""
+"""Initial assignments of marks: small groups of marks whose shape fits the plan's, the best first."""
 
 from __future__ import annotations
 
@@ -12,48 +12,48 @@ from cadcam.arrays import Array, Ids
 from cadcam.target.order.plan import NEIGHBOURS, MarkPlan, NearestMark, areas
 
 DEEPEST = 4.0  # ratio of largest to smallest depth over the marks
-_FEW = 12  # marks of a plan up to which every four of it are tried
+_FEW = 12  # marks of a plan up to which all groups of four are tried
 _CROWD = 2  # times as many found marks are too many for that
 _NEAR = 0.25  # of the spacing
-_SLANT = 5.0  # largest ratio of the two scales of an affine map: 70 degrees of tilt, with room
+_SLANT = 5.0  # largest ratio of the two scales of an affine map: 70 degrees of tilt, with a margin
 _AROUND = 9  # marks around a triangle that vote
-_TOGETHER = 8  # triangles
+_TOGETHER = 8  # triangles processed at a time
 _BEST = 8
-_ALIKE = 48  # of a plan whose marks are nearly all hit: it may have that many symmetries
+_ALIKE = 48  # starts from a plan nearly all of whose marks are hit: it may have so many symmetries
 _QUADS = 40
-_SOME = 40  # marks up to which all triangles among neighbours are tried, not only those of a triangulation
+_SOME = 40  # marks up to which all triangles of neighbours are tried, not only those of a triangulation
 _GOLDEN = 0.6180339887498949
-_THIN = 0.05  # area of a sliver by the square of its longest side
-_LEAST_AREA = 0.02  # of the marks' box: a triangle that says something of a perspective
+_THIN = 0.05  # area of a sliver over the square of its longest side
+_LEAST_AREA = 0.02  # of the marks' box: a triangle large enough to determine a perspective
 
 
 def by_quads(q: Array, plan: MarkPlan) -> bool:
-    """Return whether marks and plan are few enough to try every four of it."""
+    """Return whether marks and plan are few enough to try all groups of four."""
     return len(plan) <= _FEW and len(q) <= _CROWD * len(plan)
 
 
 def seeds(q: Array, plan: MarkPlan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
-    """Yield lists of starts (N,), -1 where nothing is known yet, until all groups of marks have been tried.
+    """Yield lists of starts (N,), -1 where still unknown, until all groups of marks have been tried.
 
-    signs: 1 for a plan seen as it is drawn, -1 for its mirror image.
+    signs: 1 for a plan as drawn, -1 for its mirror image.
     """
     return _from_quads(q, plan, signs) if by_quads(q, plan) else _from_triangles(q, plan, signs)
 
 
 def _from_triangles(q: Array, plan: MarkPlan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
-    """Pairs of triangles make affine maps: those that carry the marks around one onto marks of the plan are kept."""
+    """Pairs of triangles make affine maps: those that map the surrounding marks onto marks of the plan are kept."""
     triangles = _neighbouring(q)
     around = _around(q, triangles)
     corners = _all_turns(_neighbouring(plan.p), signs)
     nearest = NearestMark(plan)
-    order = np.argsort((np.arange(len(triangles)) * _GOLDEN) % 1.0)  # well mixed, and the same every time
+    order = np.argsort((np.arange(len(triangles)) * _GOLDEN) % 1.0)  # well mixed, and deterministic
     for first in range(0, len(order), _TOGETHER):
         block = order[first : first + _TOGETHER]
         yield _voted(q, plan, triangles[block], around[block], corners, nearest)
 
 
 def _neighbouring(x: Array) -> Ids:
-    """Return triangles (T, 3) of neighbours, counter-clockwise, slivers left out: a triangulation's, or of few all."""
+    """Return triangles (T, 3) of neighbours, counter-clockwise, without slivers: of a triangulation, or all if few."""
     found = _among_neighbours(x) if len(x) <= _SOME else _triangulated(x)
     area = areas(x[found])
     found[area < 0] = found[area < 0][:, ::-1]
@@ -99,7 +99,7 @@ def _voted(q: Array, plan: MarkPlan, triangles: Ids, around: Ids, corners: Ids, 
     inverse = np.asarray(np.linalg.inv(Q), np.float64)
     P = np.swapaxes(plan.p[corners[:, 1:]] - plan.p[corners[:, :1]], 1, 2)
     t, s = np.nonzero(_upright_enough(P, inverse))
-    there = np.einsum("tij,tkj->tki", inverse, q[around] - q[triangles[:, :1]])  # in terms of the sides
+    there = np.einsum("tij,tkj->tki", inverse, q[around] - q[triangles[:, :1]])  # in units of the sides
     places = plan.p[corners[s, 0], None] + there[t] @ np.swapaxes(P[s], 1, 2)
     mark, distance = nearest(places)
     score = np.maximum(1.0 - distance / _NEAR**2, 0.0).sum(axis=1)
@@ -117,7 +117,7 @@ def _voted(q: Array, plan: MarkPlan, triangles: Ids, around: Ids, corners: Ids, 
 
 
 def _upright_enough(P: Array, inverse: Array) -> Array:
-    """Return whether P inverse (T, S), an affine map, squeezes the plane no more than a tilted view does."""
+    """Return whether P inverse (T, S), an affine map, compresses the plane no more than a tilted view does."""
     squares = np.einsum("sij,sik->sjk", P, P)
     size = np.einsum("tjk,sjk->ts", inverse @ np.swapaxes(inverse, 1, 2), squares)  # sum of squared singular values
     area = np.abs(np.linalg.det(P))[None, :] * np.abs(np.linalg.det(inverse))[:, None]
@@ -125,11 +125,11 @@ def _upright_enough(P: Array, inverse: Array) -> Array:
 
 
 def _from_quads(q: Array, plan: MarkPlan, signs: tuple[int, ...]) -> Iterator[list[Ids]]:
-    """Four marks against every four of the plan in every order: exact under any perspective.
+    """Four marks against all groups of four of the plan in every order: exact under any perspective.
 
     The fourth is sum(l_i p_i) of the other three in the plan, sum(m_i q_i) in the picture; the perspective between them
-    is then p = sum(a_i d_i p_i) / sum(a_i d_i) of what is sum(a_i q_i), d_i = l_i/m_i: how much nearer than the fourth
-    each lies. A camera sees no point behind it, and hardly one many times as far away as another.
+    is then p = sum(a_i d_i p_i) / sum(a_i d_i) for sum(a_i q_i), with d_i = l_i/m_i the depth of the fourth relative to
+    that of each. A camera sees no point behind it, and rarely one many times as far away as another.
     """
     fours = _fours(len(plan))
     area, shares = _shares(plan.p[fours])
@@ -150,17 +150,17 @@ def _fours(count: int) -> Ids:
 
 
 def _shares(quads: Array) -> tuple[Array, Array]:
-    """Return the area (K,) of the first three of quads (K, 4, 2), and the fourth (K, 3) in terms of them."""
+    """Return the area (K,) of the first three of quads (K, 4, 2), and the fourth (K, 3) as their combination."""
     whole, *parts = (areas(quads[:, t]) for t in ((0, 1, 2), (3, 1, 2), (0, 3, 2), (0, 1, 3)))
     with np.errstate(divide="ignore", invalid="ignore"):
         return whole, np.stack(parts, axis=-1) / whole[:, None]
 
 
 def _spread_quads(q: Array) -> Ids:
-    """Return groups of four marks (K, 4), whose thinnest triangles are largest; of many marks, neighbours in turn.
+    """Return groups of four marks (K, 4) whose thinnest triangles are largest; for many marks, neighbours in turn.
 
-    Wide groups tell more of a perspective; narrow ones lie on one plate where two are in view. Each has as few marks as
-    can be of those before it: a false one spoils all groups that it is in.
+    Wide groups determine a perspective better; narrow ones lie on one plate where two are in view. Each shares as few
+    marks as possible with those before it: a false one spoils all its groups.
     """
     wide = np.array(list(combinations(range(min(len(q), _FEW)), 4)), dtype=np.int32)
     if len(q) <= _FEW:
@@ -202,7 +202,7 @@ def _tried(q: Array, plan: MarkPlan, quad: Ids, fours: Ids, nearer: Array) -> li
     if not len(fours):
         return []
     corners = np.concatenate([q[quad[:3]].T, np.ones((1, 3))])
-    of_corners = np.linalg.solve(corners, np.concatenate([q.T, np.ones((1, len(q)))])).T  # (N, 3), sums of 1
+    of_corners = np.linalg.solve(corners, np.concatenate([q.T, np.ones((1, len(q)))])).T  # (N, 3), rows sum to 1
     weights = of_corners * nearer[:, None]
     depth = weights.sum(axis=2, keepdims=True)
     u = weights @ plan.p[fours[:, :3]] / np.where(depth > 0, depth, np.nan)
@@ -218,7 +218,7 @@ def _tried(q: Array, plan: MarkPlan, quad: Ids, fours: Ids, nearer: Array) -> li
 
 
 def _once(start: Ids, quad: Ids) -> Ids:
-    """Return the start with marks of the plan that several found marks claim left to the group's own, or to none."""
+    """Return the start where marks of the plan claimed by several found marks keep only the group's own, or none."""
     marks, count = np.unique(start[start >= 0], return_counts=True)
     kept = start[quad].copy()
     start[np.isin(start, marks[count > 1])] = -1
