@@ -1,1 +1,1 @@
-"""From observations to a camera or a pose with its covariance."""
+"""Estimation of cameras and poses from observations, with their covariance."""

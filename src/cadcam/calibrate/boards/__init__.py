@@ -1,1 +1,1 @@
-"""A camera from pictures of a calibration board: found, checked, calibrated; what they cover, which to take next."""
+"""Calibration from pictures of a board: detection, checks, adjustment, coverage, and the views to take next."""

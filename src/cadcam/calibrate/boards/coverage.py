@@ -1,4 +1,4 @@
-"""Where a calibration looked: points over the picture, tilts, distances; and how sure it is of directions."""
+"""The coverage of a calibration: points over the picture, tilts, distances; and the uncertainty of directions."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.sensitivity import project_in_camera
 
 _CELLS = (8, 6)  # columns and rows that a picture is divided into
-_WIDE_DEG = 25.0  # of tilt, that a good set has in two directions
-_AHEAD = 1000.0  # mm in front of the camera: any will do, directions are what counts
+_WIDE_DEG = 25.0  # range of tilt that a good set has about two axes
+_AHEAD = 1000.0  # mm in front of the camera: arbitrary, since only directions count
 _HUES = (
     (0.90, 0.10, 0.10), (0.10, 0.45, 0.85), (0.15, 0.65, 0.20), (0.85, 0.55, 0.05), (0.55, 0.20, 0.75),
     (0.05, 0.65, 0.65), (0.80, 0.20, 0.55), (0.45, 0.35, 0.15),
@@ -27,7 +27,7 @@ _HUES = (
 class BoardCoverage:
     """Counts of points in the picture's cells (6, 8), upper left first; each view's tilts and distance.
 
-    tilt_deg (k, 2): by how much the right side of the board, as seen, turns away from the camera, and its lower side.
+    tilt_deg (k, 2): how far the right side of the board, as seen, is turned away from the camera, and its lower side.
     distance_mm (k,). sigma_px (6, 8): standard deviation of a pixel coordinate for a known direction at the middle of
     each cell, see `direction_sigma`.
     """
@@ -47,7 +47,7 @@ class BoardCoverage:
         return float((self.counts > 0).mean())
 
     def blank(self) -> list[str]:
-        """Return the parts of the picture, of nine, in which no point was seen, in words."""
+        """Return the parts of the picture, of nine, in which no point was seen, as text."""
         rows, columns = self.counts.shape
         third = [np.array_split(np.arange(n), 3) for n in (rows, columns)]
         return [
@@ -58,7 +58,7 @@ class BoardCoverage:
         ]
 
     def doubts(self) -> list[str]:
-        """Return what is missing from the views, a sentence each."""
+        """Return what is missing from the views, one sentence each."""
         out = [f"no point was seen {'; '.join(self.blank())}"] if self.blank() else []
         spread = np.ptp(self.tilt_deg, axis=0)
         for axis, name in enumerate(("sideways (about the board's vertical axis)", "up and down")):
@@ -68,7 +68,7 @@ class BoardCoverage:
 
 
 def coverage(calibration: BoardCalibration) -> BoardCoverage:
-    """Return where the points of a calibration's views were seen."""
+    """Return where in the picture a calibration's views have points, and their tilts and distances."""
     estimate = calibration.estimate
     width, height = estimate.camera.size
     q = np.concatenate([view.q for view in estimate.views])
@@ -84,13 +84,13 @@ def coverage(calibration: BoardCalibration) -> BoardCoverage:
 
 
 def tilts_deg(rotation: Array) -> Array:
-    """Return by how much boards (k, 3, 3) turn their right side and their lower side away from the camera, (k, 2)."""
+    """Return how far boards (k, 3, 3) turn their right side and their lower side away from the camera, (k, 2)."""
     normal = rotation[:, :, 2] * np.sign(rotation[:, 2:, 2])  # away from the camera
     return np.degrees(np.arctan2(-normal[:, :2], normal[:, 2:]))
 
 
 def part_of_picture(x: int, y: int) -> str:
-    """Return words for a ninth of the picture; x, y from 0 (left, upper) to 2."""
+    """Return the name of a ninth of the picture; x, y from 0 (left, upper) to 2."""
     if (x, y) == (1, 1):
         return "in the middle of the picture"
     if x == 1:
@@ -110,8 +110,8 @@ def cell_centres(camera: Camera) -> Array:
 def direction_sigma(estimate: JointEstimate) -> Array:
     """Return the standard deviation (48,) px of a coordinate for directions through the cells' middles, worst axis.
 
-    A turn of the camera as a whole is no error of its internals, and is taken out: what is left is how well the camera
-    measures angles between pixels (as in mrcal's projection uncertainty). Classical covariance.
+    A rotation of the camera as a whole is not an error of its internals, and is projected out: what is left is how well
+    the camera measures angles between pixels (as in mrcal's projection uncertainty). Classical covariance.
     """
     index = [i for i, name in enumerate(estimate.free) if not name.startswith("bend")]
     return sigma_of(estimate.camera, [estimate.free[i] for i in index], estimate.covariance[np.ix_(index, index)])
@@ -124,13 +124,13 @@ def sigma_of(camera: Camera, free: list[str], covariance: Array) -> Array:
 
 
 def worst_sigmas(J: Array, covariance: Array) -> Array:
-    """Return the sigmas (...,) along the worse direction of pixels that follow parameters by J (..., 2, n)."""
+    """Return the sigmas (...,) along the worst direction of pixels with derivatives J (..., 2, n) by the parameters."""
     C = J @ covariance @ np.swapaxes(J, -1, -2)
     return np.asarray(np.sqrt(np.linalg.eigvalsh(C)[..., -1].clip(0)))
 
 
 def internal_sensitivity(camera: Camera, free: list[str]) -> Array:
-    """Return dq/d(free) (48, 2, n) of directions through the cells' middles, the best turn of the camera taken out."""
+    """Return dq/d(free) (48, 2, n) of directions through the cells' middles, without what a rotation would explain."""
     names = (*INTERNALS, *camera.lens.parameters)
     ray = camera.unproject(cell_centres(camera)) * _AHEAD
     _, dq_dp, dq_di = project_in_camera(internals_of(camera.K), camera.lens, ray, [names.index(name) for name in free])
@@ -143,7 +143,7 @@ def internal_sensitivity(camera: Camera, free: list[str]) -> Array:
 
 
 def coverage_picture(calibration: BoardCalibration) -> Picture:
-    """Return a picture (H, W, 3) of the camera's size: every point seen, a colour a view, each board's outline."""
+    """Return a picture (H, W, 3) of the camera's size: every point seen, one colour per view, each board's outline."""
     from cadcam.image.draw import draw_points, draw_polylines
 
     estimate = calibration.estimate
@@ -162,7 +162,7 @@ def coverage_picture(calibration: BoardCalibration) -> Picture:
 
 
 def _border(calibration: BoardCalibration) -> Array:
-    """Return the board's outer points, once around, in small steps (N, 3)."""
+    """Return the outline of the board's points in small steps (N, 3)."""
     high = calibration.pattern.points.max(axis=0)[:2]
     corner = np.array([[0, 0], [high[0], 0], high, [0, high[1]], [0, 0]])
     t = np.linspace(0, 1, 16)[:, None]

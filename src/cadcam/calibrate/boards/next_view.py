@@ -1,8 +1,8 @@
-"""Which picture of the board to take next: poses tried on the information that each would add.
+"""The view of the board to take next: candidate poses ranked by the information that each would add.
 
-A view of N points adds to the internals' information J_i^T (1 - J_p (J_p^T J_p)^-1 J_p^T) J_i / sigma^2, its own pose
-eliminated (the Schur complement of one view's block). The pose that most lowers the worst standard deviation over the
-picture (`coverage.direction_sigma`) wins.
+A view of N points adds the information J_i^T (1 - J_p (J_p^T J_p)^-1 J_p^T) J_i / sigma^2 on the internals, its own
+pose eliminated (the Schur complement of one view's block). The pose that most reduces the worst standard deviation over
+the picture (`coverage.direction_sigma`) is chosen.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ from cadcam.camera.sensitivity import project_local
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_SIZES = (0.45, 0.7, 0.95)  # the board's width by the picture's, seen straight on
+_SIZES = (0.45, 0.7, 0.95)  # the board's width over the picture's, seen straight on
 _TILTS_DEG = ((0, 0), (30, 0), (-30, 0), (0, 30), (0, -30), (45, 0), (-45, 0), (0, 45), (0, -45), (30, 30), (-30, -30))
 _PLACES = tuple(product((-1, 0, 1), (-1, 0, 1)))
-_INSIDE = 0.02  # of the picture's size: how far all points stay from its border
+_INSIDE = 0.02  # of the picture's size: least distance of all points from its border
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NextView:
-    """A view to take: where the board should stand, and the worst sigma over the picture before and after it, px.
+    """A view to take: the proposed pose of the board, and the worst sigma over the picture before and after it, px.
 
-    size: the board's width by the picture's if it were seen straight on; place: its middle in the picture, by ninths
-    (0 left or upper, 2 right or lower); right_deg and lower_deg: by how much its right and lower side turn away.
+    size: the board's width over the picture's if it were seen straight on; place: its middle in the picture, by ninths
+    (0 left or upper, 2 right or lower); right_deg and lower_deg: how far its right and lower side turn away.
     """
 
     camera_from_board: Rigid
@@ -44,7 +44,7 @@ class NextView:
     after_px: float
 
     def words(self) -> str:
-        """Return what to do, for somebody who holds the board."""
+        """Return the instruction for the person who holds the board."""
         how = f"hold the board {part_of_picture(*self.place)}, so near that it is about {self.size:.0%} as wide as the "
         return how + f"picture, {self._tilt()}"
 
@@ -92,7 +92,7 @@ def _worst(J: Array, information: Array) -> float:
 
 
 def _gain(camera: Camera, pose: Rigid, points: Array, free: list[str]) -> Array:
-    """Return the information (n, n) that a view adds, its pose eliminated, for pixels of unit noise."""
+    """Return the information (n, n) that a view adds, with its pose eliminated, for pixels of unit noise."""
     _, J = project_local(pose.origin, pose.rotation, internals_of(camera.K), camera.lens, points)
     names = (*INTERNALS, *camera.lens.parameters)
     Ji = J[..., [6 + names.index(name) for name in free]].reshape(-1, len(free))
@@ -102,7 +102,7 @@ def _gain(camera: Camera, pose: Rigid, points: Array, free: list[str]) -> Array:
 
 
 def _candidates(camera: Camera, points: Array) -> list[NextView]:
-    """Return the poses in which the camera sees the whole board."""
+    """Return the candidate poses in which the camera sees the whole board."""
     out = []
     for size, place, tilt in product(_SIZES, _PLACES, _TILTS_DEG):
         pose = _pose(camera, points, size, place, tilt)
@@ -118,7 +118,7 @@ def _pose(camera: Camera, points: Array, size: float, place: tuple[int, int], ti
     distance = camera.fx * extent[0] / (size * camera.width)
     right, lower = np.radians(tilt)
     R = so3.exp(np.array([0.0, -right, 0.0])) @ so3.exp(np.array([lower, 0.0, 0.0]))
-    for share in (0.36, 0.3, 0.24, 0.18, 0.12, 0.06):  # as far towards the border as the board fits in
+    for share in (0.36, 0.3, 0.24, 0.18, 0.12, 0.06):  # as far towards the border as the whole board stays visible
         q = (np.array(camera.size) - 1) / 2 + share * np.array(place) * np.array(camera.size)
         ray = camera.unproject(q)
         if not np.isfinite(ray).all():

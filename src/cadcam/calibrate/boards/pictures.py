@@ -1,6 +1,7 @@
-"""A camera from pictures of a calibration board: found in each, checked against each other, calibrated jointly.
+"""Calibration from pictures of a board: detected in each, checked against each other, adjusted jointly.
 
-What is left out is said, and by which rule: pictures without the board, single points and whole views that do not fit.
+Everything that is left out is reported with its reason: pictures without the board, single points and whole views that
+do not fit.
 """
 
 from __future__ import annotations
@@ -29,22 +30,22 @@ from cadcam.target.boards.pattern import CircleGrid
 
 USUAL_TERMS = ("k1", "k2", "p1", "p2")
 _LEAST_VIEWS = 3
-_STRAY_POINT = 6.0  # times the robust sigma of all residuals
-_STRAY_PX = 0.3  # and at least that far off
-_MAY_LEAVE = 0.25  # of the views: more outliers than that are no outliers
-_SETTLED_PX = 1e-4  # change of the discs' shifts
+_STRAY_POINT = 6.0  # robust sigmas of all residuals
+_STRAY_PX = 0.3  # least residual of an outlier
+_MAY_LEAVE = 0.25  # of the views: more cannot all be outliers
+_SETTLED_PX = 1e-4  # change of the discs' shifts at convergence
 _NAMED = 3  # names in a list before "and so many more"
 
 
 class BoardsDisagree(CadcamError):
-    """The pictures cannot belong to one calibration: another board than asked for, or several picture sizes."""
+    """The pictures do not belong to one calibration: another board than the given one, or several picture sizes."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardPicture:
     """A picture and the board in it: `detection`, or None and why not in `problem`.
 
-    seen: the (columns, rows) of the grid that it shows in place of the board, if any.
+    seen: the (columns, rows) of the grid that it shows instead of the board, if any.
     """
 
     name: str
@@ -57,12 +58,12 @@ class BoardPicture:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardCalibration:
-    """A camera from pictures of a board, and what became of each picture.
+    """A camera from pictures of a board, and the outcome for each picture.
 
-    pictures: all of them. fit: the joint calibration in its raw form, for further studies. used: the index of each of
-    the estimate's views among the pictures. left_out: why a picture was not used, by its index. dropped: how many
-    single points of each of the estimate's views were left out. radius_mm: the discs' radius where the board has any:
-    as stated, or as the pictures show it.
+    pictures: all of them. fit: the joint calibration in its raw form, for further analysis. used: the index of each of
+    the estimate's views among the pictures. left_out: why a picture was not used, by its index. dropped: the number of
+    single points left out in each of the estimate's views. radius_mm: the discs' radius where the board has any: as
+    stated, or as estimated from the pictures.
     """
 
     pattern: Pattern
@@ -75,7 +76,7 @@ class BoardCalibration:
     radius_mm: float | None = None
 
     def detection(self, j: int) -> Detection:
-        """Return what was found in the estimate's view `j`."""
+        """Return the detection of the estimate's view `j`."""
         found = self.pictures[self.used[j]].detection
         assert found is not None  # `used` holds pictures with a board only
         return found
@@ -122,9 +123,9 @@ def calibrate_boards(
     points more than six robust sigmas (and 0.3 px) off, and views that `JointEstimate.outlier_views` names (twice the
     median residual, a chance below one in a thousand), the worst first, up to a quarter of all.
 
-    The centre of a disc is not imaged at the centre of its picture. The shift is computed with the camera found and
-    removed, and the camera is found anew, until it settles. Raises `BoardsDisagree` for pictures of several sizes or of
-    another board, `TooFewPoints` for fewer than three views, and what `calibrate_jointly` raises.
+    The centre of a disc is not imaged at the centre of its image. The shift is computed with the estimated camera and
+    removed, and the camera is estimated again, until convergence. Raises `BoardsDisagree` for pictures of several sizes
+    or of another board, `TooFewPoints` for fewer than three views, and what `calibrate_jointly` raises.
     """
     refuse_disagreeing(pictures)
     pictures = _without_copies(pictures)
@@ -140,10 +141,10 @@ def calibrate_boards(
 
 
 def board_views(pictures: Sequence[BoardPicture], camera: Camera) -> list[Observations | None]:
-    """Return what a camera that is known already saw of the board in each picture, for poses; None where it did not.
+    """Return the observations of the board in each picture by a known camera, for pose estimates; None without it.
 
-    The shift of discs' pictures is taken off, by the pose that each picture shows. Raises `BoardsDisagree` for pictures
-    of another board or of another size than the camera's, `TooFewPoints` if the board is in none.
+    The shift of the discs' images is removed with the pose estimated from each picture. Raises `BoardsDisagree` for
+    pictures of another board or of another size than the camera's, `TooFewPoints` if the board is in none.
     """
     refuse_disagreeing(pictures)
     for p in pictures[:1]:
@@ -164,7 +165,7 @@ def board_views(pictures: Sequence[BoardPicture], camera: Camera) -> list[Observ
 
 
 def _unshifted(views: Sequence[Observations], camera: Camera, radius: float) -> list[Observations]:
-    """Return the views with the shift of the discs' pictures taken off; poses hardly follow it, so it settles soon."""
+    """Return the views without the shift of the discs' images; poses hardly depend on it, so it converges fast."""
     out = list(views)
     for _ in range(3):
         both = poses_of_views(camera, PaddedViews.of([(v.p_world, v.q) for v in out]))
@@ -175,7 +176,7 @@ def _unshifted(views: Sequence[Observations], camera: Camera, radius: float) -> 
 
 
 def _without_copies(pictures: Sequence[BoardPicture]) -> list[BoardPicture]:
-    """Return the pictures, those that are another one's copy without what was found in them."""
+    """Return the pictures; those that are copies of another one without their detection."""
     first: dict[str, str] = {}
     out = []
     for p in pictures:
@@ -186,7 +187,7 @@ def _without_copies(pictures: Sequence[BoardPicture]) -> list[BoardPicture]:
 
 
 def refuse_disagreeing(pictures: Sequence[BoardPicture]) -> None:
-    """Raise `BoardsDisagree` for pictures of several sizes, or where most show another board than was asked for."""
+    """Raise `BoardsDisagree` for pictures of several sizes, or if most show another board than the given one."""
     sizes = Counter(p.size for p in pictures)
     if len(sizes) > 1:
         usual = sizes.most_common(1)[0][0]
@@ -262,7 +263,7 @@ def _why_outlier(estimate: JointEstimate, view: int) -> str:
 def _settled(
     views: Sequence[Observations], size: tuple[int, int], solver: _Solver, radius: float | None
 ) -> tuple[JointFit, JointEstimate]:
-    """Return the estimate; of discs, the eccentricity of their pictures is corrected with its own camera and poses."""
+    """Return the estimate; for discs, the eccentricity of their images is corrected with its own camera and poses."""
     fit, estimate = solver(views, size)
     if radius is None:
         return fit, estimate
@@ -289,7 +290,7 @@ def _radius(detections: Sequence[Detection]) -> float | None:
 def _kept_points(estimate: JointEstimate) -> list[npt.NDArray[np.bool_]]:
     """Return which points of each view lie within six robust sigmas of a coordinate, or 0.3 px."""
     residuals = estimate.residuals
-    typical = [np.median(np.abs(r)) for r in residuals]  # by view: a bad view must neither hide its outliers nor be all
+    typical = [np.median(np.abs(r)) for r in residuals]  # by view: bad views must neither hide outliers nor lose all
     limit = [max(_STRAY_PX, _STRAY_POINT * 1.4826 * float(t)) for t in typical]
     return [np.abs(r).max(axis=1) <= most for r, most in zip(residuals, limit, strict=True)]
 
@@ -305,7 +306,7 @@ def _subset(view: Observations, which: npt.NDArray[np.bool_]) -> Observations:
 
 
 def _detection(picture: BoardPicture) -> Detection:
-    assert picture.detection is not None  # asked for pictures that show the board only
+    assert picture.detection is not None  # callers pass pictures that show the board
     return picture.detection
 
 

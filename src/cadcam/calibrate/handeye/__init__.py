@@ -1,1 +1,1 @@
-"""Where a camera sits on a robot or in its cell."""
+"""Hand-eye calibration: the pose of a camera on a robot's flange or in its cell."""

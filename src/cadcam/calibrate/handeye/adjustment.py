@@ -1,9 +1,9 @@
-"""Where a camera sits on a robot's flange, or in its cell: from robot poses and what the camera saw, without a guess.
+"""Hand-eye calibration: the pose of a camera on a robot's flange, or in its cell, without a guess.
 
 Eye-in-hand: the flange carries the camera and the target stands still. Eye-to-hand: the flange carries the target and
 the camera stands still. Both are one problem (`cadcam.fit.hand_eye`): a thing held by the flange, a thing fixed in the
-base, and n poses. In turn: the target's pose in every picture (both poses of a flat one); checks that refuse what
-cannot be right or cannot be told; closed form over all pairs of poses; adjustment of poses with the robot's noise
+base, and n poses. The steps: the target's pose in every picture (both poses of a flat one); checks that reject
+inconsistent or degenerate input; closed form over all pairs of poses; adjustment of poses with the robot's noise
 estimated; adjustment of pixels, every robot pose free within that noise.
 """
 
@@ -35,12 +35,12 @@ from cadcam.geometry.rigid import Rigid
 
 LEAST_POSES = 3
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
-_ROUNDS = 2  # of internals and robot noise in turn, where the internals are not fixed
+_ROUNDS = 2  # of alternating between internals and robot noise, where the internals are not fixed
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _CameraData:
-    """What the camera contributes: views, camera, noise of a pixel, poses by picture alone, which are second ones."""
+    """The camera's data: views, camera, noise of a pixel, poses by picture alone, and which of them are second ones."""
 
     observations: tuple[Observations, ...]
     views: PaddedViews
@@ -58,15 +58,15 @@ def calibrate_hand_eye(
     mounting: Mounting,
     names: Sequence[str] = (),
 ) -> HandEyeEstimate:
-    """Return where the camera sits, from n robot poses (mm) and the n pictures of one target taken there.
+    """Return the pose of the camera on or beside the robot, from n robot poses (mm) and n pictures of one target.
 
     observations: of each picture, p_world being the target's own coordinates (mm); different pictures may show
-    different points. camera: its internals are held; of a `CameraEstimate` they are adjusted within its covariance. The
-    noise of a pixel is that stated by all observations, else taken from what the pictures leave when each has a pose of
-    its own. names: of the poses, for messages; default "1", "2", ...
+    different points. camera: its internals are held fixed; those of a `CameraEstimate` are adjusted within its
+    covariance. The noise of a pixel is that stated by all observations, else estimated from the residuals of the
+    pictures when each has a pose of its own. names: of the poses, for messages; default "1", "2", ...
 
     Raises `TooFewPoints` below three poses, `InconsistentPoses` where robot and pictures contradict each other (order,
-    direction, unit, single poses: named), `DegenerateMotions` where the motions leave a direction open (named).
+    direction, unit, single poses: named), `DegenerateMotions` where the motions leave a direction undetermined (named).
     """
     labels = _checked(base_from_flange, len(observations), mounting, names)
     seen, both, dof = _seen(
@@ -89,10 +89,10 @@ def calibrate_hand_eye_from_poses(
     covariance: Array | None = None,
     names: Sequence[str] = (),
 ) -> HandEyeEstimate:
-    """Return where the camera sits, from n robot poses and n poses of the target before the camera (mm).
+    """Return the pose of the camera, from n robot poses and n poses of the target in the camera frame (mm).
 
     covariance (n, 6, 6) or (6, 6): of camera_from_target @ exp(xi), mm and rad, if it is known; else all noise is
-    charged to the robot. Pixels say more (`calibrate_hand_eye`). Raises as that does.
+    attributed to the robot. Pixels carry more information (`calibrate_hand_eye`). Raises as that does.
     """
     labels = _checked(base_from_flange, _count(camera_from_target, "camera_from_target"), mounting, names)
     held = mounting == "eye-in-hand"
@@ -118,7 +118,7 @@ def calibrate_hand_eye_from_poses(
 
 
 def target_poses(observations: Sequence[Observations], camera: Camera, *, names: Sequence[str] = ()) -> Rigid:
-    """Return camera_from_target (n) of one target in n pictures, each by itself and without a guess."""
+    """Return camera_from_target (n) of one target in n pictures, each estimated separately and without a guess."""
     labels = tuple(names) or tuple(str(i + 1) for i in range(len(observations)))
     return _seen(tuple(observations), camera, labels)[0].camera_from_target
 
@@ -186,7 +186,7 @@ def _directed(both: TwoPoses, held: bool) -> Rigid:
 
 
 def _poses(base_from_flange: Rigid, seen: _CameraData, held: bool) -> HandEyePoses:
-    """Return the poses with the covariance that the pixels give them."""
+    """Return the poses with the covariance that follows from the pixels."""
     C = seen.camera_from_target
     _, J = pose_jacobian(seen.camera, C.rotation, C.translation, seen.views.p)
     J = (np.nan_to_num(J) * seen.views.seen[..., None, None]).reshape(len(seen.views), -1, 6)
@@ -220,7 +220,7 @@ def _camera_of(internals: Array, like: Camera) -> Camera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Adjusted:
-    """The adjustment on pixels: its problem and solution, and the poses as they are seen with the adjusted camera."""
+    """The adjustment on pixels: its problem and solution, and the poses by picture with the adjusted camera."""
 
     problem: HandEyePixels
     solution: BlockSolution[HandEyeState]
@@ -254,7 +254,7 @@ def _adjusted(poses: HandEyePoses, fit: PosesFit, seen: _CameraData, prior: Inte
 
 
 def _seen_again(seen: _CameraData, camera: Camera) -> _CameraData:
-    """Return the same views through an adjusted camera."""
+    """Return the same views evaluated with an adjusted camera."""
     both = poses_of_views(camera, seen.views)
     R0 = seen.camera_from_target.rotation
     apart = np.linalg.norm(both.rotation - R0[:, None], axis=(2, 3))
@@ -265,13 +265,13 @@ def _seen_again(seen: _CameraData, camera: Camera) -> _CameraData:
 
 
 def _with_internals(problem: HandEyePixels, state: HandEyeState, poses: HandEyePoses, fit: PosesFit) -> PosesFit:
-    """Return the fit at a state with the robot's noise estimated anew, the internals known as well as they are.
+    """Return the fit at a state with the robot's noise estimated again, given the uncertainty of the internals.
 
-    Else an error of the focal length, which moves all pictures alike, would be taken for noise of the robot.
+    Otherwise an error of the focal length, which moves all pictures alike, would be attributed to the robot's noise.
     """
     here = evaluated(poses, state.flange_from_held, state.base_from_fixed, fit)
     inner, information = problem.internals_by_poses(state)
-    through = here.jacobian[:, :, 6:]  # what a twist of held_from_fixed does to the offset, but for the sign
+    through = here.jacobian[:, :, 6:]  # derivative of the offset by a twist of held_from_fixed, up to sign
     if not problem.camera_held:
         inner = poses.held_from_fixed.inv.adjoint() @ inner
     D = np.concatenate([here.jacobian, through @ inner], axis=-1)

@@ -1,8 +1,8 @@
-"""Before a hand-eye calibration: whether robot and camera poses belong together, and whether they can tell.
+"""Checks before a hand-eye calibration: whether robot and camera poses belong together and determine the result.
 
-Each check states its evidence in numbers and what to do. Order: rotation angles between poses (they agree whatever the
-direction, the unit and the place of the camera are), which directions the motions leave free, direction, unit, single
-poses. All work on `HandEyePoses`, in the names of `cadcam.fit.hand_eye`.
+Each check states its evidence in numbers and what to do. Order: rotation angles between poses (which do not depend on
+the direction, the unit or the camera's place), the directions that the motions leave undetermined, direction, unit,
+single poses. All work on `HandEyePoses`, in the names of `cadcam.fit.hand_eye`.
 """
 
 from __future__ import annotations
@@ -22,19 +22,19 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 _STRANGERS = np.radians(3.0)  # median difference of rotation angles above which two lists do not belong together
-_ANSWERS = 0.005  # weakest response of motions that determine everything: 0.3 deg between the axes
-_ANSWERS_NOISE = 5.0  # and in terms of the noise of a pair
-_ANSWERS_MOST = 0.1  # motions this strong are no cause for refusal, however large the noise
-_BETTER = 4.0  # times that another reading of the poses must fit better to be named
+_ANSWERS = 0.005  # weakest response to motions that determine everything: 0.3 deg between the axes
+_ANSWERS_NOISE = 5.0  # the same in units of the noise of a pair
+_ANSWERS_MOST = 0.1  # responses of this size are no reason to reject, however large the noise
+_BETTER = 4.0  # ratio by which another reading of the poses must fit better to be named
 _UNITS = {1000.0: "m against mm", 100.0: "m against cm", 10.0: "cm against mm", 25.4: "inches against mm"}
 _UNIT_TOLERANCE = 0.15
 _SIGMA_OF_MEDIAN = 1.4826 / np.sqrt(2)  # of one pose, from the median difference of a pair
-_GROSS = 12.0  # robust sigmas beyond which a pose is a mistake and no noise
+_GROSS = 12.0  # robust sigmas beyond which a pose is a blunder, not noise
 
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """What stands where, for messages: who is held by the flange, who stands still, and the other mounting's name."""
+    """The arrangement, for messages: what the flange holds, what is fixed, and the other mounting's name."""
 
     held: str
     fixed: str
@@ -56,9 +56,9 @@ class PoseNoise:
 
 
 def refuse_inconsistent(poses: HandEyePoses, mounting: str, names: Sequence[str]) -> Rigid:
-    """Return flange_from_held in closed form; raise if robot and camera contradict each other or cannot tell.
+    """Return flange_from_held in closed form; raise if robot and camera contradict each other or are degenerate.
 
-    `InconsistentPoses`: order, direction, unit, single poses. `DegenerateMotions`: what the motions leave open.
+    `InconsistentPoses`: order, direction, unit, single poses. `DegenerateMotions`: undetermined directions.
     """
     refuse_strangers(poses, names)
     turning = PoseNoise(_SIGMA_OF_MEDIAN * float(np.median(_angle_differences(poses))))
@@ -71,7 +71,7 @@ def refuse_inconsistent(poses: HandEyePoses, mounting: str, names: Sequence[str]
 
 
 def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
-    """Raise `InconsistentPoses` if most rotation angles between poses differ; a list moved by some lines is named."""
+    """Raise `InconsistentPoses` if most rotation angles between poses differ; a list shifted by some lines is named."""
     differ = _angle_differences(poses)
     median = float(np.median(differ))
     if median <= _STRANGERS:
@@ -100,7 +100,7 @@ def refuse_strangers(poses: HandEyePoses, names: Sequence[str]) -> None:
 
 
 def _orders(n: int) -> dict[str, Longs]:
-    """Return the orders that lists are apt to be in by mistake, as rows of the robot's poses (beyond them: none)."""
+    """Return the orders that lists are likely to have by mistake, as rows of the robot's poses (beyond them: none)."""
     rows = np.arange(n)
     orders = {"in reversed order": rows[::-1]}
     for k in range(1, min(n - 3, 10)):
@@ -135,9 +135,9 @@ def refuse_degenerate(poses: HandEyePoses, mounting: str, noise: PoseNoise) -> N
 
 
 def refuse_wrong_direction(poses: HandEyePoses, mounting: str) -> float:
-    """Raise `InconsistentPoses` if inverted robot poses, or another unit, explain what was seen and these do not.
+    """Raise `InconsistentPoses` if inverted robot poses or another unit explain the observations and these do not.
 
-    Else return the noise of one position, mm.
+    Otherwise return the noise of one position, mm.
     """
     given, inverted = reading(poses), reading(_inverted(poses))
     words = WORDS[mounting]
@@ -196,7 +196,7 @@ def refuse_gross_errors(
 
 
 def consistent_choice(base_from_flange: Rigid, candidates: Rigid, costs: Array, dof: Array) -> Array:
-    """Return which (n,) of two camera poses (n, 2) fits the robot: 0, or 1 where a flat target's second does better.
+    """Return which (n,) of two camera poses (n, 2) fits the robot: 0, or 1 where a flat target's second fits better.
 
     candidates: poses (n, 2) of either direction. costs (n, 2): sums of squares of pixels; a second pose that fits its
     picture worse than chi-square with `dof` (n,) allows is not considered.
@@ -217,12 +217,12 @@ def consistent_choice(base_from_flange: Rigid, candidates: Rigid, costs: Array, 
         if (better == which).all():
             break
         worst = int(np.argmax(np.where(better != which, np.abs(score[:, 0] - score[:, 1]), -1.0)))
-        which[worst] = better[worst]  # one at a time: each settles the medians of the others
+        which[worst] = better[worst]  # one at a time: each change updates the medians of the others
     return which
 
 
 def _ratio_allowed(dof: Array) -> Array:
-    """How many times the best sum of squares a second minimum may have: generous, the robot decides."""
+    """How many times the best sum of squares a second minimum may have: generous, since the robot decides."""
     return np.asarray(1 + 60 / np.maximum(dof, 1))
 
 
@@ -239,9 +239,9 @@ def _angle_differences(poses: HandEyePoses) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReadingFit:
-    """How well one reading of the poses fits: medians over motions of the rotation (rad) and translation (mm) left.
+    """How well one reading of the poses fits: medians over motions of the residual rotation (rad) and translation (mm).
 
-    translation: with the scale of the camera's lengths that fits best; unscaled: with them as they are.
+    translation: with the best-fitting scale of the camera's lengths; unscaled: without.
     """
 
     rotation: float
@@ -251,7 +251,7 @@ class ReadingFit:
 
     @property
     def misfit(self) -> float:
-        """Return one number to compare readings by."""
+        """Return one number by which readings are compared."""
         return (self.rotation + 1e-5) * (self.translation + 1e-3)
 
     @property
@@ -274,7 +274,7 @@ def reading(poses: HandEyePoses) -> ReadingFit:
 
 
 def _solved(M: Array, right: Array) -> tuple[Array, float]:
-    """Return the least-squares solution and the median length of what each motion (m, 3) leaves."""
+    """Return the least-squares solution and the median length of the residuals of the motions (m, 3)."""
     x, *_ = np.linalg.lstsq(M, right.ravel(), rcond=1e-12)
     return np.asarray(x), float(np.median(np.linalg.norm((M @ x - right.ravel()).reshape(-1, 3), axis=1)))
 
@@ -284,7 +284,7 @@ def _inverted(poses: HandEyePoses) -> HandEyePoses:
 
 
 def _unit(scale: float) -> str:
-    """Name the pair of units whose ratio a scale comes near to; "" if it is 1 or none."""
+    """Name the pair of units whose ratio is near a scale; "" if it is 1 or none."""
     for ratio, name in _UNITS.items():
         for value in (ratio, 1 / ratio):
             if abs(scale / value - 1) < _UNIT_TOLERANCE:
@@ -298,7 +298,7 @@ def _unit_too(scale: float) -> str:
 
 
 def _turned_on_the_spot(poses: HandEyePoses, fit: PosesFit, words: Words, i: int) -> bool:
-    """Return whether the target of one pose stands where it should but is turned against it."""
+    """Return whether the target of one pose has the right position but is rotated."""
     should = fit.flange_from_held.inv @ poses.base_from_flange[[i]].inv @ fit.base_from_fixed
     seen = poses.held_from_fixed[[i]]
     if words.held == "target":
@@ -331,7 +331,7 @@ def _free(slides: Array, turns: Array, held: str) -> str:
 
 
 def _free_in_base(poses: HandEyePoses, slides: Array, mounting: str) -> str:
-    """Say where an eye-to-hand camera slides in the base: along with what the flange holds."""
+    """Describe how an eye-to-hand camera may slide in the base: together with what the flange holds."""
     if mounting != "eye-to-hand" or len(slides) != 1:
         return ""
     in_base = poses.base_from_flange.rotation[0] @ slides[0]
@@ -339,7 +339,7 @@ def _free_in_base(poses: HandEyePoses, slides: Array, mounting: str) -> str:
 
 
 def _axes(A: Rigid) -> str:
-    """Say how the axes of the larger rotations lie."""
+    """Describe the axes of the larger rotations."""
     w = so3.log(A.rotation)
     angle = np.linalg.norm(w, axis=1)
     large = angle > max(0.2 * angle.max(), np.radians(0.5))
@@ -352,7 +352,7 @@ def _axes(A: Rigid) -> str:
 
 
 def _direction(v: Array) -> str:
-    """Return a direction in words, turned so that its largest component is positive."""
+    """Return a direction as text, with the sign that makes its largest component positive."""
     return _vector(v * np.sign(v[np.argmax(np.abs(v))]), 3)
 
 

@@ -1,4 +1,4 @@
-"""Which reading of a robot's numbers the camera's motion allows: a test in place of a guess."""
+"""The conventions of a robot's numbers that agree with the camera's motion: tested, not guessed."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.fit.hand_eye_poses import HandEyePoses
 from cadcam.geometry.rigid import Rigid
 
-_WORSE = 4.0  # times the best reading's rotation left over, beyond which a reading is out
+_WORSE = 4.0  # times the best reading's residual rotation, beyond which a reading is rejected
 _LEAST = np.radians(0.5)
 
 
 @dataclass(frozen=True, slots=True)
 class ConventionFit:
-    """How one reading of a robot's numbers fits: medians over motions of the rotation (rad) and position (mm) left.
+    """How one reading of a robot's numbers fits: medians over motions of the residual rotation (rad) and position (mm).
 
-    inverted: read as flange_from_base. scale: the robot's lengths by the camera's, 1 where the units agree. fits: the
+    inverted: read as flange_from_base. scale: the robot's lengths over the camera's, 1 where the units agree. fits: the
     rotations agree as well as those of the best reading, and the positions to 5 % of the robot's way between poses.
     """
 
@@ -36,10 +36,10 @@ class ConventionFit:
 def conventions_that_fit(
     readings: Mapping[str, Rigid], camera_from_target: Rigid, *, mounting: Mounting
 ) -> tuple[ConventionFit, ...]:
-    """Return how each reading base_from_flange (n), and its inverse, agrees with what the camera saw, the best first.
+    """Return how each reading base_from_flange (n), and its inverse, agrees with the camera's motion, the best first.
 
-    Rotation and position are tested through A X = X B with the unit left free. Several may fit: yaskawa and fanuc are
-    one rule with two names, and so are inverted poses and the other mounting.
+    Rotation and position are tested through A X = X B with the unit free. Several may fit: yaskawa and fanuc are one
+    convention with two names, and so are inverted poses and the other mounting.
     """
     seen = camera_from_target if mounting == "eye-in-hand" else camera_from_target.inv
     nothing = np.zeros((len(seen.rotation), 6, 6))

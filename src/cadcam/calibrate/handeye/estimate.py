@@ -1,4 +1,4 @@
-"""A hand-eye calibration as it comes out: two motions with their covariance, the robot's noise, what was held out."""
+"""The result of a hand-eye calibration: two motions with their covariance, the robot's noise, held-out errors."""
 
 from __future__ import annotations
 
@@ -16,16 +16,16 @@ from cadcam.geometry.rigid import Rigid
 Mounting = Literal["eye-in-hand", "eye-to-hand"]
 MOUNTINGS: tuple[Mounting, ...] = get_args(Mounting)
 
-SUSPICIOUS = 0.01  # chance that any pose of a clean set looks as strange as one that is marked
+SUSPICIOUS = 0.01  # chance that any pose of a clean set is marked
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HeldOut:
-    """Each pose (n,) predicted from all the others and the robot's word for where it stood.
+    """Each pose (n,) predicted from all the others and the robot's stated pose.
 
-    px: rms distance between predicted and measured pixels (nan where no pixels were given); mm: rms distance of the
-    target's points (or of its origin) between where they should be and where this picture alone puts them; rotation:
-    of the target, rad. chance: that a pose without a mistake is this far off by the noise of the others (F test).
+    px: rms distance between predicted and measured pixels (nan without pixels); mm: rms distance of the target's points
+    (or of its origin) between their prediction and the pose estimated from this picture alone; rotation: of the target,
+    rad. chance: that a pose without a blunder is this far off, given the noise of the others (F test).
     """
 
     px: Array
@@ -42,8 +42,8 @@ class HeldOut:
 class RobotNoise:
     """Standard deviations of one coordinate of the flange's position (mm) and orientation (rad), with their own sigmas.
 
-    This is what the robot's poses and the pictures disagree by: repeatability, kinematic errors, a shaking mount. A
-    noise that is not there comes out as practically zero, with a sigma that bounds it.
+    This is the disagreement of the robot's poses and the pictures: repeatability, kinematic errors, a shaking mount.
+    Absent noise is estimated as practically zero, with a sigma that bounds it.
     """
 
     translation: float
@@ -54,16 +54,16 @@ class RobotNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class HandEyeEstimate:
-    """Where a camera sits on the flange (eye-in-hand) or in the base (eye-to-hand), from n poses.
+    """The pose of a camera on the flange (eye-in-hand) or in the base (eye-to-hand), from n poses.
 
     flange_from_held: of the camera (eye-in-hand) or the target (eye-to-hand); base_from_fixed: of the target or the
     camera. covariance (12, 12): of (xi of flange_from_held, xi of base_from_fixed) in X @ exp(xi), mm and rad.
-    degrees_of_freedom (12,): behind each variance, as the robot's noise is known from few poses; see `coverage_factor`.
-    offsets (n, 6): by how much the flange seems to have stood off its stated pose, position mm and rotation rad in
-    flange axes. camera_from_target (n): as each picture alone shows it. residuals_px (n,): rms of one pixel coordinate.
-    noise_px: of one pixel coordinate, None where poses were given in place of pixels. scale: the robot's millimetres
-    in one of the target's, with its sigma, tested apart. second_pose (n,): where a flat target's second pose was taken
-    because the robot says so. camera: as adjusted, None where poses were given.
+    degrees_of_freedom (12,): of each variance, as the robot's noise is estimated from few poses; see `coverage_factor`.
+    offsets (n, 6): the estimated deviation of the flange from its stated pose, position mm and rotation rad in flange
+    axes. camera_from_target (n): from each picture alone. residuals_px (n,): rms of one pixel coordinate. noise_px: of
+    one pixel coordinate, None where poses were given instead of pixels. scale: the robot's millimetres per millimetre
+    of the target, with its sigma, tested separately. second_pose (n,): where a flat target's second pose was taken
+    because the robot contradicts the first. camera: as adjusted, None where poses were given.
     """
 
     mounting: Mounting
@@ -96,25 +96,25 @@ class HandEyeEstimate:
 
     @property
     def flange_from_camera(self) -> Rigid:
-        """Return where the camera sits on the flange; eye-in-hand only."""
+        """Return the pose of the camera on the flange; eye-in-hand only."""
         self._only("eye-in-hand", "flange_from_camera", "base_from_camera")
         return self.flange_from_held
 
     @property
     def base_from_camera(self) -> Rigid:
-        """Return where the camera stands in the robot's base; eye-to-hand only."""
+        """Return the pose of the camera in the robot's base; eye-to-hand only."""
         self._only("eye-to-hand", "base_from_camera", "flange_from_camera")
         return self.base_from_fixed
 
     @property
     def base_from_target(self) -> Rigid:
-        """Return where the target stands in the robot's base; eye-in-hand only."""
+        """Return the pose of the target in the robot's base; eye-in-hand only."""
         self._only("eye-in-hand", "base_from_target", "flange_from_target")
         return self.base_from_fixed
 
     @property
     def flange_from_target(self) -> Rigid:
-        """Return where the target sits on the flange; eye-to-hand only."""
+        """Return the pose of the target on the flange; eye-to-hand only."""
         self._only("eye-to-hand", "flange_from_target", "base_from_target")
         return self.flange_from_held
 
@@ -129,9 +129,9 @@ class HandEyeEstimate:
         return self._block(camera=False)
 
     def coverage_factor(self, level: float = 0.95) -> Array:
-        """Return by what each sigma of the camera's six coordinates is multiplied for an interval of this level, (6,).
+        """Return the factors (6,) of the camera's sigmas for an interval of this level.
 
-        Student's t with `degrees_of_freedom` (GUM, annex G): 1.96 where much is known, more for few poses.
+        Student's t with `degrees_of_freedom` (GUM, annex G): 1.96 for many, more for few poses.
         """
         from scipy.special import stdtrit
 
@@ -143,11 +143,11 @@ class HandEyeEstimate:
 
     @property
     def suspicious(self) -> Mask:
-        """Return which poses (n,) are farther off than chance allows in so many."""
+        """Return which poses (n,) are farther off than chance allows among so many."""
         return np.asarray(self.held_out.chance * len(self.names) < SUSPICIOUS)
 
     def base_from_camera_at(self, base_from_flange: Rigid) -> tuple[Rigid, Array]:
-        """Return where the camera is when the robot says base_from_flange, and the covariance (6, 6) of that.
+        """Return the pose of the camera when the robot reports base_from_flange, and its covariance (6, 6).
 
         Covariance of base_from_camera @ exp(xi), in camera axes. Eye-in-hand: the calibration's and the robot's noise
         together. Eye-to-hand: the camera does not move and the robot's noise does not enter.

@@ -1,4 +1,4 @@
-"""What a hand-eye calibration is worth on a pose it has not seen, and whether the target is as large as stated."""
+"""The error of a hand-eye calibration on poses left out, and a test of the target's stated size."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from cadcam.geometry.rigid import Rigid
 def held_out(
     poses: HandEyePoses, fit: PosesFit, *, held: bool, views: PaddedViews | None = None, camera: Camera | None = None
 ) -> HeldOut:
-    """Return each pose predicted by all the others: the fit without it, one exact linear step away.
+    """Return each pose predicted by all the others: the fit without it, in one exact linear step.
 
-    held: the flange holds the camera. Where one pose is needed to determine anything at all its numbers are inf.
+    held: the flange holds the camera. Where a pose is indispensable for the solution its numbers are inf.
     """
     shift, distance2 = _without_each(fit)
     seen = poses.held_from_fixed
@@ -33,10 +33,10 @@ def held_out(
 
 
 def scale_of_target(poses: HandEyePoses, fit: PosesFit) -> tuple[float, float]:
-    """Return how many of the robot's millimetres one of the target's is, and its sigma: 1 where both are right.
+    """Return how many of the robot's millimetres are one of the target's, and its sigma: 1 where both are right.
 
-    The adjustment's own answer if the camera's distances were free to scale, one step from its minimum. (1, inf) where
-    the motions cannot tell.
+    The result of the adjustment with a free scale of the camera's distances, one step from its minimum. (1, inf) where
+    the motions do not determine it.
     """
     R, t = poses.held_from_fixed.rotation, poses.held_from_fixed.translation
     along = (np.swapaxes(R, 1, 2) @ t[..., None])[..., 0]
@@ -55,7 +55,7 @@ def scale_of_target(poses: HandEyePoses, fit: PosesFit) -> tuple[float, float]:
 
 
 def _without_each(fit: PosesFit) -> tuple[Array, Array]:
-    """Return the moves (n, 12) of the parameters when each pose is left out, and its squared distance from the rest."""
+    """Return the changes (n, 12) of the parameters without each pose, and its squared distance from the rest."""
     D, W, e = fit.jacobian, fit.weights, fit.offsets
     H = fit.information
     scale = 1 / np.sqrt(np.diag(H))
@@ -87,9 +87,9 @@ def _distances(should: Rigid, seen: Rigid, views: PaddedViews | None, camera: Ca
 
 
 def _variances_without_each(fit: PosesFit) -> Array:
-    """Return the robot's variances (n, 2) as the other poses have them, one step of Fisher scoring away.
+    """Return the robot's variances (n, 2) estimated from the other poses, by one step of Fisher scoring.
 
-    Else a single mistake would raise the noise that it is judged by.
+    Otherwise a single blunder would raise the noise that it is judged by.
     """
     D, W, E = fit.jacobian, fit.weights, PATTERNS
     z = np.einsum("nij,nj->ni", W, fit.offsets)
@@ -102,7 +102,7 @@ def _variances_without_each(fit: PosesFit) -> Array:
 
 
 def _chance(distance2: Array) -> Array:
-    """Return the tail of the F distribution: 6 by the degrees of freedom that the noise was estimated from."""
+    """Return the tail of the F distribution: 6 and the degrees of freedom that the noise was estimated from."""
     from scipy.special import fdtrc
 
     freedom = 6 * (len(distance2) - 1) - 12

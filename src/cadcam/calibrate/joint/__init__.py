@@ -1,1 +1,1 @@
-"""One camera from several positions, its internals shared; which of them the views ask for, and what it is worth."""
+"""One camera from several positions with shared internals; which parameters the views need, and held-out errors."""

@@ -1,6 +1,6 @@
 """One camera from several positions, internals shared: the joint optimum of section 2.4.3, for any lens and field.
 
-The fields may be deep or flat (a board in many poses), the same or different ones; each view has a pose of its own.
+The point fields may be deep or flat (a board in many poses), the same or different; each view has its own pose.
 """
 
 from __future__ import annotations
@@ -29,16 +29,16 @@ from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_FINE = Options(damping=0.0, settled=1e-12, enough=1e-14)  # of the cost: what is left is 1e-5 sigma or so
-_VIEWS = 4  # below, their scatter says nothing
-_USELESS = 1 / 3  # sigma of the focal length by itself
+_FINE = Options(damping=0.0, settled=1e-12, enough=1e-14)  # of the cost: the remaining error is about 1e-5 sigma
+_VIEWS = 4  # with fewer, their scatter is not meaningful
+_USELESS = 1 / 3  # relative sigma of the focal length
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointFit:
-    """A joint calibration in the raw form that further studies start from: the model, its minimum, and the origin.
+    """A joint calibration in the raw form for further analysis: the model, its minimum, and the origin.
 
-    origin (3,) mm: what was taken off all points. known: the cofactors there.
+    origin (3,) mm: subtracted from all points. known: the cofactors there.
     """
 
     model: JointModel
@@ -50,20 +50,20 @@ class JointFit:
 
     @property
     def variance(self) -> float:
-        """Return what turns cofactors into covariances: 1 where the noise was stated, else by the residuals."""
+        """Return the factor from cofactors to covariances: 1 where the noise was stated, else from the residuals."""
         return 1.0 if _stated(self.views) else self.solution.variance
 
 
 class JointOptions(TypedDict, total=False):
-    """What is given to a joint calibration beside the views; all of it may be left out.
+    """The optional arguments of a joint calibration.
 
     fixed: values of any of aspect, focal (px), skew (rad), U0, V0 (px). lens, free_lens: as in `calibrate_camera`.
     bend: the field is a flat board in z = const, bowed by bend_x (1 - x'^2) + bend_y (1 - y'^2) mm along z, x' and y'
     from -1 to 1 over the board; both are estimated. priors: {name: (value, sigma)} of free shared parameters.
-    control_sigma: the points' coordinates are known to this standard deviation only, mm, and are estimated too: one
-    number for all, or by name (others stay fixed); points of equal names are the same. priors and control_sigma need
-    sigma_px. guess: a camera to start from, which spares the search. loss: a robust one, its scale in units of sigma_px
-    where that is stated.
+    control_sigma: the standard deviation of the points' coordinates, mm, which are then estimated too: one number for
+    all, or by name (others stay fixed); points of equal names are the same. priors and control_sigma require sigma_px.
+    guess: a camera to start from, which saves the search. loss: a robust one, its scale in units of sigma_px where that
+    is stated.
     """
 
     fixed: Mapping[str, float] | None
@@ -79,10 +79,10 @@ class JointOptions(TypedDict, total=False):
 def calibrate_jointly(
     views: Sequence[Observations], size: tuple[int, int], **options: Unpack[JointOptions]
 ) -> JointEstimate:
-    """Return the camera of `size` (width, height) px that saw the points of all views, and where it stood in each.
+    """Return the camera of `size` (width, height) px from the points of all views, and its pose in each.
 
-    Minimises the sum of squared pixel residuals (by their stated sigma_px) over shared internals and all poses, without
-    a guess. options: fixed, lens, free_lens, bend, priors, control_sigma, guess, loss; see `JointOptions`.
+    Minimises the sum of squared pixel residuals (over their stated sigma_px) over shared internals and all poses,
+    without a guess. options: fixed, lens, free_lens, bend, priors, control_sigma, guess, loss; see `JointOptions`.
 
     Raises `TooFewPoints`, `DegenerateGeometry` naming what the views do not determine together, `MirroredPoints`,
     `NotConverged`, `BadValue` and `UnknownName`.
@@ -135,7 +135,7 @@ def fit_of(
 
 
 def estimate_of(fit: JointFit) -> JointEstimate:
-    """Return the estimate that a raw fit stands for."""
+    """Return the estimate of a raw fit."""
     state, model, known, variance = fit.solution.state, fit.model, fit.known, fit.variance
     n, by_view = len(model.free), covariance_by_view(known)
     R = so3.nearest(state.R)
@@ -162,7 +162,7 @@ def estimate_of(fit: JointFit) -> JointEstimate:
 
 
 def _model(views: Sequence[Observations], free: tuple[str, ...], lens: Lens, *, bend: bool) -> tuple[JointModel, Array]:
-    """Arrays of all views, filled up with each view's first point; the points' mean is taken off."""
+    """Arrays of all views, padded with each view's first point; the points' mean is subtracted."""
     k, N = len(views), max(len(v) for v in views)
     p, q, measured = np.zeros((k, N, 3)), np.zeros((k, N, 2)), np.zeros((k, N), dtype=bool)
     for j, view in enumerate(views):
@@ -205,7 +205,7 @@ def _with_knowledge(
 
 
 def _control(model: JointModel, views: Sequence[Observations], sigma: float | Mapping[str, float]) -> Control:
-    """Free points by name, in the order in which they are first seen."""
+    """Free points by name, in the order in which they first occur."""
     seen = dict.fromkeys(n for v in views for n in v.names)
     by_name = dict(sigma) if isinstance(sigma, Mapping) else dict.fromkeys(seen, float(sigma))
     for name, value in by_name.items():
@@ -240,7 +240,7 @@ def _camera(model: JointModel, state: JointState, size: tuple[int, int]) -> Came
 
 
 def _local_from_own(R: Array) -> Array:
-    """(k, 6, 6): the focal centre moves by -R^T v and the camera turns by R^T w in world axes."""
+    """(k, 6, 6): the focal centre moves by -R^T v and the camera rotates by R^T w in world axes."""
     T = np.zeros((len(R), 6, 6))
     T[:, :3, :3] = -np.swapaxes(R, -1, -2)
     T[:, 3:, 3:] = np.swapaxes(R, -1, -2)
@@ -248,7 +248,7 @@ def _local_from_own(R: Array) -> Array:
 
 
 def covariance_by_view(known: Cofactors) -> Array | None:
-    """Return the covariance of the shared parameters by the scatter between views, None where they are too few."""
+    """Return the covariance of the shared parameters from the scatter between views, None where they are too few."""
     if len(known.scores) < _VIEWS:
         return None
     try:
@@ -292,7 +292,7 @@ def _refuse_few(views: Sequence[Observations], free: tuple[str, ...]) -> None:
 
 
 def _refuse_copies(views: Sequence[Observations]) -> None:
-    """Raise `BadValue` where two views are the same to the last bit: counted twice, they would promise too much."""
+    """Raise `BadValue` where two views are identical: counted twice, they would make the result look too certain."""
     first: dict[str, int] = {}
     for j, view in enumerate(views):
         if (i := first.setdefault(view.sha256, j)) != j:
@@ -309,7 +309,7 @@ def _refuse_lines(model: JointModel, views: Sequence[Observations]) -> None:
 
 
 def _refuse_useless(fit: JointFit) -> None:
-    """Raise `DegenerateGeometry` where the focal length drowns in the noise: boards all parallel to the picture."""
+    """Raise `DegenerateGeometry` where noise hides the focal length: boards all parallel to the picture."""
     if "focal" not in fit.model.free or not np.isfinite(fit.variance):
         return
     i = fit.model.free.index("focal")

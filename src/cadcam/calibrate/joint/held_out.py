@@ -1,4 +1,4 @@
-"""What a joint calibration is worth on views that it did not see, and how it scatters when views are drawn anew."""
+"""The error of a joint calibration on views left out, and its scatter over resampled views."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _HALF = 4  # points for a pose
 
 
 def held_out_error(fit: JointFit, *, folds: int = _FOLDS) -> float:
-    """Return the rms (px, of one coordinate) at points of views that the internals were estimated without.
+    """Return the rms (px, of one coordinate) at points of views that were left out of the estimate of the internals.
 
-    The views are left out in `folds` groups in turn. Of a left-out view every other point gives the pose, and the error
-    is taken at the others; then the other way round. Unlike the residual it falls only as long as a richer model
+    The views are left out in `folds` groups in turn. In a left-out view every other point gives the pose, and the error
+    is evaluated at the others; then vice versa. Unlike the residual it decreases only as long as a richer model
     describes the camera and not the views. nan where the remaining views do not determine the internals. Raises
     `TooFewPoints` for fewer than two views, or without any view of eight points.
     """
@@ -46,8 +46,8 @@ def held_out_error(fit: JointFit, *, folds: int = _FOLDS) -> float:
 def bootstrap_by_view(fit: JointFit, rng: np.random.Generator, *, rounds: int = 200) -> Array:
     """Return the free shared parameters (rounds, n) of calibrations from views drawn with replacement.
 
-    Their scatter is a covariance that assumes nothing but that the views are alike and independent. Draws that do not
-    determine the camera are drawn again; raises `DegenerateGeometry` if most do not.
+    Their scatter is a covariance that assumes only that the views are alike and independent. Draws that do not
+    determine the camera are repeated; raises `DegenerateGeometry` if most do not.
     """
     rows: list[Array] = []
     k, failed = len(fit.views), 0
@@ -79,7 +79,7 @@ def _shared(trained: JointState, poses: JointState, index: Longs) -> JointState:
 
 
 def _errors(model: JointModel, state: JointState, side: int) -> Array:
-    """Errors (..., 2) at the points of one side, the poses fitted to the other; views of too few points left out."""
+    """Errors (..., 2) at the points of one side, the poses fitted to the other; views with too few points left out."""
     odd = _alternate(model.measured) == side
     enough = (model.measured & ~odd).sum(axis=1) >= _HALF
     if not enough.any():

@@ -1,8 +1,8 @@
-"""Which parameters a joint calibration needs: nested models compared, and a recommendation in words.
+"""The parameters that a joint calibration needs: comparison of nested models, and a recommendation in words.
 
-Each question is one parameter or a few that belong together, set free or held at the value of a plain camera. Three
-answers: the F-test on the sums of squares, which takes every pixel for an independent measurement; a Wald test with the
-covariance between views, which does not; and the error on views left out. Source of the F-test: Seber and Wild,
+Each question is about one parameter or a few that belong together, free or held at the value of an ideal camera. Three
+criteria: the F-test on the sums of squares, which takes every pixel for an independent measurement; a Wald test with
+the covariance between views, which does not; and the error on views left out. Source of the F-test: Seber and Wild,
 "Nonlinear Regression" (1989), section 5.3.
 """
 
@@ -23,15 +23,15 @@ from cadcam.fit.block_least_squares import minimise_blocks
 from cadcam.fit.joint_model import BEND, JointModel, JointState
 from cadcam.fit.levenberg_marquardt import Options
 
-_LEVEL = 0.01  # chance below which a difference counts
-_WORSE = 1.01  # times the held-out error that is no gain
+_LEVEL = 0.01  # significance level
+_WORSE = 1.01  # ratio of held-out errors that is not an improvement
 _BROWN = (("k1",), ("k2",), ("p1", "p2"), ("k3",), ("k4", "k5", "k6"))
-_VIEWS = 4  # below, nothing is said from the scatter between views
+_VIEWS = 4  # with fewer, the scatter between views is not used
 
 
 @dataclass(frozen=True, slots=True)
 class Question:
-    """Whether the parameters `names` are needed, asked from a model that has them or not (`included`).
+    """Whether the parameters `names` are needed, for a model that has them or not (`included`).
 
     values, sigmas: with them free. F, chance: of the F-test; chance_by_view: of the Wald test with the covariance
     between views, nan for too few. held_out_with, held_out_without: px, nan where views cannot be left out. residual_*:
@@ -52,14 +52,14 @@ class Question:
 
     @property
     def needed(self) -> bool:
-        """Return whether the parameters are significant, by views where there are enough, and no loss on others."""
+        """Return whether the parameters are significant, by views if there are enough, and do not harm others."""
         chance = self.chance if np.isnan(self.chance_by_view) else self.chance_by_view
         worse = self.held_out_with > _WORSE * self.held_out_without
         return bool(chance < _LEVEL and not worse)
 
     @property
     def verdict(self) -> str:
-        """Return the advice and its grounds in one sentence."""
+        """Return the advice and its reasons in one sentence."""
         what = " ".join(self.names)
         action = ("keep" if self.needed else "hold") if self.included else ("free" if self.needed else "leave")
         return f"{action} {what}: {self._grounds()}"
@@ -84,7 +84,7 @@ class Advice:
 
     @property
     def recommendation(self) -> str:
-        """Return what to change, the most telling first, in words."""
+        """Return what to change, the most important first, in words."""
         free = [q for q in self.questions if not q.included and q.needed]
         hold = [q for q in self.questions if q.included and not q.needed]
         parts = []
@@ -98,10 +98,10 @@ class Advice:
 
 
 def nested_advice(fit: JointFit) -> Advice:
-    """Return the questions that nested models answer about a joint calibration without robust loss.
+    """Return the comparisons of nested models for a joint calibration without robust loss.
 
-    Asked are aspect (1), skew (0), the principal point (the centre), bend, the last free lens coefficients and the
-    next ones; an ideal lens is asked about its first radial term. Models that the views do not determine are left out.
+    Tested are aspect (1), skew (0), the principal point (the centre), bend, the last free lens coefficients and the
+    next ones; for an ideal lens its first radial term. Models that the views do not determine are left out.
     """
     fit = _with_lens(fit)
     error = _held_out(fit, 0.0)
@@ -110,9 +110,9 @@ def nested_advice(fit: JointFit) -> Advice:
 
 
 def ask(fit: JointFit, names: tuple[str, ...], *, held_out: float = np.nan) -> Question | None:
-    """Return the comparison of the model with and without these parameters, None where the views determine no answer.
+    """Return the comparison of the model with and without these parameters, None where the views do not determine it.
 
-    held_out: the fit's own held-out error, px; nan leaves the question of left-out views unasked.
+    held_out: the fit's own held-out error, px; with nan left-out views are not compared.
     """
     included = set(names) <= set(fit.model.free)
     if set(names) & set(fit.model.free) and not included:
@@ -132,7 +132,7 @@ def _groups(fit: JointFit) -> list[tuple[str, ...]]:
     if fit.model.bump is not None:
         groups.append(BEND)
     families = _BROWN if isinstance(fit.model.lens, BrownConrady) else [(n,) for n in fit.model.lens.parameters]
-    ladder = [f for f in families if f != ("a1",)]  # a1 is the focal length's
+    ladder = [f for f in families if f != ("a1",)]  # a1 is redundant with the focal length
     known = [f for f in ladder if set(f) & set(fit.model.free)]
     radial = [f for f in known if f != ("p1", "p2")]
     groups += radial[-1:] + ([("p1", "p2")] if ("p1", "p2") in known else [])
@@ -193,7 +193,7 @@ def _neutral_values(fit: JointFit, names: tuple[str, ...]) -> Array:
 
 
 def _neutral(fit: JointFit, names: tuple[str, ...]) -> JointState:
-    """Return the state with these parameters at a plain camera's values."""
+    """Return the state with these parameters at an ideal camera's values."""
     width, height = fit.size
     plain = {"aspect": 1.0, "U0": (height - 1) / 2, "V0": (width - 1) / 2}
     state = fit.solution.state
@@ -210,7 +210,7 @@ def _neutral(fit: JointFit, names: tuple[str, ...]) -> JointState:
 
 
 def _with_lens(fit: JointFit) -> JointFit:
-    """Return the same fit with a lens that has terms to ask about."""
+    """Return the same fit with a lens that has terms to test."""
     if not isinstance(fit.model.lens, Ideal):
         return fit
     lens = BrownConrady()
@@ -223,7 +223,7 @@ def _in_order(model: JointModel, names: Sequence[str]) -> list[str]:
 
 
 def _held_out(fit: JointFit, other: float) -> float:
-    """Return the error on left-out views; nan where there is none, or the other model has none to compare it with."""
+    """Return the error on left-out views; nan where there is none, or none of the other model to compare it with."""
     if np.isnan(other):
         return np.nan
     try:

@@ -1,7 +1,7 @@
-"""Where a joint calibration starts, without a guess: internals from what the views say alone, then richer in stages.
+"""The start of a joint calibration, without a guess: internals from the views, then refined in growing models.
 
 Flat fields give homographies, deep ones calibrations of their own. Several internals are tried on some of the views;
-each stage starts from the solved poorer one, so that a richer model never ends worse than what it contains.
+each stage starts from the solution of the simpler one, so that a richer model is never worse than one it contains.
 """
 
 from __future__ import annotations
@@ -24,13 +24,13 @@ from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.joint_model import BEND, JointModel, JointState
 from cadcam.fit.levenberg_marquardt import Options
 
-_FLAT = 0.05  # thickness by length below which a field is taken as flat for a start
-_FOCALS = (0.4, 0.8, 1.6, 4.0)  # by the longer side of the picture, where the views say nothing
+_FLAT = 0.05  # thickness over length below which a field is taken as flat for a start
+_FOCALS = (0.4, 0.8, 1.6, 4.0)  # over the longer side of the picture, where the views do not determine it
 _SOME = 8  # views that the stages use
-_DEEP = 3  # deep views calibrated alone
+_DEEP = 3  # deep views calibrated separately
 _ROUGH = Options(max_iterations=30, settled=1e-2, enough=1.0)
-_NEAR = 0.003  # of the longer side of the picture: a start this good is near the optimum
-_ASTRAY = 4.0  # times the median view's residual: perhaps the other pose of a flat field
+_NEAR = 0.003  # of the longer side of the picture: a start with such residuals is near the optimum
+_ASTRAY = 4.0  # times the median view's residual: possibly the other pose of a flat field
 
 
 def start(
@@ -38,7 +38,7 @@ def start(
 ) -> JointState:
     """Return a state near the optimum of the model with all of its free parameters.
 
-    Raises what the calibration of a single view raises if no view gives a start, and `MirroredPoints`.
+    Raises the errors of a single view's calibration if no view gives a start, and `MirroredPoints`.
     """
     some = np.unique(np.linspace(0, len(views) - 1, min(_SOME, len(views))).round().astype(int))
     few, flat = model.with_views(some), _flattened(model)
@@ -54,7 +54,7 @@ def start(
 
 
 def guessed(model: JointModel, camera: Camera, fixed: Mapping[str, float]) -> JointState:
-    """Return the state of a guessed camera, fixed values put in place, its lens taken over if it is of the model's."""
+    """Return the state of a guessed camera with fixed values set, and its lens if it is of the model's kind."""
     values = internals_by_name(camera) | dict(fixed)
     state = _posed(model, _flattened(model), np.array([values[n] for n in INTERNALS]))
     if type(camera.lens) is type(model.lens):
@@ -64,7 +64,7 @@ def guessed(model: JointModel, camera: Camera, fixed: Mapping[str, float]) -> Jo
 
 
 def set_right(model: JointModel, solution: BlockSolution[JointState], camera: Camera) -> JointState | None:
-    """Return the state with the poses of views that fit badly sought globally, or None where none gets better."""
+    """Return the state with the poses of badly fitting views searched globally, or None where none improves."""
     state, squares = solution.state, solution.blocks.squared_distances().sum(axis=1)
     distance = model.noise * np.sqrt(squares / model.measured.sum(axis=1))  # the thesis' residual of each view, px
     suspects = np.flatnonzero(distance > _ASTRAY * np.median(distance))
@@ -74,7 +74,7 @@ def set_right(model: JointModel, solution: BlockSolution[JointState], camera: Ca
 
 
 def _in_sight(model: JointModel, state: JointState) -> JointState:
-    """Return the state with the poses of views that do not image all of their points sought globally."""
+    """Return the state with the poses of views that do not image all of their points searched globally."""
     r = np.where(model.measured[..., None], model.residuals(state), 0.0)
     blind = np.flatnonzero(~np.isfinite(r).all(axis=(1, 2)))
     if not blind.size:
@@ -83,7 +83,7 @@ def _in_sight(model: JointModel, state: JointState) -> JointState:
 
 
 def _sought(model: JointModel, state: JointState, camera: Camera, index: Longs) -> dict[int, CameraEstimate]:
-    """Poses of views by a global search under a camera; those that find none are left out."""
+    """Poses of views by a global search with a known camera; views without a result are left out."""
     points, found = model.points(state), {}
     for j in index.tolist():
         seen = model.measured[j]
@@ -103,7 +103,7 @@ def _moved(state: JointState, found: Mapping[int, CameraEstimate]) -> JointState
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Flattened:
-    """Each view's field as a plane: homographies (k, 3, 3), the plane's origin and axes, thickness by length (k,)."""
+    """Each view's field as a plane: homographies (k, 3, 3), the plane's origin and axes, thickness over length (k,)."""
 
     H: Array
     origin: Array
@@ -158,7 +158,7 @@ def _of_flat(model: JointModel, H: Array, size: tuple[int, int], known: Mapping[
 def _of_deep(
     views: Sequence[Observations], size: tuple[int, int], fixed: Mapping[str, float], lens: Lens, *, alone: bool
 ) -> list[Array]:
-    """Internals by calibrations of single views, and their median; an error of the last if none works and `alone`."""
+    """Internals from calibrations of single views, and their median; raises the last error if none works, `alone`."""
     rows: list[Array] = []
     failure: CadcamError | None = None
     for view in sorted(views, key=len, reverse=True)[:_DEEP]:
@@ -189,9 +189,9 @@ def _posed(model: JointModel, flat: _Flattened, internals: Array) -> JointState:
 
 
 def _staged(model: JointModel, candidates: list[JointState], near: float) -> JointState:
-    """Return the best state of the model's views, the free parameters let go one group after the other.
+    """Return the best state of the model's views, the free parameters released one group after the other.
 
-    A candidate whose residual is below `near` (px) already is taken without trying the others.
+    A candidate whose residual is below `near` (px) is accepted without trying the others.
     """
     first, *rest = _stages(model)
     costs = [_cost(model, c) for c in candidates]

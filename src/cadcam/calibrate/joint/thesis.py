@@ -1,6 +1,6 @@
 """The thesis' own routine for joint internals (Table 2.23), kept for comparison with `calibrate_jointly`.
 
-It mixes two matrices of the first position and keeps the mixture whose internals serve both positions best: a search
+It mixes two matrices of the first position and keeps the mixture whose internals fit both positions best: a search
 along one line of internals, not a minimum over them. Table 2.24 is its alpha = 0.5.
 """
 
@@ -39,11 +39,11 @@ class Mixture:
 def thesis_mixtures(
     first: Observations, second: Observations, size: tuple[int, int], alphas: Sequence[float] = ALPHAS
 ) -> list[Mixture]:
-    """Return the mixtures of Table 2.23 in the order of `alphas`; those that are no camera are left out.
+    """Return the mixtures of Table 2.23 in the order of `alphas`; those that are not cameras are left out.
 
-    Both positions are calibrated by the thesis' transform (C23 = 1); the first takes over the second's internals and
-    gives C1' with externals refitted; C(alpha) = (1 - alpha) C1 + alpha C1' is split, and both positions' externals
-    are refitted to its internals. alpha = 0 is Table 2.21, alpha = 1 Table 2.22. Raises what `calibrate_camera` raises.
+    Both positions are calibrated by the thesis' transform (C23 = 1); the first takes the second's internals and gives
+    C1' with externals refitted; C(alpha) = (1 - alpha) C1 + alpha C1' is decomposed, and both positions' externals are
+    refitted to its internals. alpha = 0 is Table 2.21, alpha = 1 Table 2.22. Raises what `calibrate_camera` raises.
     """
     own, others = (calibrate_camera(v, size, method="dlt-c23") for v in (first, second))
     C1 = own.extended_pinhole.matrix

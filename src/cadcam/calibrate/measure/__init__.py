@@ -1,1 +1,1 @@
-"""Points in space from what calibrated cameras saw, with all their uncertainty; inputs read wrongly are named."""
+"""Points in space from the pixels of calibrated cameras, with all their uncertainty; misread inputs are named."""

@@ -1,13 +1,13 @@
-"""Points where the rays of several pixels meet, with first-order propagation: the arithmetic behind `measure_points`.
+"""Intersection of the rays of several pixels, with first-order propagation: the arithmetic behind `measure_points`.
 
-For one point let r be its pixels minus where its estimate is seen, J the derivative of these pixels by the point, D_s
-that by the numbers of an error source s (a calibration, a motion) with covariance C_s. The pixels then err with
-S = sigma^2 I + sum D_s C_s D_s^T, and to first order the point moves by G (dq - sum D_s dtheta_s) with
+For one point let r be its pixels minus the image of its estimate, J the derivative of these pixels by the point, D_s
+that by the parameters of an error source s (a calibration, a motion) with covariance C_s. The pixels' covariance is
+then S = sigma^2 I + sum D_s C_s D_s^T, and to first order the point moves by G (dq - sum D_s dtheta_s) with
 
     G = (J^T S^-1 J)^-1 J^T S^-1    for the optimum of reprojection, the estimate of least variance,
     G = A^-1 [P_v J_v^+]            for the point nearest to all rays, A = sum P_v, P_v across ray v.
 
-The least of r^T S^-1 r over the point is its misfit, chi-square with 2 V - 3 degrees of freedom for V cameras.
+The least r^T S^-1 r over the point is its misfit, chi-square with 2 V - 3 degrees of freedom for V cameras.
 """
 
 from __future__ import annotations
@@ -24,11 +24,11 @@ from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
 from cadcam.geometry.ray import Ray, nearest_to_all
 
-_USELESS = 1 / 3  # standard deviation by distance beyond which first-order propagation means nothing
-_ONE_PLACE = 1e-9  # distance of viewpoints by their distance from the world's origin: rounding
-_SETTLED = 1e-10  # a step this small by the distance is the end
+_USELESS = 1 / 3  # standard deviation over distance beyond which first-order propagation is meaningless
+_ONE_PLACE = 1e-9  # distance of viewpoints over their distance from the world's origin: rounding
+_SETTLED = 1e-10  # step over distance at convergence
 _ITERATIONS = 50
-_FARTHEST = 1e6  # moves by the distance beyond which a point has left the scene
+_FARTHEST = 1e6  # displacement over distance beyond which a point has diverged
 
 Reason = Callable[[int], str]
 Refuse = Callable[[Mask, Reason], None]
@@ -36,9 +36,9 @@ Refuse = Callable[[Mask, Reason], None]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """The plane that the points lie on, and the error of its height as a source.
+    """The plane that the points lie on, with the error of its height as a source.
 
-    A height that is exact leaves a point two directions; one that is not is one more equation, weighed with the pixels.
+    An exact height leaves a point two directions; an uncertain one is one more equation, weighted with the pixels.
     """
 
     plane: Plane
@@ -59,7 +59,7 @@ class Surface:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SharedView:
-    """n points seen by the same V viewpoints: their rows in the whole, and their pixels (V, n, 2)."""
+    """n points seen from the same V viewpoints: their rows in the whole, and their pixels (V, n, 2)."""
 
     viewpoints: tuple[Viewpoint, ...]
     rows: Longs
@@ -89,7 +89,7 @@ class SharedView:
         return np.asarray(np.eye(3) - v[..., :, None] * v[..., None, :])
 
     def only(self, keep: Mask) -> SharedView:
-        """Return the group of some of its points."""
+        """Return the group with some of its points."""
         return replace(self, rows=self.rows[keep], q=self.q[:, keep])
 
     def start(self) -> Array:
@@ -100,7 +100,7 @@ class SharedView:
         return p if self.surface is None else self.surface.plane.foot(p)
 
     def seen(self, p: Array) -> LinearisedRays:
-        """Return what the viewpoints see of points (n, 3) near the measured ones."""
+        """Return the images of points (n, 3) near the measured ones, linearised."""
         n, rows, sources = len(p), len(self.noise), self.sources
         r, J = np.zeros((n, rows)), np.zeros((n, rows, 3))
         by_source = [np.zeros((n, rows, len(s.covariance))) for s in sources]
@@ -127,7 +127,7 @@ class SharedView:
 
     @property
     def noise(self) -> Array:
-        """Return the variances (rows,) of the equations by themselves: px^2, and none for the height of a plane."""
+        """Return the variances (rows,) of the equations' own noise: px^2, and 0 for the height of a plane."""
         pixels = np.repeat([view.sigma_px**2 for view in self.viewpoints], 2)
         return np.append(pixels, 0.0) if self._height_row else pixels
 
@@ -145,22 +145,22 @@ class LinearisedRays:
     root: Array
 
     def whitened(self) -> tuple[Array, Array, Array]:
-        """Return r and J in units of their standard deviation, and the triangle L with L L^T = S that made them so.
+        """Return r and J in units of their standard deviation, and the triangular L with L L^T = S that scaled them.
 
-        L comes from the root itself: S would lose the pixels' noise beside a camera that the point is very close to.
+        L comes from the root itself: S would lose the pixels' noise next to a camera that the point is very close to.
         """
         L = np.swapaxes(np.linalg.qr(np.swapaxes(self.root, -1, -2), mode="r"), -1, -2)
         r, J = np.linalg.solve(L, self.r[..., None])[..., 0], np.linalg.solve(L, self.J)
         return np.asarray(r), np.asarray(J), np.asarray(L)
 
     def back(self, view: int) -> Array:
-        """Return J_v^+ (n, 3, 2): how far across its ray a point lies whose pixel is off by one."""
+        """Return J_v^+ (n, 3, 2): the displacement across its ray for a unit error of the pixel."""
         return np.asarray(np.linalg.pinv(self.J[:, 2 * view : 2 * view + 2]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MeetingPoints:
-    """Measured points of a group: points p (n, 3), gain G (n, 3, m), misfit (n,), and what is seen there."""
+    """Measured points of a group: points p (n, 3), gain G (n, 3, m), misfit (n,), and the linearised images."""
 
     p: Array
     gain: Array
@@ -171,7 +171,7 @@ class MeetingPoints:
 def solve(group: SharedView, *, by_rays: bool, refuse: Refuse) -> MeetingPoints:
     """Return the points of a group that has a start for every point, by rays or by weighted reprojection.
 
-    Points without a settled optimum, or with a useless one, are refused; their numbers are still among the result.
+    Points without a converged optimum, or with a useless one, are refused; their numbers are still in the result.
     """
     p = group.start()
     if not by_rays:
@@ -247,9 +247,9 @@ def widest(group: SharedView, found: MeetingPoints) -> tuple[Array, Array, Array
 
 
 def _optimum(group: SharedView, p: Array) -> tuple[Array, Mask]:
-    """Return the weighted reprojection optima from points p (n, 3), and which have not settled: those stay at p.
+    """Return the weighted reprojection optima from points p (n, 3), and which did not converge: those stay at p.
 
-    A point that leaves the scene altogether has not settled either: numbers of its size overflow.
+    A point that leaves the scene has not converged either: its numbers overflow.
     """
     start = p
     reach = np.linalg.norm(p - group.viewpoints[0].camera_from_world.origin, axis=1)
@@ -258,7 +258,7 @@ def _optimum(group: SharedView, p: Array) -> tuple[Array, Mask]:
         r, J, L = group.seen(p).whitened()
         Q, R = np.linalg.qr(J @ basis)
         step = (basis @ np.linalg.solve(R, np.swapaxes(Q, -1, -2) @ r[..., None]))[..., 0]
-        with np.errstate(over="ignore", invalid="ignore"):  # beside a focal plane a step may be beyond all numbers
+        with np.errstate(over="ignore", invalid="ignore"):  # next to a focal plane a step may overflow
             p = p + _shortened(group, p, step, np.sum(r**2, axis=-1), L)
             stuck = ~(np.linalg.norm(step, axis=1) <= _SETTLED * reach)
         if not stuck.any():
@@ -291,7 +291,7 @@ def _gain_of_rays(group: SharedView, seen: LinearisedRays) -> Array:
 
 
 def _refuse_useless(group: SharedView, found: MeetingPoints, refuse: Refuse) -> None:
-    """Refuse points whose distance is as good as unknown: first-order sigmas would be fiction."""
+    """Refuse points of practically unknown distance: first-order sigmas would be meaningless."""
     sigma = np.linalg.norm(found.gain @ found.seen.root, ord=2, axis=(-2, -1))
     reach = np.linalg.norm(found.p - np.array([v.camera_from_world.origin for v in group.viewpoints])[:, None], axis=-1)
     near = reach.min(axis=0)

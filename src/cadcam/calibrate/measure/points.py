@@ -1,7 +1,7 @@
-"""Points in space from the pixels where calibrated cameras saw them, with all their uncertainty (thesis, section 2.3).
+"""Points in space from pixels of calibrated cameras, with all their uncertainty (thesis, section 2.3).
 
-Fixed cameras, a camera that moves by a known motion, points on known planes: `cadcam.camera.viewpoint` says where the
-cameras stand and what is uncertain about them, `cadcam.calibrate.measure.intersect` holds the formulas.
+Fixed cameras, a camera that moves by a known motion, points on known planes: `cadcam.camera.viewpoint` describes the
+poses of the cameras and their uncertainty, `cadcam.calibrate.measure.intersect` holds the formulas.
 """
 
 from __future__ import annotations
@@ -45,14 +45,14 @@ def measure_points(
 ) -> Measurement:
     """Return the points seen at pixels q (V, N, 2) from V viewpoints, NaN where a point was not seen; mm.
 
-    From two viewpoints on, or from one for points on a known plane (plane_sigma_mm: how well its height is known).
+    From at least two viewpoints, or one for points on a known plane (plane_sigma_mm: standard deviation of its height).
     "reprojection": the points whose images are nearest to the measured pixels, each pixel weighted by its noise and by
-    what calibration and motion are known to; "rays": the points nearest to all rays, for two rays the middle of their
-    shortest connection (EQ 2.165). A point that cannot be measured is refused by itself, with its reason: seen too
-    seldom, behind a camera, rays so nearly parallel that its distance is unknown.
+    the uncertainty of calibration and motion; "rays": the points nearest to all rays, for two rays the middle of their
+    shortest connection (EQ 2.165). A point that cannot be measured is refused individually, with its reason: too few
+    views, behind a camera, rays so nearly parallel that its distance is unknown.
 
     Raises `BadValue`; `DegenerateGeometry` if no point can be measured; `InconsistentViews` if the rays miss each other
-    and one swapped, mirrored, inverted or wrongly scaled input explains it.
+    and a swapped, mirrored, inverted or wrongly scaled input explains it.
     """
     job = _job(viewpoints, q, tuple(names), plane, plane_sigma_mm, method)
     measured = job.run()
@@ -99,7 +99,7 @@ class _Job:
     method: Method
 
     def again(self, viewpoints: Sequence[Viewpoint], q: Array, plane: Plane | None) -> Measurement:
-        """Return what the same pixels would mean if something were other than it was given."""
+        """Return the job for the same pixels with an input replaced."""
         surface = None if plane is None or self.surface is None else Surface(plane, self.surface.sigma_mm)
         return _Job(tuple(viewpoints), q, self.names, surface, self.method).run()
 
@@ -115,7 +115,7 @@ class _Job:
         return self._assembled([_part(group, found) for group, found in solved], refused)
 
     def _groups(self, refused: dict[int, str]) -> Iterator[SharedView]:
-        """Yield the points by who saw them; those seen by too few, or where a lens images nothing, are refused."""
+        """Yield the points by their viewpoints; those seen by too few, or where a lens images nothing, are refused."""
         seen = np.asarray(np.isfinite(self.q).all(axis=-1))
         for view, q, here in zip(self.viewpoints, self.q, seen, strict=True):
             for i in np.flatnonzero(here & ~np.isfinite(view.camera.unproject(q)).all(axis=-1)):
@@ -175,7 +175,7 @@ class _Part:
     angle: Array
 
     def effect(self, source: ErrorSource) -> Array:
-        """Return how these points move with a source's numbers, (n, 3, k); zero where it has no part in them."""
+        """Return the derivative of these points by a source's parameters, (n, 3, k); zero without effect."""
         own = [s for s, _ in self.effects]
         if any(s.owner is source.owner for s in own):
             return self.effects[index_of(own, source)][1]
@@ -201,7 +201,7 @@ def _part(group: SharedView, found: MeetingPoints) -> _Part:
 
 
 def _pixel_noise(group: SharedView, G: Array) -> list[PixelNoise]:
-    """Return the points' covariances by the noise of pixels, a part for each calibration that told it."""
+    """Return the points' covariances due to pixel noise, one part for each calibration that states it."""
     out: dict[int, PixelNoise] = {}
     for v, view in enumerate(group.viewpoints):
         own = G[:, :, 2 * v : 2 * v + 2]
@@ -212,7 +212,7 @@ def _pixel_noise(group: SharedView, G: Array) -> list[PixelNoise]:
 
 
 def _noise_of(parts: list[_Part], keep: Longs) -> tuple[PixelNoise, ...]:
-    """Return the pixel noise of all points, a part for each calibration that told it."""
+    """Return the pixel noise of all points, one part for each calibration that states it."""
     owners = {id(noise.owner): noise for part in parts for noise in part.noise}
     nothing = [np.zeros((len(part.rows), 3, 3)) for part in parts]
     own = [{id(noise.owner): noise.covariance for noise in part.noise} for part in parts]
@@ -229,6 +229,6 @@ def _joined(parts: list[Array], kind: type) -> Array:
 
 
 def _note(refused: dict[int, str], group: SharedView, which: Mask, reason: Reason) -> None:
-    """Remember why points of a group are refused; the first reason stays."""
+    """Record why points of a group are refused; the first reason is kept."""
     for i in np.flatnonzero(which):
         refused.setdefault(int(group.rows[i]), reason(int(i)))

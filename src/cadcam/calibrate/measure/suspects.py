@@ -1,7 +1,7 @@
-"""Rays that miss each other because one input was read wrongly: tried, and named where the evidence is plain.
+"""Rays that miss each other because one input was misread: alternatives are tried, and named on clear evidence.
 
-Swapped columns, rows counted upwards, two views exchanged, a motion given the other way round or in metres: each leaves
-gaps that its correction closes. Only what closes them a hundredfold is named; the rest stays a misfit in the result.
+Swapped columns, rows counted upwards, two views exchanged, an inverted motion or one in metres: each leaves gaps that
+its correction closes. Only a hundredfold improvement is named; the rest stays a misfit in the result.
 """
 
 from __future__ import annotations
@@ -22,16 +22,16 @@ from cadcam.geometry.rigid import Rigid
 
 Again = Callable[[Sequence[Viewpoint], Array, Plane | None], Measurement]
 
-_SUSPICIOUS = 5.0  # sigmas, root of the median misfit by its freedom: no noise does that to half of the points
+_SUSPICIOUS = 5.0  # sigmas, root of the median misfit per degree of freedom: never reached by noise
 _GOOD = 2.0
 _TIMES_BETTER = 10.0  # in sigmas
-_EVIDENCE = 3  # degrees of freedom in all: a single gap may close by chance
+_EVIDENCE = 3  # degrees of freedom in total: a single gap may close by chance
 _ENOUGH = 40  # points tried
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Suspect:
-    """An input read another way, and the words for it."""
+    """An alternative reading of an input, and its description."""
 
     words: str
     viewpoints: Sequence[Viewpoint]
@@ -42,7 +42,7 @@ class _Suspect:
 def refuse_if_explained(
     measured: Measurement, viewpoints: Sequence[Viewpoint], q: Array, plane: Plane | None, again: Again
 ) -> None:
-    """Raise `InconsistentViews` if the points do not fit, or lie behind a camera, but do with one input read anew."""
+    """Raise `InconsistentViews` if points do not fit, or lie behind a camera, unless one input is read differently."""
     seen = np.isfinite(q).all(axis=-1).sum(axis=0)
     measurable = seen >= (2 if plane is None else 1)
     evidence = int(np.sum((2 * seen - (3 if plane is None else 2))[measurable]))
@@ -68,7 +68,7 @@ def refuse_if_explained(
 
 
 def _misfit(measured: Measurement) -> float:
-    """Return the root of the median of chi-square by degrees of freedom, inf without any point."""
+    """Return the root of the median of chi-square per degree of freedom, inf without any point."""
     some = measured.dof > 0
     return float(np.sqrt(np.median(measured.chi2[some] / measured.dof[some]))) if some.any() else np.inf
 

@@ -1,1 +1,1 @@
-"""A camera from points of one picture: in full, in part, its pose alone, or of a lower dimension."""
+"""A camera from points of one picture: in full, in part, its pose alone, or in lower dimensions."""

@@ -26,9 +26,9 @@ from cadcam.fit.least_squares import Solution, Stalled, cofactor
 Method = Literal["reprojection", "dlt", "dlt-c23"]
 METHODS: tuple[Method, ...] = get_args(Method)
 
-_FOCALS = (0.3, 0.6, 1.2, 2.5, 6.0)  # by the longer side of the picture: 118 to 10 deg of view
-_FLAT = 0.01  # thickness by length below which the second pose is always reported
-_NEARLY_AS_GOOD = 3.0  # and beyond it, where its residual is less than this many times the best
+_FOCALS = (0.3, 0.6, 1.2, 2.5, 6.0)  # over the longer side of the picture: 118 to 10 deg of view
+_FLAT = 0.01  # thickness over length below which the second pose is always reported
+_NEARLY_AS_GOOD = 3.0  # above it, if its residual is less than this many times the best
 _SWEEP = Effort(triples=10, keep=3, spread=6, iterations=40)
 
 
@@ -41,7 +41,7 @@ def calibrate_camera(
     free_lens: Iterable[str] = (),
     method: Method = "reprojection",
 ) -> CameraEstimate:
-    """Return the camera of `size` (width, height) px that sees the points where they were seen, and its pose.
+    """Return the camera of `size` (width, height) px that images the points at their pixels, and its pose.
 
     Minimises the sum of squared pixel residuals over every parameter that is not fixed, globally and without a guess.
     fixed: values for any of X Y Z (mm) a b c (rad) aspect focal (px) skew (rad) U0 V0 (px). lens: its model and
@@ -76,12 +76,12 @@ def calibrate_camera(
 
 
 def locate_camera(observations: Observations, camera: Camera) -> CameraEstimate:
-    """Return where a known camera stands (resection, "PnP"), from four points on.
+    """Return the pose of a known camera (resection, "PnP"), from at least four points.
 
-    Its internals and lens stay as they are. The global minimum of the reprojection error, without a guess, for any
-    lens. A flat target's second pose is reported as `alternative`, with its residuals, if it is a minimum too; so is
-    any other pose that fits nearly as well. Raises `TooFewPoints`, `DegenerateGeometry` for points on a line,
-    `MirroredPoints`, and `BadValue` naming a point that lies where the lens images nothing.
+    Its internals and lens are kept. The global minimum of the reprojection error, without a guess, for any lens. A flat
+    target's second pose is reported as `alternative`, with its residuals, if it is a minimum too; so is any other pose
+    that fits nearly as well. Raises `TooFewPoints`, `DegenerateGeometry` for points on a line, `MirroredPoints`, and
+    `BadValue` naming a point that lies where the lens images nothing.
     """
     _refuse_few(observations, EXTERNALS)
     refuse_flat(observations.p_world, unknowns=len(EXTERNALS))
@@ -110,7 +110,7 @@ def _refuse_mirrored(
 
 
 def _search(model: CameraModel, size: tuple[int, int], fixed: Mapping[str, float]) -> list[Solution[Array]]:
-    """Find the pinhole's minima first, and set lens coefficients free there."""
+    """Find the pinhole's minima first, and release lens coefficients there."""
     pinhole = tuple(n for n in model.free if n in NAMES)
     if not pinhole:
         raise BadValue("free parameters", model.free, "at least one of the pinhole's eleven")
@@ -123,7 +123,7 @@ def _search(model: CameraModel, size: tuple[int, int], fixed: Mapping[str, float
 
 
 def _internals(fixed: Mapping[str, float], size: tuple[int, int]) -> Array:
-    """Rows (M, 5) of internals to start from: fixed ones as given, the rest as pictures usually have them."""
+    """Rows (M, 5) of internals to start from: fixed ones as given, the others typical of pictures."""
     focals = [fixed["focal"]] if "focal" in fixed else [k * max(size) for k in _FOCALS]
     usual = {"aspect": 1.0, "skew": 0.0, "U0": (size[1] - 1) / 2, "V0": (size[0] - 1) / 2}
     return np.array([[{**usual, "focal": f, **fixed}[name] for name in INTERNALS] for f in focals])

@@ -1,7 +1,7 @@
 """Cameras of the lower dimensions from points: a plane's 3x3 matrix (2D to 2D), a line camera's five (2D to 1D).
 
 Both start from the normalised direct linear transform and end at the least sum of squared image residuals, to which
-their covariance belongs.
+their covariance refers.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.dlt import dlt
 from cadcam.fit.least_squares import cofactor, minimise
 
-_ONE_HEIGHT = 1e-6  # spread of Z by the plane's size: 1 um over a metre
+_ONE_HEIGHT = 1e-6  # range of Z over the plane's size: 1 um over a metre
 
 
 def calibrate_plane(observations: Observations) -> PlaneEstimate:
-    """Return how a camera sees the plane Z = constant of the world, from four points on, with covariance.
+    """Return the map of the plane Z = constant of the world to the picture, from at least four points, with covariance.
 
     Raises `TooFewPoints`; `DegenerateGeometry` for points at different heights, or with all but one of them on a line.
     """
@@ -51,7 +51,7 @@ def calibrate_plane(observations: Observations) -> PlaneEstimate:
 
 
 def calibrate_line(observations: LineObservations) -> LineEstimate:
-    """Return the line camera that sees points of its plane where they were seen, from five points on, with covariance.
+    """Return the line camera from points of its plane and their images, from at least five points, with covariance.
 
     Raises `TooFewPoints`; `DegenerateGeometry` for points on a line, or on a conic through the focal centre.
     """
@@ -72,7 +72,7 @@ def measure_on_plane(
     """Return the points of the plane seen at pixels q (N, 2), in the world of the calibration (EQ 6.8-6.10).
 
     sigma_px: noise of these pixels, by default that of the calibration. The matrix' error is shared by all points.
-    Points beyond the plane's vanishing line are refused one by one; raises `DegenerateGeometry` if all of them are.
+    Points beyond the plane's vanishing line are refused individually; raises `DegenerateGeometry` if all of them are.
     """
     pixels = frozen(q, "pixels", (None, 2))
     names = tuple(names) or tuple(str(i + 1) for i in range(len(pixels)))
@@ -117,7 +117,7 @@ def _pixel_noise(estimate: PlaneEstimate, sigma_px: float | None) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PlaneProblem:
-    """States are matrices of norm 1 in a frame of plane and picture where both are about one large."""
+    """States are matrices of norm 1 in normalised coordinates of plane and picture."""
 
     p: Array
     q: Array
@@ -131,7 +131,7 @@ class _PlaneProblem:
         return np.asarray(moved / np.linalg.norm(moved))
 
     def basis(self, state: Array) -> Array:
-        """Return (9, 8): steps of the entries that change the image, each of about the same size there."""
+        """Return (9, 8): steps of the entries that change the image, each by about the same amount."""
         to_plane, to_picture = _about_one(self.p), _about_one(self.q)
         similar = to_picture @ state @ np.linalg.inv(to_plane)
         tangent = np.linalg.svd(similar.reshape(1, 9))[2][1:].T * np.linalg.norm(similar)

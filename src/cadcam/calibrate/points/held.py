@@ -1,4 +1,4 @@
-"""What a calibration holds, against its points: a fit that leaves it free says whether they agree with it."""
+"""A test of the values that a calibration holds fixed, by a fit that leaves them free."""
 
 from __future__ import annotations
 
@@ -10,15 +10,15 @@ from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.errors import CadcamError
 
-_LEVEL = 1e-3  # chance below which points that agree with what is held would say so much against it
-_ROUNDING = 1e-9  # px: what is nearer to its pixel is there exactly
+_LEVEL = 1e-3  # significance level of a contradiction
+_ROUNDING = 1e-9  # px: smaller residuals count as zero
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Held:
-    """Parameters that were held, the estimate that leaves them free, and the chance of points so much against them.
+    """Parameters that were held, the estimate that leaves them free, and the p-value of the test.
 
-    That is the chance that points which agree with the values held gain as much by leaving them free: of the F-test, or
+    It is the chance that points which agree with the held values gain as much by leaving them free: of the F-test, or
     of chi squared where the pixels' noise is stated (Seber and Wild, "Nonlinear Regression", 1989, section 5.3).
     """
 
@@ -33,7 +33,7 @@ class Held:
 
 
 def held_against(estimate: CameraEstimate, names: Sequence[str]) -> Held | None:
-    """Return what the points of an estimate say of parameters that it holds; None where they do not determine these."""
+    """Return the test of held parameters by the points of an estimate; None where they do not determine these."""
     from scipy.stats import chi2, f
 
     held = tuple(name for name in names if name not in estimate.free)

@@ -1,4 +1,4 @@
-"""The direct linear transform as an estimate of its own, with the covariance of that estimator, and as a start."""
+"""The direct linear transform as an estimate, with the covariance of that estimator, and as a start."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def dlt_estimate(observations: Observations, size: tuple[int, int], form: Form) 
 
 
 def dlt_states(model: CameraModel, fixed: Mapping[str, float]) -> Array:
-    """Return starts (S, k) from both forms with the fixed internals put in place; none where there is no answer."""
+    """Return starts (S, k) from both forms with the fixed internals set; none where there is no solution."""
     states = []
     for form in FORMS:
         try:
@@ -50,7 +50,7 @@ def dlt_states(model: CameraModel, fixed: Mapping[str, float]) -> Array:
 
 
 def seen_from_the_front(observations: Observations) -> bool:
-    """Return whether a linear transform, which knows mirrored cameras too, fits an unmirrored one to the points."""
+    """Return whether a linear transform, which also fits mirrored cameras, gives an unmirrored one for the points."""
     for form in FORMS:
         try:
             _refuse_behind(decomposed(observations.p_world, observations.q, form), observations)
@@ -61,7 +61,7 @@ def seen_from_the_front(observations: Observations) -> bool:
 
 
 def decomposed(p: Array, q: Array, form: Form) -> ExtendedPinhole:
-    """Return the eleven parameters of the direct linear transform, wherever the points lie about that camera."""
+    """Return the eleven parameters of the direct linear transform, wherever the points lie relative to that camera."""
     return ExtendedPinhole.from_matrix(uv_from_pixel_matrix(dlt(p, q, form=form)))
 
 

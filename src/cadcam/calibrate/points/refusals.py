@@ -1,4 +1,4 @@
-"""Results that must not leave: points that fit only a mirrored camera, nearly flat points."""
+"""Results that must not be returned: points that fit only a mirrored camera, nearly flat points."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from cadcam.camera.observations import Observations
 from cadcam.errors import DegenerateGeometry, MirroredPoints, NotConverged
 from cadcam.fit.extents import flatness
 
-_UNSUSPICIOUS_PX = 0.5  # rms of a coordinate that nobody doubts, where no sigma is stated
+_UNSUSPICIOUS_PX = 0.5  # rms of a coordinate that is accepted where no sigma is stated
 _UNSUSPICIOUS_SIGMAS = 3.0
 _TIMES_LIKELIER = 1e3
-_NEARLY_FLAT = 0.02  # thickness by length
-_USELESS = 1 / 3  # sigma of the focal length by itself
+_NEARLY_FLAT = 0.02  # thickness over length
+_USELESS = 1 / 3  # relative sigma of the focal length
 
 
 def refuse_mirrored(
@@ -29,8 +29,8 @@ def refuse_mirrored(
     """Raise `MirroredPoints` if the points seen in a mirror fit, and are a thousand times likelier.
 
     sum_of_squares: the best of real cameras, px^2; mirrored_sum: gives the best for given pixels. With dof degrees of
-    freedom and unknown noise the likelihood goes with (sum of squares)^(-dof/2). A flat target cannot show it: its
-    mirror image is the target seen from behind.
+    freedom and unknown noise the likelihood is proportional to (sum of squares)^(-dof/2). A flat target cannot show it:
+    its mirror image is the target seen from behind.
     """
     n, sigma = len(observations), observations.sigma_px
     doubt = _UNSUSPICIOUS_PX if sigma is None else _UNSUSPICIOUS_SIGMAS * sigma
@@ -65,9 +65,9 @@ def mirrored_internals(fixed: Mapping[str, float], width: int) -> dict[str, floa
 
 
 def refuse_as_good_as_flat(estimate: CameraEstimate) -> None:
-    """Raise `DegenerateGeometry` for points so nearly on a plane that the focal length drowns in the noise.
+    """Raise `DegenerateGeometry` for points so nearly on a plane that noise hides the focal length.
 
-    Points in space are let through however uncertain they leave it: the estimate's sigmas say so.
+    Points in space are accepted however uncertain they leave it: the estimate's sigmas state this.
     """
     if "focal" not in estimate.free or not np.isfinite(estimate.noise_px):
         return

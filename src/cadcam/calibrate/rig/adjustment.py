@@ -26,12 +26,12 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-16)
-_LEAST_NOISE = 1e-6  # px, of a camera by itself: pixels that fit exactly are not infinitely better than others
+_LEAST_NOISE = 1e-6  # px, of a camera by itself: pixels that fit exactly do not get infinite weight
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigCamera:
-    """What one camera of a rig saw: its observations frame by frame, None where it saw nothing.
+    """The data of one camera of a rig: its observations frame by frame, None where there are none.
 
     size: its picture's (width, height), px. fixed, lens, free_lens: as in `calibrate_jointly`. known: a calibrated
     camera whose internals and lens are kept; it brings its own size.
@@ -65,13 +65,13 @@ class RigCamera:
 def calibrate_rig(
     cameras: Mapping[str, RigCamera], *, frames: Sequence[str] = (), loss: Loss | None = None
 ) -> RigEstimate:
-    """Return the cameras, where they are mounted on their rig, and the rig's pose in every frame; no guess is needed.
+    """Return the cameras, their mounts on the rig, and the rig's pose in every frame; no guess is needed.
 
     The n-th view of every camera belongs to the n-th frame: they were taken at the same moment, and show points of the
     same world (a board's). Cameras need not see the same points, nor each frame, but each must be linked to the others
-    by frames that it shares with some, and be fit for a calibration by itself. The rig's frame is that of the first
-    camera. frames: their names, default "1", "2", ... Minimises the sum of squared pixel residuals by each camera's
-    noise: the stated sigma_px, or else what its own calibration leaves. loss: as in `calibrate_jointly`.
+    by shared frames, and be fit for a calibration by itself. The rig's frame is that of the first camera. frames: their
+    names, default "1", "2", ... Minimises the sum of squared pixel residuals over each camera's noise: the stated
+    sigma_px, or else the residual of its own calibration. loss: as in `calibrate_jointly`.
 
     Raises `BadValue`, `InconsistentViews` naming frames that were not taken together, `DegenerateGeometry` naming a
     camera without a link or what the frames do not determine, and what `calibrate_jointly` raises for one camera.
@@ -93,7 +93,7 @@ def calibrate_rig(
 def _posed(
     names: tuple[str, ...], fits: Sequence[JointFit], index: Sequence[Longs], labels: Sequence[str], origin: Array
 ) -> tuple[RigModel, RigState]:
-    """Return the rig's model, points counted from `origin`, and the state that the cameras' own calibrations give."""
+    """Return the rig's model, points relative to `origin`, and the state from the cameras' own calibrations."""
     moved = _weighed([_about(fit, origin) for fit in fits], fits)
     alone = [
         rig_start.Alone(
@@ -165,7 +165,7 @@ def _alone(name: str, camera: RigCamera, loss: Loss | None) -> JointFit:
 
 
 def _about(fit: JointFit, origin: Array) -> tuple[JointModel, JointState]:
-    """Return model and state of a camera with the points counted from another origin."""
+    """Return model and state of a camera with the points relative to another origin."""
     state, shift = fit.solution.state, fit.origin - origin
     return replace(fit.model, p=fit.model.p + shift), replace(state, t=state.t - state.R @ shift)
 
@@ -173,7 +173,7 @@ def _about(fit: JointFit, origin: Array) -> tuple[JointModel, JointState]:
 def _weighed(
     moved: Sequence[tuple[JointModel, JointState]], fits: Sequence[JointFit]
 ) -> list[tuple[JointModel, JointState]]:
-    """Return the models with the noise by which cameras are weighed: as stated, else as each left by itself."""
+    """Return the models with the noise by which cameras are weighted: as stated, else the residual of each alone."""
     if all(_stated((fit.views,)) for fit in fits):
         return list(moved)
     own = [float(np.median(fit.model.noise) * np.sqrt(fit.solution.variance)) for fit in fits]
@@ -195,12 +195,12 @@ def _stated(views: Iterable[Iterable[Observations | None]]) -> bool:
 
 
 def by_camera(counts: Mapping[str, int]) -> str:
-    """Return how many there are of each camera, in words, for messages."""
+    """Return the counts by camera as text, for messages."""
     return ", ".join(f"{n} of camera {name!r}" for name, n in counts.items())
 
 
 def _labels(cameras: Mapping[str, RigCamera], frames: Sequence[str]) -> list[str]:
-    """Return what messages call each frame: its name, and what each camera saw there."""
+    """Return the name of each frame for messages: its own, and those of each camera's picture."""
     counts = {name: len(camera.views) for name, camera in cameras.items()}
     if len(cameras) < 2:
         raise BadValue("the number of cameras on the rig", len(cameras), "2 or more")
@@ -224,7 +224,7 @@ def _labels(cameras: Mapping[str, RigCamera], frames: Sequence[str]) -> list[str
 
 
 def _refuse_the_same_twice(cameras: Mapping[str, RigCamera]) -> None:
-    """Raise `BadValue` where what one camera saw is what another one saw, to the last bit."""
+    """Raise `BadValue` where the observations of two cameras are identical."""
     first: dict[str, tuple[str, str]] = {}
     for name, camera in cameras.items():
         for view in camera.views:

@@ -1,4 +1,4 @@
-"""A rig from pictures of a calibration board: found by each camera, strays and outliers left out, then all adjusted."""
+"""A rig from pictures of a calibration board: detection by each camera, outliers left out, then joint adjustment."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cadcam.errors import BadValue
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigBoards:
-    """A rig from pictures of a board, and what became of each camera's pictures in its calibration by itself."""
+    """A rig from pictures of a board, and the outcome for each camera's pictures in its calibration by itself."""
 
     estimate: RigEstimate
     alone: Mapping[str, BoardCalibration]
@@ -35,7 +35,7 @@ def calibrate_rig_boards(
 ) -> RigBoards:
     """Return the rig whose cameras took these pictures, the n-th of each at the same moment, None for no picture.
 
-    fixed, lens, free_lens, keep_all: as in `calibrate_boards`, for all cameras that are not `known`. Strays and outlier
+    fixed, lens, free_lens, keep_all: as in `calibrate_boards`, for all cameras that are not `known`. Outlier points and
     pictures are those of each camera by itself; a frame may lose the pictures of some cameras. Raises what
     `calibrate_boards` and `calibrate_rig` raise.
     """

@@ -1,4 +1,4 @@
-"""How the cameras of a rig are mounted, by each camera's own calibration: the start, and the test of what was put in.
+"""The mounts of a rig's cameras from each camera's own calibration: the start, and a test of the input.
 
 Two cameras on one rig must show the same relative pose in every frame that both see. It is the robust mean over these
 frames; frames that show another one, far beyond what their covariance allows, were not taken together, and are named
@@ -19,11 +19,11 @@ from cadcam.fit.joint_model import JointModel, JointState
 from cadcam.fit.rig_model import squared_misfits
 from cadcam.geometry.rigid import Rigid
 
-_GROSS = 20.0  # times the typical deviation by sigma (at least 1): errors of a lens or a board are some sigmas
-_EXPLAINS = 4.0  # times smaller deviation that another reading must leave; a picture of the other camera still deviates
-_SEEN = 0.01  # of the picture's longer side: as near must points be if one camera's pose predicts them for another
-_ROUNDING = 1e-6  # rad, and of the distance: exact data deviate by it
-_TRIED = 25  # frames tried as the one that the others agree with
+_GROSS = 20.0  # times the typical normalised deviation (at least 1): errors of a lens or a board are some sigmas
+_EXPLAINS = 4.0  # times smaller deviation required of another reading; a picture of the other camera still deviates
+_SEEN = 0.01  # of the picture's longer side: tolerance of points predicted by the other camera's pose
+_ROUNDING = 1e-6  # rad, and over the distance: deviation of exact data
+_TRIED = 25  # frames tried as the reference that the others agree with
 _SHIFTS = (1, -1, 2, -2, 3, -3)
 _NAMED = 6  # frames in a list before "..."
 
@@ -52,7 +52,7 @@ class Alone:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Pair:
-    """What two cameras show of their relative pose b_from_a in the frames that both see, with covariances (left)."""
+    """The relative pose b_from_a of two cameras in the frames that both see, with covariances (left)."""
 
     a: Alone
     b: Alone
@@ -66,7 +66,7 @@ class _Pair:
         return cls(a, b, frames, in_a, in_b)
 
     def shifted(self, by: int) -> _Pair:
-        """Return the pair if the frames of b were counted `by` later."""
+        """Return the pair with the frames of b shifted `by` later."""
         frames, in_a, in_b = np.intersect1d(self.a.frames, self.b.frames - by, return_indices=True)
         return _Pair(self.a, self.b, frames, in_a, in_b)
 
@@ -136,32 +136,32 @@ def _agreed(pair: _Pair, labels: Sequence[str]) -> Rigid:
 
 
 def _middle(relative: Rigid, S: Array) -> tuple[int, Array, float]:
-    """Return the frame that the others agree with best, how far each is from it by sigma, and the lower median."""
+    """Return the frame that the others agree with best, their normalised deviations from it, and the lower median."""
     k = len(S)
     if k < 2:
         return 0, np.zeros(k), 0.0
     tried = np.unique(np.linspace(0, k - 1, min(k, _TRIED)).round().astype(int))
     deviations = np.stack([_deviation(relative, S, relative[m], S[m]) for m in tried])
-    typical = np.sort(deviations, axis=1)[:, (k - 2) // 2 + 1]  # each has its own 0 in front
+    typical = np.sort(deviations, axis=1)[:, (k - 2) // 2 + 1]  # the first is each one's own 0
     best = int(np.argmin(typical))
     return int(tried[best]), deviations[best], float(typical[best])
 
 
 def _deviation(relative: Rigid, S: Array, base: Rigid, S_base: Array) -> Array:
-    """Return the root mean square (k,) over six coordinates of relative poses off one, by their sigmas."""
+    """Return the root mean square (k,) of normalised deviations of relative poses from one, over six coordinates."""
     xi = (relative @ base.inv).log()
     return np.asarray(np.sqrt(np.einsum("ki,ki->k", xi, np.linalg.solve(S + S_base, xi[..., None])[..., 0]) / 6))
 
 
 def _seen_alike(pair: _Pair, base: Rigid) -> Mask:
-    """Return in which frames one camera's pose predicts well what the other sees: the rest is a flat target's flip."""
+    """Return in which frames one camera's pose predicts the other's points: the others are a flat target's flip."""
     in_b = pair.b.misfits(pair.in_b, base @ pair.a.poses[pair.in_a])
     in_a = pair.a.misfits(pair.in_a, base.inv @ pair.b.poses[pair.in_b])
     return np.asarray((np.sqrt(in_b) < _SEEN * pair.b.longer) | (np.sqrt(in_a) < _SEEN * pair.a.longer))
 
 
 def _refuse_all(pair: _Pair, typical: float, labels: Sequence[str]) -> None:
-    """Raise: not half of the frames agree; said with the reading of their order that makes them agree."""
+    """Raise: less than half of the frames agree; names the reading of their order that makes them agree."""
     readings = []
     for by in _SHIFTS:
         other = pair.shifted(by)
@@ -201,7 +201,7 @@ def _refuse_some(pair: _Pair, base: Rigid, S_base: Array, deviation: Array, gros
 
 
 def _explained(pair: _Pair, base: Rigid, S_base: Array, deviation: Array, bad: Longs, labels: Sequence[str]) -> str:
-    """Return how else the bad frames' pictures may be meant, where that brings them near the others."""
+    """Return the alternative reading of the bad frames' pictures that brings them near the others."""
     said = []
     for i in bad:
         swapped = _Pair(pair.a, pair.b, pair.frames[[i]], pair.in_a[[i]], pair.in_b[[i]])

@@ -1,1 +1,1 @@
-"""How stable the parameters of a calibrated camera are: by draws, by chains, where it stands elsewhere each time."""
+"""The variability of a calibrated camera's parameters: by draws, by chains, and with alternating poses."""

@@ -1,4 +1,4 @@
-"""The variability of the internals where the camera stands elsewhere at every draw (thesis, Tables 2.17, 2.18)."""
+"""The variability of the internals where every draw has another camera pose (thesis, Tables 2.17, 2.18)."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.sampling import Progress
 
-_TRIES = 100  # sets of poses drawn for one set of visible ones
+_TRIES = 100  # sets of poses drawn per set of visible ones
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Alternating:
-    """Estimates of a camera that stood elsewhere at every draw.
+    """Estimates of a camera with another pose in every draw.
 
     errors: estimated minus drawn, added to the values of the estimate that was varied: those of the internals are the
-    internals found. drawn: the externals (M, 6) of each draw, mm, rad.
+    estimated internals. drawn: the externals (M, 6) of each draw, mm, rad.
     """
 
     errors: Variability
@@ -35,10 +35,10 @@ class Alternating:
 
     @property
     def correlation_with_drawn(self) -> Array:
-        """Return the correlations (11, 11) of the externals *drawn* with the internals found: Table 2.18 of the thesis.
+        """Return the correlations (11, 11) of the externals *drawn* with the estimated internals: Table 2.18.
 
-        They vanish whatever the camera, because the noise is independent of where it stood; how the errors go together
-        is `errors.correlation`.
+        They vanish for any camera, because the noise is independent of the pose; the correlation of the errors is
+        `errors.correlation`.
         """
         found = self.errors.values[:, len(EXTERNALS) :]
         return np.corrcoef(np.column_stack([self.drawn, found]).T)
@@ -58,11 +58,11 @@ def alternating_externals(
 ) -> Alternating:
     """Return estimates of synthetic observations from poses drawn about the estimate's, its internals kept.
 
-    Position and angles are drawn evenly, within +-spread_mm and +-spread_deg of the estimated ones; poses from which a
-    point lies behind the camera or outside the picture are drawn again. visible=False keeps them, as the thesis must
-    have: its matrix images points from behind too. Only a linear `method` can use those. All else as in
+    Position and angles are drawn uniformly, within +-spread_mm and +-spread_deg of the estimated ones; poses from which
+    a point lies behind the camera or outside the picture are drawn again. visible=False keeps them, as the thesis must
+    have done: its matrix images points from behind too. Only a linear `method` can use those. All else as in
     `monte_carlo_variability`. Raises `DegenerateGeometry` for a spread that leaves hardly a visible pose, `BadValue`
-    unless just the eleven parameters are free.
+    unless exactly the eleven parameters are free.
     """
     _refuse(estimate, method, visible, spread_mm, spread_deg)
     noise = noise_of(estimate, sigma_px)
@@ -106,7 +106,7 @@ def _poses(
     count: int,
     rng: np.random.Generator,
 ) -> Array:
-    """Return states (count, k) of which all see all points, where that is asked for."""
+    """Return states (count, k), if `visible` only such that image all points."""
     kept = np.zeros((0, 6 + len(parameters)))
     for _ in range(_TRIES):
         values = np.repeat(parameters[None], count, axis=0)
@@ -126,7 +126,7 @@ def _sees_all(estimate: CameraEstimate, model: CameraModel, states: Array) -> Ma
 
 
 def _imaged(estimate: CameraEstimate, model: CameraModel, states: Array) -> Array:
-    """Return the pixels (B, N, 2) of the points by the camera's matrix, which knows no front and back."""
+    """Return the pixels (B, N, 2) of the points by the camera's matrix, which also images points behind it."""
     if estimate.camera.lens.parameters:
         return model.pixels(states)
     R = states[:, 3:12].reshape(-1, 3, 3)

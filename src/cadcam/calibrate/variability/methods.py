@@ -1,8 +1,8 @@
-"""How stable each parameter of a calibrated camera is: first order, Monte Carlo, Markov chain (thesis, section 2.4).
+"""The variability of a calibrated camera's parameters: first order, Monte Carlo, Markov chain (thesis, section 2.4).
 
-Three answers to one question, which agree where the noise is small:
-`first_order_variability`   the estimator's derivative: what `CameraEstimate.covariance` says, or points noisy, too;
-`monte_carlo_variability`   Method A, EQ 2.177-2.179: synthetic observations of the camera, estimated time and again;
+Three methods, which agree where the noise is small:
+`first_order_variability`   the estimator's derivative: equals `CameraEstimate.covariance`, or with noisy points, too;
+`monte_carlo_variability`   Method A, EQ 2.177-2.179: repeated estimates from synthetic observations of the camera;
 `markov_chain_variability`  Method B, EQ 2.180-2.187: Metropolis over the likelihood of the measured pixels.
 """
 
@@ -31,11 +31,11 @@ from cadcam.fit.global_search import polished
 from cadcam.fit.least_squares import cofactor
 from cadcam.fit.sampling import LogDensity, Progress, Walk, metropolis, refuse_unmixed
 
-BLOCK = 256  # draws made together; their noise is drawn whole, so that more draws begin with the same ones
+BLOCK = 256  # draws per block; each block's noise is drawn whole, so that longer runs begin with the same draws
 CHAINS = 64
 _THIN = 10
-_LONG = 10_000  # steps of a chain: hundreds of times what it takes to forget, or R-hat sees its own noise
-_SPREAD = 2.0  # sigmas by which the chains' starts lie apart: wider than what is sampled, so that R-hat can tell
+_LONG = 10_000  # steps of a chain: hundreds of autocorrelation times, or R-hat is dominated by its own noise
+_SPREAD = 2.0  # sigmas of the chains' starts: wider than the distribution, so that R-hat detects poor mixing
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,7 +67,7 @@ class Variability:
     """Draws (C, M, n) of the free parameters `names` in C chains (one, where they are independent), mm, rad, px.
 
     exact: the values (n,) about which they were made. sigma_px, sigma_mm: noise of one coordinate of pixels and of
-    world points. failed: draws without an answer, left out. r_hat, effective (n,), acceptance: of Markov chains
+    world points. failed: draws without a solution, left out. r_hat, effective (n,), acceptance: of Markov chains
     (`cadcam.fit.sampling`); independent draws have R-hat 1 and count fully. Angles are continuous about `exact`.
     """
 
@@ -138,8 +138,8 @@ def first_order_variability(
     """Return the covariance of the free parameters for noise in every pixel and every world coordinate.
 
     sigma_px^2 G G^T + sigma_mm^2 H H^T, G and H the derivatives of the estimate by `method` with respect to pixels and
-    world points; without the second term this is `CameraEstimate.covariance`. The weights stay equal, as the estimators
-    have them. sigma_px: default the estimate's `noise_px`. Raises `BadValue` where that is unknown.
+    world points; without the second term this is `CameraEstimate.covariance`. The weights stay equal, as in the
+    estimators. sigma_px: default the estimate's `noise_px`. Raises `BadValue` where that is unknown.
     """
     refuse_method(method, estimate)
     noise = noise_of(estimate, sigma_px, sigma_mm)
@@ -159,13 +159,13 @@ def monte_carlo_variability(
     method: Method = "reprojection",
     progress: Progress | None = None,
 ) -> Variability:
-    """Return what synthetic observations of the estimated camera are estimated as: Method A of the thesis.
+    """Return the estimates from synthetic observations of the estimated camera: Method A of the thesis.
 
-    Its points, imaged exactly, get normal noise of sigma_px (default: the estimate's `noise_px`) a coordinate, the
-    world points sigma_mm; each draw is estimated by `method`: least squares from the estimate on, or a linear transform
-    ("dlt-c23" is the thesis'). An equal `rng` gives equal draws, and more of them begin with the same ones. `progress`
-    is called after each of ceil(draws/256) blocks. Raises `BadValue` for unknown noise, `DegenerateGeometry` if more
-    than half of the draws have no answer.
+    Its points, imaged exactly, get normal noise of sigma_px (default: the estimate's `noise_px`) per coordinate, the
+    world points sigma_mm; each draw is estimated by `method`: least squares started at the estimate, or a linear
+    transform ("dlt-c23" is the thesis'). An equal `rng` gives equal draws, and longer runs begin with the same ones.
+    `progress` is called after each of ceil(draws/256) blocks. Raises `BadValue` for unknown noise, `DegenerateGeometry`
+    if more than half of the draws have no solution.
     """
     refuse_method(method, estimate)
     noise = noise_of(estimate, sigma_px, sigma_mm)
@@ -194,10 +194,10 @@ def markov_chain_variability(
 ) -> Variability:
     """Return draws of the free parameters by the likelihood of the measured pixels: Method B of the thesis.
 
-    The density is exp(-sum of squares/(2 sigma_px^2)), flat a priori in the thesis' parameters; sigma_px: default the
-    estimate's `noise_px`. Random-walk Metropolis, `chains` chains of `walk` (default 1,000,000 steps in all) that begin
-    spread twice as wide as the first-order covariance, which also shapes their steps; the size of these is tuned in
-    burn-in only. `exact` is the least-squares optimum. `progress` is called after each of walk.steps/walk.thin kept
+    The density is exp(-sum of squares/(2 sigma_px^2)), with a flat prior in the thesis' parameters; sigma_px: default
+    the estimate's `noise_px`. Random-walk Metropolis, `chains` chains of `walk` (default 1,000,000 steps in all) whose
+    starts are spread twice as wide as the first-order covariance, which also shapes their steps; the step size is tuned
+    in burn-in only. `exact` is the least-squares optimum. `progress` is called after each of walk.steps/walk.thin kept
     states of all chains. Raises `NotMixed` if the chains do not agree, `BadValue` for unknown noise.
     """
     noise = noise_of(estimate, sigma_px)
@@ -216,7 +216,7 @@ def markov_chain_variability(
 
 
 def chains_for(steps: int) -> int:
-    """Return among how many chains to share steps: each long enough to forget where it began."""
+    """Return the number of chains to divide steps among: each long enough to forget its start."""
     return min(CHAINS, max(4, steps // _LONG))
 
 
@@ -229,7 +229,7 @@ def walk_of(steps: int, chains: int = CHAINS) -> Walk:
 
 
 def noise_of(estimate: CameraEstimate, sigma_px: float | None, sigma_mm: float = 0.0) -> float:
-    """Return the pixel noise that was asked for, else the estimate's; `BadValue` if there is none or it is no noise."""
+    """Return the given pixel noise, else the estimate's; `BadValue` if there is none or it is not valid."""
     noise = estimate.noise_px if sigma_px is None else sigma_px
     if not (np.isfinite(noise) and noise > 0):
         raise BadValue("sigma_px", noise, "a positive number of px; state it, the residuals do not tell it here")
@@ -239,7 +239,7 @@ def noise_of(estimate: CameraEstimate, sigma_px: float | None, sigma_mm: float =
 
 
 def blocks(draws: int) -> Iterator[int]:
-    """Yield how many draws each block has; `BadValue` for too few draws."""
+    """Yield the number of draws of each block; `BadValue` for too few draws."""
     if draws < 2:
         raise BadValue("number of draws", draws, "2 at least; 2000 know a sigma to 1.6 %")
     for begin in range(0, draws, BLOCK):
@@ -249,7 +249,7 @@ def blocks(draws: int) -> Iterator[int]:
 def independent(
     names: tuple[str, ...], exact: Array, values: Array, asked: int, noise: float, sigma_mm: float
 ) -> Variability:
-    """Return independent draws (M, n) of `asked`; `DegenerateGeometry` if fewer than half of them have an answer."""
+    """Return independent draws (M, n) of `asked`; `DegenerateGeometry` if fewer than half of them have a solution."""
     if 2 * len(values) < asked:
         raise DegenerateGeometry(
             f"{asked - len(values)} of {asked} draws have no camera at {noise:.3g} px of noise: the points are too few "
@@ -273,7 +273,7 @@ def log_likelihood(model: CameraModel, state: Array, noise: float) -> LogDensity
 
 
 def _possible_starts(density: LogDensity, exact: Array, factor: Array, chains: int, rng: np.random.Generator) -> Array:
-    """Return normal draws (C, n) about `exact`; those that are no camera are drawn again, nearer."""
+    """Return normal draws (C, n) about `exact`; those that are not cameras are drawn again, nearer."""
     starts = exact + rng.standard_normal((chains, len(exact))) @ factor.T
     while (bad := ~np.isfinite(density(starts))).any():
         starts[bad] = exact + (starts[bad] - exact) / 2

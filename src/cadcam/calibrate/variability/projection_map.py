@@ -1,4 +1,4 @@
-"""How well a calibrated camera knows where it sees a point, over its picture."""
+"""The uncertainty of a calibrated camera's projections over its picture."""
 
 from __future__ import annotations
 
@@ -17,8 +17,9 @@ NODES = 65  # along the longer side of the picture
 class ProjectionMap:
     """Standard deviations sigma (h, w) px of projections at the pixels (x[j], y[i]), due to the camera's error alone.
 
-    sigma is that along the worse direction: the root of the covariance's larger eigenvalue. NaN where the camera sees
-    nothing of the surface. surface: in words, where the points lie. q: the pixels (N, 2) of the calibration's points.
+    sigma is that along the worst direction: the root of the covariance's larger eigenvalue. NaN where the camera images
+    no point of the surface. surface: description of where the points lie. q: the pixels (N, 2) of the calibration's
+    points.
     """
 
     x: Array

@@ -1,4 +1,4 @@
-"""One camera estimated from many sets of observations at once, and how an estimate answers to its observations."""
+"""Many sets of observations of one camera estimated at once, and the derivative of an estimate by observations."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from cadcam.fit.multistart import descend
 ANGULAR = ("a", "b", "c")
 _FORMS: dict[Method, Form] = {"dlt": "normalised", "dlt-c23": "c23"}
 _ITERATIONS = 30
-_SETTLED = 1e-6  # of the noise variance: what a further step may still promise
+_SETTLED = 1e-6  # in units of the noise variance: predicted decrease at convergence
 
 
 def model_of(estimate: CameraEstimate) -> tuple[CameraModel, Array]:
@@ -41,7 +41,7 @@ def refuse_method(method: Method, estimate: CameraEstimate) -> None:
 def estimates(model: CameraModel, starts: Array, method: Method, *, noise_px: float) -> tuple[Array, Mask]:
     """Return the free parameters (B, n) of B sets of observations, each estimated from its start, and which are good.
 
-    model: with p_world (B, N, 3), q (B, N, 2); starts (B, k). A set whose estimation fails or does not settle to a
+    model: with p_world (B, N, 3), q (B, N, 2); starts (B, k). A set whose estimation fails or does not converge to a
     thousandth of a sigma is not good.
     """
     if method in _FORMS:
@@ -54,10 +54,10 @@ def estimates(model: CameraModel, starts: Array, method: Method, *, noise_px: fl
 
 
 def response(estimate: CameraEstimate, method: Method) -> tuple[Array, Array]:
-    """Return how the free parameters move with pixels, (n, 2N), and with world coordinates, (n, 3N), to first order.
+    """Return the derivatives of the free parameters by pixels, (n, 2N), and by world coordinates, (n, 3N).
 
-    Of least squares at exact observations it is G = (J^T J)^-1 J^T and -G dq/dp_world; of a linear transform it is
-    taken by differences.
+    For least squares at exact observations it is G = (J^T J)^-1 J^T and -G dq/dp_world; for a linear transform finite
+    differences.
     """
     model, state = model_of(estimate)
     p, q = model.p_world, seen_exactly(estimate)
@@ -74,7 +74,7 @@ def response(estimate: CameraEstimate, method: Method) -> tuple[Array, Array]:
 
 
 def seen_exactly(estimate: CameraEstimate) -> Array:
-    """Return where the estimated camera sees its points (N, 2), px."""
+    """Return the images of the points (N, 2) in the estimated camera, px."""
     return estimate.camera.project(estimate.camera_from_world @ estimate.observations.p_world)
 
 
@@ -94,13 +94,13 @@ def _linear_estimates(model: CameraModel, form: Form) -> tuple[Array, Mask]:
     for row, p, q in zip(values, model.p_world, model.q, strict=True):
         try:
             row[:] = decomposed(p, q, form).vector
-        except (DegenerateGeometry, BadValue):  # a draw without an answer: counted, not fatal
+        except (DegenerateGeometry, BadValue):  # a draw without a solution: counted, not fatal
             continue
     return values, np.isfinite(values).all(axis=1)
 
 
 def _promises(r: Array, J: Array) -> Array:
-    """Return by how much a full step would lower each sum of squares, to first order."""
+    """Return the decrease of each sum of squares by a full step, to first order."""
     scale = np.maximum(np.linalg.norm(J, axis=1, keepdims=True), 1e-300)
     S = J / scale
     g = np.swapaxes(S, 1, 2) @ r[..., None]
