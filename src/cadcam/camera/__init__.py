@@ -1,1 +1,1 @@
-"""Lens, camera, the extended pinhole and OpenGL's values for it."""
+"""Lenses, cameras, the extended pinhole and its equivalent in OpenGL."""

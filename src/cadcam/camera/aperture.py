@@ -1,11 +1,11 @@
-"""The opening of a thin lens: how wide it is, and the distance that is in focus. A camera and it tell all blur.
+"""The aperture of a thin lens: its diameter and focus distance. With a camera, it determines all blur.
 
-A point of the opening at (u, v) from its middle sees the scene as a pinhole there would, on a sensor shifted so that
-what lies at the focus distance D stays where it is. Of a point at depth z it sees the picture shifted by
+A point of the aperture at (u, v) from its centre images the scene as a pinhole there would, on a sensor shifted so that
+what lies at the focus distance D keeps its place. The image of a point at depth z is shifted by
 
     dq = K (u, v) (1/D - 1/z),
 
-so the whole opening of diameter A makes a disc of it, of diameter A f |1/D - 1/z| px with the camera's f in px (thin
+so the whole aperture of diameter A spreads it to a disc of diameter A f |1/D - 1/z| px with the camera's f in px (thin
 lens; Potmesil and Chakravarty, "A lens and aperture camera model", 1981).
 """
 
@@ -24,7 +24,7 @@ from cadcam.errors import BadValue
 
 @dataclass(frozen=True, slots=True)
 class Aperture:
-    """A round opening of diameter_mm, of a lens focused at focus_mm (z-depth from the lens; inf: far away)."""
+    """A round aperture of diameter_mm, of a lens focused at focus_mm (z-depth from the lens; inf: far away)."""
 
     diameter_mm: float
     focus_mm: float
@@ -37,11 +37,11 @@ class Aperture:
 
     @classmethod
     def of(cls, optics: Optics) -> Aperture:
-        """Return the opening f/N of some optics at their distance; `BadValue` without an f-number."""
+        """Return the aperture at the f-number of some optics at their distance; `BadValue` without an f-number."""
         return cls(optics.aperture_mm, optics.distance_mm)
 
     def defocus_px(self, camera: Camera, z_mm: Floats) -> Array:
-        """Return the diameter along x, in px, of the discs that points at depths z_mm (...) become."""
+        """Return the diameter along x, in px, of the blur discs of points at depths z_mm (...)."""
         z = np.asarray(z_mm, dtype=np.float64)
         return np.asarray(self.diameter_mm * camera.fx * np.abs(1 / self.focus_mm - 1 / z))
 

@@ -1,4 +1,4 @@
-"""The camera: picture size, camera matrix with skew, lens. Where it stands is never part of it."""
+"""The camera: picture size, camera matrix with skew, lens. Its pose is never part of it."""
 
 from __future__ import annotations
 
@@ -104,7 +104,7 @@ class Camera:
         return self.pixel_of(m), np.asarray(self.K[:2, :2] @ dm_dp)
 
     def unproject(self, q: Floats) -> Array:
-        """Return unit directions (..., 3) in the camera frame of pixels q (..., 2); NaN where the lens has none."""
+        """Return unit directions (..., 3) in the camera frame of pixels q (..., 2); NaN where the lens images none."""
         return self.lens.unproject(self.normalised(q))
 
     def pixel_of(self, m: Array) -> Array:
@@ -118,12 +118,12 @@ class Camera:
         return np.stack([(centred[..., 0] - self.skew * y) / self.fx, y], axis=-1)
 
     def undistorted(self, q: Floats) -> Array:
-        """Return where a camera of this K without distortion sees what pixels q (..., 2) show; NaN where none does."""
+        """Return the pixels of q (..., 2) in a camera of this K without distortion; NaN where the lens images none."""
         d = self.unproject(q)
         return self.pixel_of(d[..., :2] / np.where(d[..., 2:] > 0, d[..., 2:], np.nan))
 
     def distorted(self, q: Floats) -> Array:
-        """Return the pixels of what a camera of this K without distortion sees at q (..., 2): `undistorted` undone."""
+        """Return the inverse of `undistorted`: pixels in this camera of q (..., 2) in one without distortion."""
         m = self.normalised(q)
         return self.project(np.concatenate([m, np.ones((*m.shape[:-1], 1))], axis=-1))
 

@@ -1,4 +1,4 @@
-"""The same camera in other words: lenses that are special cases of one another, with the camera matrix to match."""
+"""Equivalent forms of a camera: lenses that are special cases of one another, with the matching camera matrix."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from cadcam.camera.lens import (
 
 
 def equivalents(camera: Camera) -> Iterator[Camera]:
-    """Yield the camera and every other way to write it that this package knows: equal for all points, but for rounding.
+    """Yield the camera and all its other forms known to this package: equal for all points up to rounding.
 
-    The plainest lens comes last.
+    The simplest lens comes last.
     """
     yield camera
     lens = camera.lens

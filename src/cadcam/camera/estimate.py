@@ -1,4 +1,4 @@
-"""A camera as it comes out of a calibration or a pose: never without its covariance, residuals and observations."""
+"""The result of a calibration or pose estimate: a camera with covariance, residuals and observations."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ _ANGLES = slice(3, 6)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraEstimate(Fitted):
-    """A camera and where it stands, estimated from points; a pose is the same with its internals fixed.
+    """A camera and its pose, estimated from points; a pose estimate is the same with fixed internals.
 
     free: the names of the estimated parameters, a subset of `parameters` (the thesis' eleven, then the lens' own).
     cofactor: covariance (n, n) of the local coordinates of `cadcam.camera.sensitivity` for pixel noise of 1 px, zero
-    where nothing was free. It has no gimbal lock; `covariance` says the same in the thesis' names.
-    method: how it was computed, one line.
-    alternative: the other pose that a flat target (or a minimum nearly as good) allows, with its residuals; else None.
+    where nothing was free. It has no gimbal lock; `covariance` is the same in the thesis' parameters. method: how it
+    was computed, one line. alternative: the other pose that a flat target allows (or another minimum nearly as good),
+    with its residuals; else None.
     """
 
     camera: Camera
@@ -108,7 +108,7 @@ class CameraEstimate(Fitted):
 
     @property
     def correlation(self) -> Array:
-        """Return the correlation matrix of the free parameters, in the order of `free`; the noise does not enter."""
+        """Return the correlation matrix of the free parameters, in the order of `free`; independent of the noise."""
         index = [self._index(name) for name in self.free]
         C = self._cofactor[np.ix_(index, index)]
         sd = np.sqrt(np.diag(C))
@@ -121,7 +121,7 @@ class CameraEstimate(Fitted):
         return scaled(B @ self.cofactor[:6, :6] @ B.T, self.noise_px)
 
     def projection_covariance(self, p_world: Floats) -> Array:
-        """Return the covariance (..., 2, 2) px^2 of where world points (..., 3) are seen, due to the camera's error."""
+        """Return the covariance (..., 2, 2) px^2 of the images of world points (..., 3), due to the camera's error."""
         points = np.asarray(p_world, dtype=np.float64)
         _, J = project_with_sensitivity(self.camera, self.camera_from_world, points.reshape(-1, 3))
         cofactor = J @ self.cofactor @ np.swapaxes(J, -1, -2)
@@ -129,7 +129,7 @@ class CameraEstimate(Fitted):
 
     @property
     def _cofactor(self) -> Array:
-        """Return the cofactor matrix (n, n) by `parameters`: with the thesis' angles for the local rotation."""
+        """Return the cofactor matrix (n, n) of `parameters`: with the thesis' angles for the local rotation."""
         T = np.eye(len(self.parameters))
         T[_ANGLES, _ANGLES] = np.linalg.pinv(rotation_by_angles(self.camera_from_world.rotation))
         return np.asarray(T @ self.cofactor @ T.T)

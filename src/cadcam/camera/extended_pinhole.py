@@ -1,4 +1,4 @@
-"""The extended pinhole: eleven parameters <-> camera + pose <-> 3x4 matrix. The only file with the thesis' axes.
+"""The extended pinhole: eleven parameters <-> camera + pose <-> 3x4 matrix. The only file that uses the thesis' axes.
 
 Image points are (U, V): U points down, V to the right, so (U, V) = (y, x) of our pixels. The camera's axes are x' down,
 y' right, and it looks along -z':
@@ -164,7 +164,7 @@ def internals_by_name(camera: Camera) -> dict[str, float]:
 
 
 def camera_of(internals: Array, size: tuple[int, int], lens: Lens | None = None) -> Camera:
-    """Return the camera of `size` (width, height) px with these internals (5,), the reverse of `internals_of`."""
+    """Return the camera of `size` (width, height) px with these internals (5,), the inverse of `internals_of`."""
     return ExtendedPinhole(0, 0, 0, 0, 0, 0, *(float(x) for x in internals)).camera(size, lens)
 
 
@@ -203,7 +203,7 @@ def uv_matrix(camera: Camera, camera_from_world: Rigid) -> Array:
 
 
 def uv_from_pixel_matrix(P: Floats) -> Array:
-    """Return the thesis' C (rows U, V, 1) of a 3x4 matrix P with rows (x, y, 1), or the other way round."""
+    """Return the thesis' C (rows U, V, 1) of a 3x4 matrix P with rows (x, y, 1), or vice versa."""
     return np.asarray(PIXEL_FROM_UV @ frozen(P, "projection matrix", (3, 4)))
 
 

@@ -1,4 +1,4 @@
-"""What every fit to pixels says of itself: residuals, degrees of freedom, noise."""
+"""What all fits to pixels have in common: residuals, degrees of freedom, noise."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.arrays import Array
 
 _SUSPECT = 2.0  # times the median residual
-_CHANCE = 1e-3  # of an honest one to be that bad, for all together
+_CHANCE = 1e-3  # probability that any good view is named
 
 
 class Fitted(ABC):
@@ -26,7 +26,7 @@ class Fitted(ABC):
     @property
     @abstractmethod
     def unknowns(self) -> int:
-        """Return how many parameters were estimated."""
+        """Return the number of estimated parameters."""
 
     @property
     @abstractmethod
@@ -50,21 +50,21 @@ class Fitted(ABC):
 
     @property
     def sigma0(self) -> float | None:
-        """Return the noise of one image coordinate by the residuals, px; None without degrees of freedom."""
+        """Return the noise of one image coordinate from the residuals, px; None without degrees of freedom."""
         return float(np.sqrt(self.sum_of_squares / self.dof)) if self.dof > 0 else None
 
     @property
     def noise_px(self) -> float:
         """Return the noise behind every covariance: as stated, else sigma0, else inf.
 
-        Without degrees of freedom and with nothing stated the points fit exactly whatever their noise: it is unknown.
+        Without degrees of freedom and without a stated noise the points fit exactly: the noise is unknown.
         """
         noise = self.sigma0 if self.stated_px is None else self.stated_px
         return np.inf if noise is None else noise
 
 
 def scaled(cofactor: Array, noise: float) -> Array:
-    """Return noise^2 times a cofactor matrix; with unknown (infinite) noise inf on its diagonal and zero beside it."""
+    """Return noise^2 times a cofactor matrix; with unknown (infinite) noise inf on its diagonal and zero elsewhere."""
     if np.isfinite(noise):
         return np.asarray(noise**2 * cofactor)
     diagonal = np.eye(cofactor.shape[-1], dtype=bool)
@@ -74,8 +74,8 @@ def scaled(cofactor: Array, noise: float) -> Array:
 def stand_out(residuals: Array, points: Sequence[int]) -> tuple[int, ...]:
     """Return which of several views (or frames) fit much worse than the others, the worst first.
 
-    residuals (k,): root mean square distance of a view's points, of `points` (k,) each. Named is what is twice the
-    median or more, if by chance alone (F test) one calibration in a thousand has such.
+    residuals (k,): root mean square distance of a view's points, of `points` (k,) each. A view is named if its residual
+    is at least twice the median and chance (F test) gives such a view in one calibration of a thousand.
     """
     from scipy.stats import f
 

@@ -18,19 +18,18 @@ from cadcam.geometry.rigid import Rigid
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointEstimate:
-    """A camera that several views share, and where it stood in each.
+    """A camera shared by several views, and its pose in each.
 
-    views: what was measured. points: where each view's points are, mm; other than measured only where a board was bent
-    or control points were free. poses: camera_from_world of all views, a batch. free: the shared parameters that were
-    estimated, of aspect, focal (px), skew (rad), U0, V0 (px), lens coefficients, bend_x, bend_y (mm); bend (2,): the
-    latter's values.
+    views: the observations. points: each view's points, mm; they differ from the observations only where a board was
+    bent or control points were free. poses: camera_from_world of all views, a batch. free: the estimated shared
+    parameters, of aspect, focal (px), skew (rad), U0, V0 (px), lens coefficients, bend_x, bend_y (mm); bend (2,): the
+    values of the latter two.
 
-    covariance (n, n): of `free` in the classical way, each pixel an independent measurement. by_view: the same from
-    the scatter between views (`cadcam.fit.square_root.Cofactors.jackknifed`), which holds if the errors within a view
+    covariance (n, n): of `free`, classical, with each pixel an independent measurement. by_view: the same from the
+    scatter between views (`cadcam.fit.square_root.Cofactors.jackknifed`), which holds even if the errors within a view
     are alike; None for too few views. pose_covariance (k, 6, 6) and cross (k, n, 6): of each pose's local coordinates
-    (`cadcam.camera.sensitivity`), and between them and `free`; classical.
-    noise_px: the standard deviation of a pixel coordinate behind them. dof: degrees of freedom. weights: what a robust
-    loss made of each point, 1 without one.
+    (`cadcam.camera.sensitivity`), and between them and `free`; classical. noise_px: the standard deviation of a pixel
+    coordinate behind them. dof: degrees of freedom. weights: the robust loss' weight of each point, 1 without one.
     """
 
     camera: Camera
@@ -61,7 +60,7 @@ class JointEstimate:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the views: their sources, numbered where they are not different."""
+        """Return the names of the views: their sources, numbered where several are equal."""
         sources = [v.source for v in self.views]
         if len(set(sources)) == len(sources):
             return tuple(sources)
@@ -86,7 +85,7 @@ class JointEstimate:
         return values[name]
 
     def sigma(self, name: str, *, by_view: bool = False) -> float:
-        """Return the standard deviation of a shared parameter, 0 if it was not free; by views: nan for too few."""
+        """Return the standard deviation of a shared parameter, 0 if it was not free; by_view: nan for too few."""
         self.value(name)
         if name not in self.free:
             return 0.0
@@ -134,7 +133,8 @@ class JointEstimate:
     def outlier_views(self) -> tuple[int, ...]:
         """Return the views that fit much worse than the others, the worst first.
 
-        Their residual is twice the median view's or more, and by chance alone one in a thousand calibrations has such.
+        Their residual is at least twice the median view's, and chance gives such a view in one calibration of a
+        thousand.
         """
         return stand_out(self.view_residuals, [len(v) for v in self.views])
 

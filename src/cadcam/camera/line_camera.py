@@ -5,8 +5,9 @@ World points (x, y) in mm, image points U in px. With x' along the image line an
     (x', y') = R (p - F),  R = [[cos(alpha), sin(alpha)], [-sin(alpha), cos(alpha)]]
     U = U0 + focal x'/(-y')
 
-focal < 0 is the mirror image: U counts the other way. Turning alpha by 180 deg changes no image point, only which side
+focal < 0 is the mirror image: U counts the other way. Rotating alpha by 180 deg changes no image point, only which side
 is in front. Source: "Industrial Vision" (1997), section 2.1, with the signs of docs/thesis/errata.md.
+
 """
 
 from __future__ import annotations
@@ -48,8 +49,8 @@ class LineCamera:
     def from_matrix(cls, C: Floats) -> LineCamera:
         """Return the camera of a 2x3 matrix with (U, 1) ~ C (x, y, 1), of any scale and sign (EQ 2.31-2.53).
 
-        alpha comes out in (-90, 90] deg: no matrix knows its front, see `facing`. Raises `DegenerateGeometry` where M
-        has no inverse: the focal centre is then at infinity.
+        alpha is in (-90, 90] deg: a matrix does not determine its front, see `facing`. Raises `DegenerateGeometry`
+        where M has no inverse: the focal centre is then at infinity.
         """
         C = frozen(C, "2x3 projection matrix", (2, 3))
         M = C[:, :2]
@@ -140,7 +141,7 @@ class LineCamera:
     def line(self, U: Floats) -> Array:
         """Return the lines (..., 3) of world points imaged at U (...): l . (x, y, 1) = 0, |(l0, l1)| = 1.
 
-        y = a x + b with EQ 2.6 is the same, where the line is not upright: a = -l0/l1, b = -l2/l1.
+        Equivalent to EQ 2.6, y = a x + b, where the line is not vertical: a = -l0/l1, b = -l2/l1.
         """
         K = self.unnormalised_matrix
         lines = K[0] - np.asarray(U, dtype=np.float64)[..., None] * K[1]
@@ -152,7 +153,7 @@ LINE_NAMES: tuple[str, ...] = tuple(f.name for f in fields(LineCamera))
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineObservations:
-    """N points (N, 2) mm of the plane and where the line camera saw them, U (N,) px; the rest as in `Observations`."""
+    """N points (N, 2) mm of the plane and their images in the line camera, U (N,) px; the rest as in `Observations`."""
 
     p_world: Array
     U: Array
@@ -218,6 +219,6 @@ class LineEstimate(Fitted):
         return float(np.sqrt(self.covariance[i, i]))
 
     def projection_sigma(self, p: Floats) -> Array:
-        """Return the standard deviation (...) px of where points (..., 2) are seen, due to the camera's error."""
+        """Return the standard deviation (...) px of the images of points (..., 2), due to the camera's error."""
         J = self.camera.project_with_jacobians(p)[2]
         return np.asarray(np.sqrt(np.einsum("...i,ij,...j->...", J, self.covariance, J)))

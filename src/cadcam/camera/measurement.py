@@ -1,4 +1,4 @@
-"""Points measured by cameras: where, how well, by what, and together."""
+"""Points measured by cameras: positions, uncertainty by cause, and their correlations."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, UnknownName
 
 PIXELS = "pixels"
-_NORMAL = 1e9  # degrees of freedom from which Student is Gauss
+_NORMAL = 1e9  # degrees of freedom from which Student's distribution is taken as normal
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +27,9 @@ class Length:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PixelNoise:
-    """The covariance (N, 3, 3) mm^2 that points owe to pixels of one origin, independent from point to point.
+    """The covariance (N, 3, 3) mm^2 of points due to pixel noise of one origin, independent between points.
 
-    owner, dof: the calibration that told the noise and its degrees of freedom; None and inf where it was stated.
+    owner, dof: the calibration that the noise was estimated by and its degrees of freedom; None and inf where stated.
     """
 
     covariance: Array
@@ -39,14 +39,14 @@ class PixelNoise:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
-    """N points (N, 3) in mm, in the world of the cameras, with everything that their uncertainty consists of.
+    """N points (N, 3) in mm, in the world of the cameras, with all contributions to their uncertainty.
 
-    noise: covariances due to each point's own pixels. effects: for each error source how all points move with its
-    numbers, (N, 3, k): shared by the points, so that what is measured together errs together. seen_by: the viewpoints
-    of each point. chi2 (N,), dof (N,): the misfit of each point's rays by what pixels, calibration and motion allow,
-    and its degrees of freedom. gap, gap_sigma (N,) mm: the largest shortest distance between two of its rays and its
-    predicted standard deviation; angle (N,) rad: the largest angle between two of its rays; NaN for points of one ray.
-    refused: the points that could not be measured, and why.
+    noise: covariances due to each point's own pixels. effects: for each error source the derivative (N, 3, k) of all
+    points by its parameters: shared by the points, so that their errors are correlated. seen_by: the viewpoints of each
+    point. chi2 (N,), dof (N,): the misfit of each point's rays relative to the uncertainty of pixels, calibration and
+    motion, and its degrees of freedom. gap, gap_sigma (N,) mm: the largest shortest distance between two of its rays
+    and its predicted standard deviation; angle (N,) rad: the largest angle between two of its rays; NaN for points of
+    one ray. refused: the points that could not be measured, and why.
     """
 
     names: tuple[str, ...]
@@ -84,7 +84,7 @@ class Measurement:
 
     @property
     def from_pixels(self) -> Array:
-        """Return the covariance (N, 3, 3) mm^2 due to all pixels' noise, independent from point to point."""
+        """Return the covariance (N, 3, 3) mm^2 due to all pixels' noise, independent between points."""
         return np.asarray(sum((part.covariance for part in self.noise), np.zeros((len(self), 3, 3))))
 
     @property
@@ -101,17 +101,17 @@ class Measurement:
         return np.asarray(np.sqrt(np.diagonal(self.covariance, axis1=-2, axis2=-1)))
 
     def half_width(self, *, coverage: float = 0.95) -> Array:
-        """Return half the widths (N, 3) mm of the intervals that hold X, Y, Z with this probability.
+        """Return half the widths (N, 3) mm of the intervals that contain X, Y, Z with this probability.
 
         Student's t for noise that was estimated: effective degrees of freedom by Welch and Satterthwaite (GUM, G.4),
-        the pixels' noise and a calibration's covariance taken as one where the same residuals told both.
+        the pixels' noise and a calibration's covariance taken as one where both come from the same residuals.
         """
         t = np.stack([self._student(range(len(self)), axis, coverage) for axis in np.eye(3)], axis=-1)
         return np.asarray(t * self.sigma)
 
     @property
     def p_value(self) -> Array:
-        """Return how probable a misfit as large as each point's is, (N,); NaN without degrees of freedom."""
+        """Return the p-value of each point's misfit, (N,); NaN without degrees of freedom."""
         from scipy.special import chdtrc
 
         p = chdtrc(np.maximum(self.dof, 1), np.nan_to_num(self.chi2))
@@ -120,7 +120,7 @@ class Measurement:
     def budget(self) -> dict[str, Array]:
         """Return the standard deviations (N, 3) mm by cause: pixels, each calibration, each motion.
 
-        Their squares add up to those of `sigma`; causes of one name are taken together.
+        Their squares add up to those of `sigma`; causes of the same name are combined.
         """
         parts = {PIXELS: np.diagonal(self.from_pixels, axis1=-2, axis2=-1).copy()}
         for source, E in self.effects:
@@ -144,7 +144,7 @@ class Measurement:
         return total
 
     def distance(self, one: str, other: str) -> Length:
-        """Return the distance between two points; its sigma knows what their errors have in common."""
+        """Return the distance between two points; its sigma accounts for the correlation of their errors."""
         d = self.point(other) - self.point(one)
         length = float(np.linalg.norm(d))
         if one == other or length == 0:
@@ -162,7 +162,7 @@ class Measurement:
         return tuple(self.names[i] for i in np.argsort(-np.nan_to_num(ratio)) if p[i] < p_below)
 
     def _student(self, index: Sequence[int], gradient: Array, coverage: float, *, together: bool = False) -> Array:
-        """Return Student's factor for gradient . point, of each point in `index`, or of their sum if together."""
+        """Return the factor of Student's t for gradient . point, for each point in `index`, or for their sum."""
         from scipy.special import stdtrit
 
         rows, by_owner = list(index), dict[int, tuple[float, Array]]()

@@ -1,4 +1,4 @@
-"""What was measured: world points, the pixels where they were seen, and where the numbers came from."""
+"""Observations: world points, their pixels, and the source of the numbers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cadcam.errors import BadValue
 class Observations:
     """N world points (N, 3) in mm and their pixels q = (column, row) (N, 2), with a name each.
 
-    sigma_px: standard deviation of one pixel coordinate if known; None lets an estimate take it from its residuals.
+    sigma_px: standard deviation of one pixel coordinate if known; None lets an estimate derive it from its residuals.
     source, sha256: the file the points came from; for points made in memory the hash is of the numbers themselves.
     names: default "1", "2", ... A number that is not finite is refused with the point's name.
     """
@@ -55,7 +55,7 @@ class Observations:
         source: str = "memory",
         sha256: str = "",
     ) -> Observations:
-        """Return the observations of the thesis' image points (U, V), U down and V to the right, (N, 2) px."""
+        """Return the observations from the thesis' image points (U, V), U down and V to the right, (N, 2) px."""
         q = pixels_from_uv(frozen(UV, "image points (U, V)", (None, 2), finite=False))
         return cls(frozen(p_world, "world points", (None, 3), finite=False), q, names, sigma_px, source, sha256)
 

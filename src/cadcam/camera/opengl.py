@@ -88,9 +88,9 @@ def frustum(camera: Camera, *, near: float, far: float, pixel_corners: bool = Tr
 def look_at(camera: Camera, camera_from_world: Rigid) -> LookAt:
     """Return gluLookAt's arguments (thesis Table 3.4, corrected): eye F, centre F + view axis, up along the columns.
 
-    up is minus the direction in which a pixel column runs, sign(det M) times the first column of M^-1. With skew that
-    is not quite the camera's -y: gluLookAt and glFrustum cannot tilt one image axis alone, and this choice keeps the
-    columns upright. The exact pair is `model_view_matrix` and `projection_matrix`.
+    up is minus the direction of a pixel column, sign(det M) times the first column of M^-1. With skew that is not
+    exactly the camera's -y: gluLookAt and glFrustum cannot tilt one image axis alone, and this choice keeps the columns
+    upright. The exact pair is `model_view_matrix` and `projection_matrix`.
     """
     eye = camera_from_world.origin
     column = np.array([-camera.skew / camera.fx, 1.0, 0.0]) @ camera_from_world.rotation
@@ -103,7 +103,7 @@ def viewport(camera: Camera) -> tuple[int, int, int, int]:
 
 
 def projection_matrix(camera: Camera, *, near: float, far: float) -> Array:
-    """Return the 4x4 clip_from_eye that carries fx, fy, skew and principal point exactly; the lens is not in it."""
+    """Return the 4x4 clip_from_eye with fx, fy, skew and principal point exactly; the lens is not included."""
     _check_range(near, far)
     K, (W, H) = camera.K, camera.size
     return np.array(

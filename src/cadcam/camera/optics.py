@@ -1,8 +1,8 @@
-"""Lenses before there is one: the lens formula, field of view, depth of field, blur, and which lens a task needs.
+"""Choosing a lens: the lens formula, field of view, depth of field, blur, and the lens that a task needs.
 
-All of it is the thin lens (thesis, chapter 2, EQ 2.1-2.4, and section 5.2): D is the distance from the lens (its front
-principal plane) to what is in focus, c that of the sensor behind it, f the focal length, N the f-number, w the sensor's
-width, W that of what it sees.
+All of it is for the thin lens (thesis, chapter 2, EQ 2.1-2.4, and section 5.2): D is the distance from the lens (its
+front principal plane) to the object in focus, c that of the sensor behind it, f the focal length, N the f-number, w the
+sensor's width, W that of the field of view.
 
     1/D + 1/c = 1/f      W/D = w/c      W = w (D/f - 1)      f = D w/(W + w)
 """
@@ -16,21 +16,21 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue
 
-WAVELENGTH_UM = 0.55  # green, amid what a monochrome sensor sees
-AIRY_SIGMA = 0.42  # of wavelength by f-number: the Gaussian nearest to the Airy disc's core
-_AIRY_RING = 2.44  # of the same: the diameter of the Airy disc's first dark ring
+WAVELENGTH_UM = 0.55  # green, the middle of a monochrome sensor's range
+AIRY_SIGMA = 0.42  # of wavelength times f-number: the Gaussian nearest to the Airy disc's core
+_AIRY_RING = 2.44  # in the same unit: the diameter of the Airy disc's first dark ring
 PIXEL_PX2 = 1 / 12  # second moment of a pixel's own area
-_WIDEST_DEG = 170.0  # no lens that keeps straight lines straight looks wider; the widest made have some 130
-TELE_DEG, WIDE_DEG = 15.0, 60.0  # thesis 5.2, its two names interchanged
-# focal lengths that makers of C-mount lenses offer, mm
+_WIDEST_DEG = 170.0  # a limit for rectilinear lenses; the widest made have about 130
+TELE_DEG, WIDE_DEG = 15.0, 60.0  # thesis 5.2, with its two names corrected (they are interchanged)
+# focal lengths offered by makers of C-mount lenses, mm
 STANDARD_MM = (3.5, 4.0, 5.0, 6.0, 8.0, 9.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0, 100.0)
 
 
 @dataclass(frozen=True, slots=True)
 class Optics:
-    """A lens of focal_mm on a sensor, focused at distance_mm; f_number where depth and light matter.
+    """A lens of focal_mm on a sensor, focused at distance_mm; f_number where depth of field or exposure matter.
 
-    image_circle_mm: the diameter of the picture that the lens gives; a sensor with a longer diagonal is refused.
+    image_circle_mm: the diameter of the lens' image circle; a sensor with a longer diagonal is refused.
     """
 
     sensor: SensorFormat
@@ -59,7 +59,7 @@ class Optics:
             )
 
     def _refuse_impossibly_wide(self) -> None:
-        """Refuse a focal length that is none in mm."""
+        """Refuse a focal length that is not a plausible length in mm."""
         across = viewing_angle_deg(self.sensor.size_mm[0], self.focal_mm)
         if across > _WIDEST_DEG:
             raise BadValue(
@@ -70,7 +70,7 @@ class Optics:
 
     @property
     def camera_constant_mm(self) -> float:
-        """Return c = f D/(D - f) (EQ 2.2): where the sensor is when what lies at D is sharp."""
+        """Return c = f D/(D - f) (EQ 2.2): the distance of the sensor at which the object distance D is in focus."""
         if not isfinite(self.distance_mm):
             return self.focal_mm
         return self.focal_mm * self.distance_mm / (self.distance_mm - self.focal_mm)
@@ -82,7 +82,7 @@ class Optics:
 
     @property
     def field_mm(self) -> tuple[float, float]:
-        """Return width and height of what is seen at the distance: W = w (D/f - 1) (EQ 2.3)."""
+        """Return width and height of the field of view at the distance: W = w (D/f - 1) (EQ 2.3)."""
         times = self.distance_mm / self.focal_mm - 1
         return self.sensor.size_mm[0] * times, self.sensor.size_mm[1] * times
 
@@ -107,7 +107,7 @@ class Optics:
 
     @property
     def aperture_mm(self) -> float:
-        """Return the diameter of the lens' opening, f/N."""
+        """Return the diameter of the lens' aperture, f/N."""
         return self.focal_mm / self._f_number
 
     def depth_of_field(self, blur_mm: float | None = None) -> tuple[float, float]:
@@ -128,7 +128,7 @@ class Optics:
         return self.focal_mm**2 / (self._f_number * b) + self.focal_mm
 
     def defocus_px(self, z_mm: float) -> float:
-        """Return the diameter in px of the disc that a point at distance z becomes: (f/N) c |1/D - 1/z|."""
+        """Return the diameter in px of the blur disc of a point at distance z: (f/N) c |1/D - 1/z|."""
         _positive("distance of the point", z_mm, "mm")
         blur_mm = self.aperture_mm * self.camera_constant_mm * abs(1 / self.distance_mm - 1 / z_mm)
         return blur_mm / self.sensor.pitch_mm[0]
@@ -142,27 +142,27 @@ class Optics:
         return AIRY_SIGMA * self._diffraction_px(wavelength_um)
 
     def motion_px(self, speed_mm_s: float, exposure_s: float) -> float:
-        """Return by how many px what moves across the view at the distance is smeared: v t m by the pitch."""
+        """Return the motion blur in px of an object moving across the view at the distance: v t m over the pitch."""
         if not (isfinite(speed_mm_s) and speed_mm_s >= 0):
             raise BadValue("speed", f"{speed_mm_s} mm/s", "a number of at least 0")
         _positive("exposure", exposure_s, "s, such as 1/125")
         return speed_mm_s * exposure_s / self.mm_per_pixel[0]
 
     def longest_exposure_s(self, speed_mm_s: float, blur_px: float) -> float:
-        """Return the exposure at which motion smears by blur_px; infinite for what stands still."""
+        """Return the exposure at which the motion blur is blur_px; infinite for a still object."""
         _positive("blur", blur_px, "px")
         smeared = self.motion_px(speed_mm_s, 1.0)
         return blur_px / smeared if smeared else inf
 
     def camera(self) -> Camera:
-        """Return the ideal camera with these optics: focal lengths c by pixel pitch, principal point at the middle."""
+        """Return the ideal camera with these optics: focal lengths c over the pixel pitch, central principal point."""
         pitch = self.sensor.pitch_mm
-        assert self.sensor.pixels is not None  # pitch_mm has said so
+        assert self.sensor.pixels is not None  # pitch_mm has checked it
         c = self.camera_constant_mm
         return Camera.from_focal(self.sensor.pixels, c / pitch[0], fy=c / pitch[1])
 
     def _diffraction_px(self, wavelength_um: float) -> float:
-        """Return wavelength by effective f-number, lambda N (1 + m), in px."""
+        """Return wavelength times effective f-number, lambda N (1 + m), in px."""
         _positive("wavelength", wavelength_um, "um")
         return wavelength_um / 1000 * self._f_number * (1 + self.magnification) / self.sensor.pitch_mm[0]
 
@@ -182,9 +182,9 @@ def solve_optics(
     f_number: float | None = None,
     image_circle_mm: float | None = None,
 ) -> Optics:
-    """Return the optics given two of focal length, distance and width of the field; EQ 2.3 has the third.
+    """Return the optics from two of focal length, distance and width of the field; EQ 2.3 gives the third.
 
-    Raises `BadValue` for another number of them, and for what no lens does.
+    Raises `BadValue` for another number of them, and for values impossible for a lens.
     """
     given = {"focal_mm": focal_mm, "distance_mm": distance_mm, "width_mm": width_mm}
     known = [name for name, value in given.items() if value is not None]
@@ -204,9 +204,9 @@ def solve_optics(
 
 
 def standard_lenses(optics: Optics) -> tuple[Optics, ...]:
-    """Return the next shorter and the next longer lens that makers offer, at the same distance; one if it is exact.
+    """Return the next shorter and the next longer lens on the market, at the same distance; one if it is exact.
 
-    The shorter sees all of the field and more, the longer has finer pixels and misses some.
+    The shorter sees more than the field, the longer has finer pixels and misses part of it.
     """
     f = optics.focal_mm
     shorter = [s for s in STANDARD_MM if s <= f * (1 + 1e-9)][-1:]
@@ -225,7 +225,7 @@ def viewing_angle_deg(side_mm: float, camera_constant_mm: float) -> float:
 
 
 def lens_class(angle_deg: float) -> str:
-    """Return what a lens with this viewing angle is called: the thesis (5.2) has the two outer names interchanged."""
+    """Return the name for a lens with this viewing angle: the thesis (5.2) has the two outer names interchanged."""
     if angle_deg < TELE_DEG:
         return "tele"
     return "wide angle" if angle_deg > WIDE_DEG else "normal"

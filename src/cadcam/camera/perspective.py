@@ -1,4 +1,4 @@
-"""The perspective division, its Jacobian, and back: what the lenses that distort a plane share."""
+"""The perspective division, its Jacobian and its inverse: shared by the lenses that distort a plane."""
 
 from __future__ import annotations
 

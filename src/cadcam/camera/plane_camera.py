@@ -1,4 +1,4 @@
-"""A plane as a camera sees it (2D to 2D): the 3x3 matrix, both ways, and what it is of a camera in space.
+"""The image of a plane (2D to 2D): the 3x3 matrix, both ways, and its relation to a camera in space.
 
 Points of the plane (x, y) in mm, pixels q = (column, row): (q, 1) ~ H (x, y, 1), the third coordinate positive in front
 of the camera. For a camera without lens distortion whose pose is camera_from_plane = [r0 r1 r2 | t], H = K [r0 r1 t].
@@ -24,7 +24,7 @@ from cadcam.geometry.rigid import Rigid
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlaneCamera:
-    """The 3x3 matrix H of (q, 1) ~ H (x, y, 1), pixels of plane points in mm; its sign says what is in front."""
+    """The 3x3 matrix H of (q, 1) ~ H (x, y, 1), pixels of plane points in mm; its sign determines the front."""
 
     matrix: Array
 
@@ -42,7 +42,7 @@ class PlaneCamera:
 
     @classmethod
     def of(cls, camera: Camera, camera_from_plane: Rigid) -> PlaneCamera:
-        """Return what a camera without distortion sees of the plane z = 0 of camera_from_plane: K [r0 r1 t]."""
+        """Return the map K [r0 r1 t] of the plane z = 0 of camera_from_plane by a camera without distortion."""
         if not isinstance(camera.lens, Ideal):
             raise BadValue("lens", camera.lens.name, "ideal: no 3x3 matrix holds distortion (see Camera.unproject)")
         T = camera_from_plane
@@ -103,8 +103,8 @@ class PlaneCamera:
 class PlaneEstimate(Fitted):
     """A plane's camera estimated from points of the plane Z = `height` of the world.
 
-    cofactor (9, 9): the covariance of the matrix' entries, row by row, for noise of 1 px; of rank 8, for their
-    common scale means nothing.
+    cofactor (9, 9): the covariance of the matrix' entries, row by row, for noise of 1 px; of rank 8, since their common
+    scale is arbitrary.
     """
 
     camera: PlaneCamera
@@ -137,6 +137,6 @@ class PlaneEstimate(Fitted):
         return scaled(self.cofactor, self.noise_px)
 
     def projection_covariance(self, p: Floats) -> Array:
-        """Return the covariance (..., 2, 2) px^2 of where plane points (..., 2) are seen, due to the matrix' error."""
+        """Return the covariance (..., 2, 2) px^2 of the images of plane points (..., 2), due to the matrix' error."""
         J = self.camera.project_with_jacobians(p)[2]
         return np.asarray(J @ self.covariance @ np.swapaxes(J, -1, -2))

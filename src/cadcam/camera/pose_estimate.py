@@ -1,4 +1,4 @@
-"""Where a part stands as it comes out of photos: never without its covariance."""
+"""The estimated pose of a part, always with its covariance."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ class PoseEstimate:
     """The pose world_from_part (mm) of a part; with one camera and no other frame the world is that camera's.
 
     from_noise, from_calibration (6, 6): covariance of xi in `world_from_part @ Rigid.exp(xi)`, (translation mm,
-    rotation rad) in the part's own axes, by the photos' noise and by the errors of cameras and their places.
-    freedom (6, k): the motions xi that were free, orthonormal columns; the covariances are zero across them.
+    rotation rad) in the part's own axes, due to the photos' noise and to the errors of the cameras' parameters and
+    poses. freedom (6, k): the motions xi that were free, orthonormal columns; the covariances are zero across them.
     dof: degrees of freedom behind from_noise; inf where the noise is known.
     """
 
@@ -34,11 +34,11 @@ class PoseEstimate:
 
     @property
     def covariance(self) -> Array:
-        """Return the covariance (6, 6) of xi by all causes, mm and rad in part axes."""
+        """Return the covariance (6, 6) of xi due to all causes, mm and rad in part axes."""
         return np.asarray(self.from_noise + self.from_calibration)
 
     def point_covariance(self, p_part: Floats) -> Array:
-        """Return the covariance (N, 3, 3) mm^2, in part axes, of where the part's points (N, 3) mm lie."""
+        """Return the covariance (N, 3, 3) mm^2, in part axes, of the positions of the part's points (N, 3) mm."""
         p = frozen(p_part, "p_part", (None, 3))
         J = np.concatenate([np.broadcast_to(np.eye(3), (len(p), 3, 3)), -hat(p)], axis=-1)
         return np.asarray(J @ self.covariance @ np.swapaxes(J, -1, -2))

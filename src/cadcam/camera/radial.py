@@ -1,4 +1,4 @@
-"""Radial curves of lenses: where they turn back, and their inverse. Shared by the lens models."""
+"""Radial curves of lenses: their turning points, and their inverse. Shared by the lens models."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from numpy.polynomial import Polynomial
 from cadcam.arrays import Array, Mask, component_major
 
 _ITERATIONS = 60  # bisection alone halves the bracket this often: below one ulp
-_DONE = 8 * np.finfo(np.float64).eps  # a step this small is rounding, which may go to and fro for ever
-_LAST = 1e-9  # a step of Newton's this small leaves its square
+_DONE = 8 * np.finfo(np.float64).eps  # smaller steps are rounding, which may oscillate for ever
+_LAST = 1e-9  # after a Newton step this small the error is its square
 
 
 def polynomial_limit(odd: Sequence[float]) -> float:
@@ -44,8 +44,8 @@ def _smallest_root(in_r2: npt.ArrayLike) -> float:
 def fold_limit(jacobian: Callable[[Array], Array], limit: float) -> float:
     """Return the largest radius <= limit below which det(dm/du) > 0 in every direction, for lenses without symmetry.
 
-    Scanned over 180 directions and 128 radii, the first sign change refined by bisection; scanned only as far as 84 deg
-    off the axis, beyond any lens of this family.
+    Scanned over 180 directions and 128 radii, the first sign change refined by bisection; the scan ends at 84 deg off
+    the axis, beyond any lens of this family.
     """
     phi = np.linspace(0, 2 * np.pi, 180, endpoint=False)
     e = np.stack([np.cos(phi), np.sin(phi)], axis=-1)
@@ -70,8 +70,8 @@ def fold_limit(jacobian: Callable[[Array], Array], limit: float) -> float:
 def inverse(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: float, *, rough: bool = False) -> Array:
     """Return r in [0, limit) with curve(r) = rho, to rounding, NaN if there is none.
 
-    rough: a start for `newton_plane`, to a thousandth, and just inside the limit if there is none. `curve` gives value
-    and slope and rises on [0, limit). Newton's step where it stays in the bracket, else bisection.
+    rough: only a start for `newton_plane`, to a thousandth, and just inside the limit if there is none. `curve` gives
+    value and slope and increases on [0, limit). Newton's step where it stays in the bracket, else bisection.
     """
     rho = np.asarray(rho, dtype=np.float64)
     done = 1e-3 if rough else _DONE
@@ -95,7 +95,7 @@ def _upper_bracket(curve: Callable[[Array], tuple[Array, Array]], rho: Array, li
     if np.isfinite(limit):
         return np.full_like(rho, limit)
     high = np.maximum(rho, 1.0)
-    for _ in range(60):  # a curve without a turn rises, but it may rise slowly
+    for _ in range(60):  # a curve without a turning point increases, but perhaps slowly
         short = curve(high)[0] < rho
         if not short.any():
             break
@@ -109,7 +109,7 @@ def newton_plane(
     m: Array,
     start: Array,
 ) -> Array:
-    """Return u with distort(u) = m by Newton's method in the plane from `start`; NaN where it does not get there.
+    """Return u with distort(u) = m by Newton's method in the plane from `start`; NaN where it does not converge.
 
     linearised(u, ()) gives distort(u) and its Jacobian (..., 2, 2).
     """

@@ -24,7 +24,7 @@ MOUNT = ("tx", "ty", "tz", "rx", "ry", "rz")  # xi of camera_from_rig @ Rigid.ex
 class RelativePose:
     """The motion b_from_a between two cameras of a rig; covariance (6, 6) of xi in b_from_a @ Rigid.exp(xi), mm, rad.
 
-    by_frame: the same from the scatter between frames; None for too few.
+    by_frame: the same from the scatter between frames; None if too few.
     """
 
     b_from_a: Rigid
@@ -37,7 +37,7 @@ class RelativePose:
         return float(np.linalg.norm(self.b_from_a.translation))
 
     def baseline_sigma(self, *, by_frame: bool = False) -> float:
-        """Return the standard deviation of the baseline, mm; by frames: nan for too few."""
+        """Return the standard deviation of the baseline, mm; by_frame: nan if too few."""
         F = self.b_from_a.origin
         along = (F / np.linalg.norm(F)) @ twist_by_local(F)[:3]
         C = self.by_frame if by_frame else self.covariance
@@ -46,17 +46,18 @@ class RelativePose:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RigEstimate:
-    """Cameras of a rig, where each is mounted, and where the rig was in each frame.
+    """Cameras of a rig, the mount of each, and the rig's pose in each frame.
 
     The rig's frame is that of the first camera. names, cameras, camera_from_rig (c): the cameras. frames,
-    rig_from_world (k): the frames. views: for each camera what it saw in each frame, None where it saw nothing. free:
-    for each camera what was estimated of aspect, focal (px), skew (rad), U0, V0 (px) and its lens coefficients.
+    rig_from_world (k): the frames. views: for each camera its observations in each frame, None where there are none.
+    free: for each camera what was estimated of aspect, focal (px), skew (rad), U0, V0 (px) and its lens coefficients.
 
     covariance (n, n): of `parameters`, each pixel an independent measurement; by_frame: the same from the scatter
-    between frames (leave-one-out), which holds if the errors within a frame are alike; None for too few. A mount is
+    between frames (leave-one-out), which holds even if the errors within a frame are alike; None if too few. A mount is
     xi in camera_from_rig @ Rigid.exp(xi), mm and rad. pose_covariance (k, 6, 6): of xi in rig_from_world @
     Rigid.exp(xi). noise_px (c,): the standard deviation of a pixel coordinate of each camera behind them. dof: degrees
     of freedom.
+
     """
 
     names: tuple[str, ...]
@@ -123,7 +124,7 @@ class RigEstimate:
         return internals_by_name(camera) | camera.lens.parameters
 
     def sigma(self, name: str, parameter: str, *, by_frame: bool = False) -> float:
-        """Return the standard deviation of a camera's parameter, 0 if it was not free; by frames: nan for too few."""
+        """Return the standard deviation of a camera's parameter, 0 if it was not free; by_frame: nan if too few."""
         known = (*self.values(name), *MOUNT)
         if parameter not in known:
             raise UnknownName(f"parameter of camera {name!r}", parameter, known)
@@ -135,7 +136,7 @@ class RigEstimate:
         return float("nan") if C is None else float(np.sqrt(C[i, i]))
 
     def relative(self, a: str, b: str) -> RelativePose:
-        """Return camera b from camera a with its covariance; of the first camera it is the mount itself."""
+        """Return camera b from camera a with its covariance; for the first camera it is the mount itself."""
         i, j = self._index(a), self._index(b)
         if i == j:
             raise BadValue("the relative pose", f"of camera {a!r} and itself", "two cameras")
@@ -148,16 +149,16 @@ class RigEstimate:
         return RelativePose(other @ one.inv, J @ self.covariance @ J.T, by_frame)
 
     def viewpoints(self, *, sigma_px: float | None = None, by_frame: bool = False) -> tuple[Viewpoint, ...]:
-        """Return the cameras where they are mounted, for points measured in the rig's frame (`measure_points`).
+        """Return the cameras at their mounts, for points measured in the rig's frame (`measure_points`).
 
-        They share one error source, the rig's calibration, so that what its errors do to all rays at once is counted.
+        They share one error source, the rig's calibration, so that errors common to all rays are accounted for.
         sigma_px: noise of what will be measured, by default that of the calibration. by_frame: take the covariance from
-        the scatter between frames. Raises `BadValue` where the asked noise or covariance is not known.
+        the scatter between frames. Raises `BadValue` where the requested noise or covariance is not known.
         """
         C = self.by_frame if by_frame else self.covariance
         if C is None:
             raise BadValue("the covariance by frames", "unknown: too few frames", "by_frame=False, or more frames")
-        if by_frame:  # it owes nothing to the residuals' size
+        if by_frame:  # it does not depend on the size of the residuals
             source = ErrorSource("rig calibration", C, self.by_frame, float(len(self.frames) - 1))
         else:
             source = ErrorSource("rig calibration", C, self, self.noise_dof)
@@ -211,9 +212,10 @@ class RigEstimate:
         return self.residual / float(np.sqrt(2))
 
     def outlier_frames(self) -> tuple[int, ...]:
-        """Return the frames that fit much worse than the others by each camera's noise, the worst first.
+        """Return the frames that fit much worse than the others, in units of each camera's noise, the worst first.
 
-        Their residual is twice the median frame's or more, and by chance alone one in a thousand calibrations has such.
+        Their residual is at least twice the median frame's, and chance gives such a frame in one calibration of a
+        thousand.
         """
         weighed = [
             _joined([None if r is None else r / s for r, s in zip(column, self.noise_px, strict=True)])
@@ -238,11 +240,11 @@ class RigEstimate:
         return slice(stop, stop + (len(MOUNT) if c else 0))
 
     def _effect(self, c: int) -> Array:
-        """Return how the local coordinates of a camera in the rig move with the shared parameters."""
+        """Return the derivative of the local coordinates of a camera in the rig by the shared parameters."""
         names = (*INTERNALS, *self.cameras[c].lens.parameters)
         out = np.zeros((6 + len(names), len(self.parameters)))
         if c:
-            out[:6, self._mount_columns(c)] = twist_by_local(self._mount(c).origin)  # its own inverse
+            out[:6, self._mount_columns(c)] = twist_by_local(self._mount(c).origin)  # an involution
         for i, parameter in enumerate(self.free[c]):
             out[6 + names.index(parameter), self._columns(c).start + i] = 1.0
         return out

@@ -1,11 +1,11 @@
-"""How a pixel moves with every parameter of its camera: the one Jacobian that calibration, pose and covariance share.
+"""The derivatives of a pixel by every parameter of its camera, shared by calibration, pose and covariance.
 
 Coordinates of a change ("local" coordinates, in this order):
 X Y Z    the focal centre F in mm,
 rx ry rz a rotation of the camera about its focal centre, R <- R exp(r), r in world axes, rad,
 aspect focal skew U0 V0   the internals in the thesis' names,
 then the lens' coefficients in their own order.
-They have no gimbal lock and do not care how far the world's origin is away.
+They have no gimbal lock and do not depend on the distance of the world's origin.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ from cadcam.geometry.rotation import hat
 def project_with_sensitivity(camera: Camera, camera_from_world: Rigid, p_world: Array) -> tuple[Array, Array]:
     """Return pixels q (N, 2) of world points (N, 3) and dq/d(local coordinates) (N, 2, 11 + lens terms).
 
-    NaN where the camera sees nothing (`Camera.project`).
+    NaN where the camera images nothing (`Camera.project`).
     """
     F, R = camera_from_world.origin, camera_from_world.rotation
     return project_local(F, R, internals_of(camera.K), camera.lens, p_world)
@@ -52,9 +52,9 @@ def project_in_camera(
 ) -> tuple[Array, Array, Array]:
     """Return q (..., N, 2), dq/dp (..., N, 2, 3) and dq/d(internals, lens) (..., N, 2, 5 + lens terms).
 
-    p (..., N, 3): points in the camera frame; internals (..., 5). columns: those of the last Jacobian that are wanted,
-    in that order; None: all. out: zeros of its shape, where it is to be put. Fast where a coordinate of all points is a
-    run of memory (`component_major`).
+    p (..., N, 3): points in the camera frame; internals (..., 5). columns: those of the last Jacobian to compute, in
+    that order; None: all. out: zeros of its shape to write to. Fast where each coordinate of all points is contiguous
+    in memory (`component_major`).
     """
     every = range(5 + len(lens.parameters))
     wanted = every if columns is None else columns
@@ -81,7 +81,7 @@ def project_in_camera(
 
 
 def _in_pixels(dm: Array, xx: Array, xy: Array, yy: Array) -> Array:
-    """Return [[xx, xy], [0, yy]] @ dm (..., N, 2, n) in a layout of runs."""
+    """Return [[xx, xy], [0, yy]] @ dm (..., N, 2, n) in a layout that is contiguous by component."""
     out = component_major(dm.shape[:-2], 2, dm.shape[-1])
     np.multiply(dm[..., 0, :], xx[..., None], out=out[..., 0, :])
     np.multiply(dm[..., 1, :], yy[..., None], out=out[..., 1, :])
@@ -101,7 +101,7 @@ def rotation_by_angles(R: Array) -> Array:
 
 
 def twist_by_local(F: Array) -> Array:
-    """Return (6, 6): the twist xi of `camera_from_world @ exp(xi)` of the first six local coordinates.
+    """Return (6, 6): the twist xi of `camera_from_world @ exp(xi)` from the first six local coordinates.
 
     The focal centre moves by dF = -v - r x F and the rotation by r, so v = -dF + hat(F) r.
     """

@@ -1,7 +1,7 @@
-"""Sizes of sensors: the classic formats by their inches, and common machine-vision chips by their names.
+"""Sizes of sensors: the classic formats in inches, and common machine-vision chips by name.
 
-An inch format names the outer diameter of a camera tube whose picture was that large; the picture's diagonal is about
-two thirds of it. The thesis reckons with nine tenths of the size (section 5.1), `effective`; chips of today use it all.
+An inch format names the outer diameter of a camera tube with a picture of that size; the picture's diagonal is about
+two thirds of it. The thesis uses nine tenths of the size (section 5.1), `effective`; today's chips use all of it.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ EFFECTIVE = 0.9  # thesis 5.1
 
 @dataclass(frozen=True, slots=True)
 class SensorFormat:
-    """A sensor's picture: size (width, height) in mm, and its pixels (columns, rows) where they are known."""
+    """A sensor's active area: size (width, height) in mm, and its pixels (columns, rows) where they are known."""
 
     name: str
     size_mm: tuple[float, float]
@@ -30,7 +30,7 @@ class SensorFormat:
 
     @property
     def diagonal_mm(self) -> float:
-        """Return the diameter of the picture that a lens must give."""
+        """Return the diameter of the image circle that a lens must have."""
         return hypot(*self.size_mm)
 
     @property
@@ -48,11 +48,11 @@ class SensorFormat:
         return SensorFormat(f"{self.name}, {share:.0%}", (share * width, share * height), self.pixels)
 
     def with_pixels(self, pixels: tuple[int, int]) -> SensorFormat:
-        """Return the sensor with these pixels (columns, rows) over its size."""
+        """Return the sensor with this number of pixels (columns, rows) over its size."""
         return SensorFormat(self.name, self.size_mm, pixels)
 
 
-# width x height in mm as makers of lenses and cameras state them; CCTV formats have sides of 4:3
+# width x height in mm as stated by makers of lenses and cameras; CCTV formats are 4:3
 FORMATS: dict[str, SensorFormat] = {
     name: SensorFormat(name, size)
     for name, size in (

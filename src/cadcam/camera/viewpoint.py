@@ -1,7 +1,7 @@
-"""A camera where it stood when it took a picture, and all that is not known exactly about it.
+"""A camera at the pose where it took a picture, with all its uncertainty.
 
-A viewpoint is fixed (where the camera was calibrated), moved from there by a known motion, placed by a known pose, or
-located from points of its own. What is uncertain comes as `ErrorSource`s: the numbers of one calibration or motion.
+A viewpoint is fixed (where the camera was calibrated), moved from there by a known motion, placed at a known pose, or
+located from points of its own. Its uncertainty consists of `ErrorSource`s: the parameters of one calibration or motion.
 Viewpoints share a source when they come from the same calibration or motion, and so do the errors of all that is
 measured with them.
 """
@@ -27,7 +27,7 @@ _POSE, _EXTERNAL = slice(0, 6), 6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ErrorSource:
-    """Numbers that are not known exactly and their covariance (k, k); the same `owner` is the same source.
+    """Uncertain parameters and their covariance (k, k); the same `owner` is the same source.
 
     dof: degrees of freedom behind the noise that scales the covariance; inf where it is known.
     """
@@ -53,7 +53,7 @@ class ErrorSource:
 
 
 def distinct_sources(sources: Sequence[ErrorSource]) -> list[ErrorSource]:
-    """Return the sources, those of one owner once."""
+    """Return the sources, each owner's once."""
     return [s for i, s in enumerate(sources) if index_of(sources, s) == i]
 
 
@@ -64,7 +64,7 @@ def index_of(sources: Sequence[ErrorSource], source: ErrorSource) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class KnownMotion:
-    """How a camera was moved: new_from_old takes whatever is fixed to the camera from its old place to its new one.
+    """The motion of a camera: new_from_old takes whatever is fixed to the camera from its old place to its new one.
 
     Both in world coordinates, mm: p_new = new_from_old @ p_old. A robot's flange at base_from_flange gives it as
     base_from_flange(new) @ base_from_flange(old).inv, where the world is the robot's base. covariance (6, 6): of xi in
@@ -87,9 +87,9 @@ class KnownMotion:
         return cls(Rigid(R, F + frozen(translation, "translation", (3,)) - R @ F))
 
     def known_to(self, sigma_mm: float, sigma_rad: float, *, about: Floats) -> KnownMotion:
-        """Return the motion with independent errors of position and rotation, each axis, about a point of the camera.
+        """Return the motion with independent errors of position and rotation in each axis, about a point of the camera.
 
-        about (3,) is in its old place, usually the focal centre: there sigma_mm is the error of its own position.
+        about (3,) is given in its old place, usually the focal centre: there sigma_mm is the error of its own position.
         """
         for name, value in (("sigma_mm", sigma_mm), ("sigma_rad", sigma_rad)):
             if not (np.isfinite(value) and value >= 0):
@@ -100,7 +100,7 @@ class KnownMotion:
         return KnownMotion(self.new_from_old, Ad @ local @ Ad.T)
 
     def effects(self, centre: Floats, n: int) -> tuple[Array, Array]:
-        """Return how the errors of a camera before it was moved (n, n), and of the motion (n, 6), are errors after it.
+        """Return the maps from errors of a camera before a motion (n, n), and of the motion (n, 6), to errors after it.
 
         The camera's in the n local coordinates of `cadcam.camera.sensitivity`; centre (3,): its focal centre before.
         """
@@ -115,10 +115,10 @@ class KnownMotion:
 class Viewpoint:
     """A camera at a place: camera_from_world in mm, the noise of its pixels, and what is uncertain about it.
 
-    sigma_px: noise of one pixel coordinate of what is measured here. errors: for each source the matrix (n, k) that
-    turns its numbers into the local coordinates of `cadcam.camera.sensitivity` of this viewpoint. motion: how the
-    camera was moved here, if it was. noise_from, noise_dof: the calibration whose residuals told sigma_px, and its
-    degrees of freedom; None and inf where sigma_px was stated.
+    sigma_px: noise of one pixel coordinate of what is measured here. errors: for each source the matrix (n, k) from its
+    parameters to the local coordinates of `cadcam.camera.sensitivity` of this viewpoint. motion: how the camera was
+    moved here, if it was. noise_from, noise_dof: the calibration whose residuals gave sigma_px, and its degrees of
+    freedom; None and inf where sigma_px was stated.
     """
 
     name: str
@@ -145,7 +145,7 @@ class Viewpoint:
 
     @classmethod
     def exact(cls, name: str, camera: Camera, camera_from_world: Rigid, *, sigma_px: float) -> Viewpoint:
-        """Return a viewpoint of a camera without known uncertainty: only the pixels' noise will count."""
+        """Return a viewpoint of a camera without known uncertainty: only the pixels' noise counts."""
         return cls(name, camera, camera_from_world, sigma_px)
 
     @classmethod
@@ -178,7 +178,7 @@ class Viewpoint:
         pose_covariance: Floats | None = None,
         sigma_px: float | None = None,
     ) -> Viewpoint:
-        """Return the viewpoint of a calibrated camera at a pose known from elsewhere, its calibrated one forgotten.
+        """Return the viewpoint of a calibrated camera at a pose known from elsewhere; its calibrated pose is not used.
 
         pose_covariance (6, 6): of xi in camera_from_world @ Rigid.exp(xi), mm and rad; default exact.
         """
@@ -186,7 +186,7 @@ class Viewpoint:
         internals[_POSE] = 0.0
         covariance = np.zeros((6, 6)) if pose_covariance is None else np.asarray(pose_covariance, dtype=np.float64)
         by_pose = np.zeros((len(internals), 6))
-        by_pose[_POSE] = twist_by_local(camera_from_world.origin)  # its own inverse
+        by_pose[_POSE] = twist_by_local(camera_from_world.origin)  # an involution
         pose = (ErrorSource(f"pose of {name}", covariance, camera_from_world), by_pose)
         errors = (_calibration(name, estimate, internals), pose)
         return _of(name, estimate, camera_from_world, sigma_px, errors)
@@ -197,7 +197,7 @@ class Viewpoint:
     ) -> Viewpoint:
         """Return the viewpoint of a calibrated camera at a pose found from points with its internals kept.
 
-        The internals' errors count twice, in the rays and in the pose that was found with them; they partly cancel.
+        The internals' errors enter twice, in the rays and in the pose estimated with them; they partly cancel.
         """
         if pose.camera is not estimate.camera and not _same(pose.camera, estimate.camera):
             raise BadValue("the located camera", repr(pose.camera), f"the calibrated one, {estimate.camera!r}")
@@ -218,7 +218,7 @@ class Viewpoint:
         return replace(self, errors=(*self.errors, (ErrorSource(why, covariance, object()), effect)))
 
     def rays(self, q: Floats) -> Ray:
-        """Return the rays (..., 3) in the world along which pixels q (..., 2) are seen; `BadValue` if there is none."""
+        """Return the rays (..., 3) in the world of pixels q (..., 2); `BadValue` if there is none."""
         q = np.asarray(q, dtype=np.float64)
         direction = self.camera.unproject(q)
         blind = ~np.isfinite(direction).all(axis=-1)
@@ -239,12 +239,12 @@ class Viewpoint:
         """Return the covariance (N, 6, 6) of origin (mm) and unit direction (rad) of the rays of pixels q (N, 2).
 
         Pixels' noise and every error source count; the covariance of the point at distance t is that of origin + t
-        direction. The direction errs only across the ray.
+        direction. The direction errs only perpendicular to the ray.
         """
         q = np.atleast_2d(np.asarray(q, dtype=np.float64))
         rays = self.rays(q)
         _, J = project_with_sensitivity(self.camera, self.camera_from_world, rays.at(np.ones(len(q))))
-        back = np.linalg.pinv(-J[..., :3])  # pixels to the turn of the direction, across the ray
+        back = np.linalg.pinv(-J[..., :3])  # from pixels to the rotation of the direction, perpendicular to the ray
         by_local = np.zeros((len(q), 6, J.shape[-1]))
         by_local[:, :3, :3] = np.eye(3)
         by_local[:, 3:, 3:] = -back @ J[..., 3:]
@@ -263,7 +263,7 @@ def _of(
     sigma_px: float | None,
     errors: tuple[tuple[ErrorSource, Array], ...],
 ) -> Viewpoint:
-    """Return a viewpoint of a calibrated camera, its pixels as noisy as stated or as the calibration says."""
+    """Return a viewpoint of a calibrated camera, with the stated pixel noise or that of the calibration."""
     if sigma_px is not None:
         return Viewpoint(name, estimate.camera, pose, sigma_px, errors)
     return Viewpoint(

@@ -1,4 +1,4 @@
-"""Lenses: how a direction in the camera frame becomes a point of the normalised image plane, and back.
+"""Lenses: the map from a direction in the camera frame to a point of the normalised image plane, and its inverse.
 
 A lens maps a point p = (x, y, z) of the camera frame to m = (mx, my), dimensionless; the camera matrix K then maps m
 to pixels. m is in the *distorted* normalised plane: for the ideal lens m = (x, y)/z. Every lens gives NaN for z <= 0

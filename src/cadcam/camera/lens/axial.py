@@ -1,4 +1,4 @@
-"""Lenses with an axis and nothing else: |m| is a curve of the angle off the axis."""
+"""Axially symmetric lenses: |m| is a function of the angle off the axis."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ class AxialLens(Lens):
         return float(np.tan(self.max_angle)) if self.max_angle < np.pi / 2 else np.inf
 
     def _angle(self, p: Array) -> tuple[Array, Array]:
-        """Distance off the axis and angle, the angle NaN where nothing is imaged."""
+        """Distance off the axis, and the angle, NaN outside the imaged range."""
         r = np.hypot(p[..., 0], p[..., 1])
         t = np.arctan2(r, p[..., 2])
         return r, np.where((p[..., 2] > 0) & (t < self.max_angle), t, np.nan)
@@ -47,7 +47,7 @@ class AxialLens(Lens):
         p = np.asarray(p, dtype=np.float64)
         r, t = self._angle(p)
         with np.errstate(all="ignore"):
-            g = self._curve(t)[0] / np.where(r > 0, r, 1.0)  # on the axis rho = 0, whatever it is divided by
+            g = self._curve(t)[0] / np.where(r > 0, r, 1.0)  # on the axis rho = 0, whatever the divisor
         return p[..., :2] * np.where(np.isnan(t), np.nan, g)[..., None]
 
     def project_with_jacobians(self, p: Floats, terms: Sequence[int] | None = None) -> tuple[Array, Array, Array]:
@@ -59,7 +59,7 @@ class AxialLens(Lens):
         e = np.where(r[..., None] > 0, p[..., :2] / safe_r[..., None], np.array([1.0, 0.0]))
         with np.errstate(all="ignore"):
             rho, slope = self._curve(t)
-            across = np.where(r > 0, rho / safe_r, slope / z)  # |m| / r, the gain across the radius
+            across = np.where(r > 0, rho / safe_r, slope / z)  # |m| / r, the gain perpendicular to the radius
             d2 = r * r + z * z
             along, depth = slope * z / d2, -slope * r / d2
             slopes = self._coefficient_slopes(t)

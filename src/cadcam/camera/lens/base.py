@@ -1,4 +1,4 @@
-"""What every lens is: the protocol, and what the lenses of a plane share."""
+"""The protocol of lenses, and what those that act on the plane (x, y)/z have in common."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ class Lens(ABC):
     """The protocol and what all lenses share; the dataclass fields are the coefficients, in order."""
 
     name: ClassVar[str]
-    start: ClassVar[Mapping[str, float]] = {}  # where an estimate starts if zero is blind to the coefficient
+    start: ClassVar[Mapping[str, float]] = {}  # initial values where the derivative vanishes at zero
 
     def __post_init__(self) -> None:
         for name, value in self.parameters.items():

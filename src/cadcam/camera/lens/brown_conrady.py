@@ -1,4 +1,4 @@
-"""Brown-Conrady lenses in OpenCV's terms, without and with a tilted sensor."""
+"""Brown-Conrady lenses with OpenCV's coefficients, without and with a tilted sensor."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cadcam.errors import BadValue
 
 
 class _Place(NamedTuple):
-    """Points u of the plane, what the polynomials are made of, the radial gain g, dg/dr2, one by its denominator."""
+    """Points u of the plane, the monomials of the polynomials, the radial gain g, dg/dr2, 1 over its denominator."""
 
     u: Array
     x: Array
@@ -72,7 +72,7 @@ class BrownConrady(PlanarLens):
 
     @cached_property
     def valid_radius(self) -> float:
-        """Return where the mapping first folds: the Jacobian's determinant vanishes in some direction."""
+        """Return the radius at which the mapping first folds: the Jacobian's determinant vanishes in some direction."""
         return radial.fold_limit(self._plane_jacobian, self._radial_limit) if self._decentred else self._radial_limit
 
     @property
@@ -86,10 +86,11 @@ class BrownConrady(PlanarLens):
         return np.asarray(r2 < self.valid_radius**2)
 
     def _upright_to(self, radius: float) -> bool:
-        """Return whether the mapping surely does not fold up to a radius: a quick bound, often enough.
+        """Return whether the mapping certainly does not fold up to a radius: a quick sufficient bound.
 
-        dm/du is symmetric, with eigenvalues g and g + 2 r^2 g', plus what decentring and prisms add: in norm at most
-        6 r |(p1, p2)| + 2 r |(s1 + 2 s2 r^2, s3 + 2 s4 r^2)|. While the former outweigh the latter it keeps its sense.
+        dm/du is symmetric, with eigenvalues g and g + 2 r^2 g', plus the terms of decentring and prisms: in norm at
+        most 6 r |(p1, p2)| + 2 r |(s1 + 2 s2 r^2, s3 + 2 s4 r^2)|. While the former dominate, it stays positive
+        definite.
         """
         if self._rational or not radius < np.inf:
             return False
@@ -107,7 +108,7 @@ class BrownConrady(PlanarLens):
         return any((self.k4, self.k5, self.k6))
 
     def _gain(self, r2: Array) -> tuple[Array, Array, Array]:
-        """g, dg/dr2, and one by the denominator of g."""
+        """g, dg/dr2, and 1 over the denominator of g."""
         n = 1 + r2 * (self.k1 + r2 * (self.k2 + r2 * self.k3))
         dn = self.k1 + r2 * (2 * self.k2 + r2 * (3 * self.k3))
         if not self._rational:
@@ -169,7 +170,7 @@ class BrownConrady(PlanarLens):
         return out
 
     def _undistort(self, m: Array) -> Array:
-        """Return u by the inverse radial curve; where there is more than that, roughly so, and Newton from there."""
+        """Return u by the inverse radial curve; with other terms, that is the start of Newton's method."""
         rho = np.hypot(m[..., 0], m[..., 1])
 
         def curve(r: Array) -> tuple[Array, Array]:
@@ -210,7 +211,7 @@ class TiltedBrownConrady(BrownConrady):
 
     @cached_property
     def valid_radius(self) -> float:
-        """Return where the mapping first folds, or a ray runs along the sensor."""
+        """Return the radius at which the mapping first folds, or a ray is parallel to the sensor."""
         return radial.fold_limit(self._plane_jacobian, self._radial_limit)
 
     def _upright_to(self, radius: float) -> bool:
@@ -255,7 +256,7 @@ class TiltedBrownConrady(BrownConrady):
 
 
 def lens_from_opencv(coefficients: Floats) -> Lens:
-    """Return the lens of OpenCV's distortion vector of 0, 4, 5, 8, 12 or 14 numbers, the plainest that it is."""
+    """Return the lens of OpenCV's distortion vector of 0, 4, 5, 8, 12 or 14 numbers, of the simplest class."""
     c = np.asarray(coefficients, dtype=np.float64).ravel()
     if c.size == 14 and c[12:].any():
         return TiltedBrownConrady.from_opencv(c)
@@ -272,7 +273,7 @@ def _about_y(one: float, c: float, s: float) -> Array:
 
 
 def _along_ray(R: Array, one: float) -> Array:
-    """Return what brings a point turned by R back along its ray to the turned plane (linear in R, but for `one`)."""
+    """Return the homography along its rays from a point rotated by R to the tilted plane (linear in R and `one`)."""
     return np.array([[R[2, 2], 0, -R[0, 2]], [0, R[2, 2], -R[1, 2]], [0, 0, one]])
 
 
@@ -282,7 +283,7 @@ def _homogeneous(H: Array, m: Array) -> Array:
 
 
 def _moved(H: Array, m: Array) -> tuple[Array, Array]:
-    """Return the point (..., 2) that the homography H moves m to, and its Jacobian (..., 2, 2)."""
+    """Return the image (..., 2) of m under the homography H, and its Jacobian (..., 2, 2)."""
     x = _homogeneous(H, m)
     moved = x[..., :2] / x[..., 2:]
     J = (H[:2, :2] - moved[..., :, None] * H[2, :2]) / x[..., 2:, None]

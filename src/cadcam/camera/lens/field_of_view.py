@@ -32,7 +32,7 @@ class FieldOfView(AxialLens):
 
     @property
     def max_angle(self) -> float:
-        """Return pi/2: the curve never turns."""
+        """Return pi/2: the curve is monotonic."""
         return np.pi / 2
 
     def _curve(self, t: Array) -> tuple[Array, Array]:

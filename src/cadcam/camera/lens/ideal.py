@@ -1,4 +1,4 @@
-"""The lens that does nothing."""
+"""The lens without distortion."""
 
 from __future__ import annotations
 

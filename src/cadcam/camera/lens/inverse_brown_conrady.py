@@ -1,4 +1,4 @@
-"""The photogrammetric lens: the polynomial takes the measured point to the ideal one, not the other way round."""
+"""The photogrammetric lens: the polynomial maps the measured point to the ideal one, not vice versa."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class InverseBrownConrady(PlanarLens):
 
     @cached_property
     def _back(self) -> BrownConrady:
-        """Return the same polynomial, which takes m to u."""
+        """Return the same polynomial as a lens that maps m to u."""
         return BrownConrady(self.k1, self.k2, self.p1, self.p2, self.k3)
 
     @cached_property

@@ -20,8 +20,8 @@ class OddRadial(PlanarLens):
     """The thesis' EQ 2.5: a direction at radius r is imaged at r + dr, dr = a1 r + a3 r^3 + a5 r^5 + a7 r^7.
 
     r is measured from the principal point in units of the focal length, so the coefficients are dimensionless. For
-    coefficients A_k on radii in pixels, a_k = A_k f^(k-1) with f the focal length in pixels. a1 cannot be told from the
-    focal length; the thesis absorbs it there, and so does calibration unless it is given.
+    coefficients A_k on radii in pixels, a_k = A_k f^(k-1) with f the focal length in pixels. a1 is indistinguishable
+    from a change of the focal length; the thesis absorbs it there, and so does calibration unless it is given.
     """
 
     a1: float = 0.0

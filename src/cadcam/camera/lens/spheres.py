@@ -1,4 +1,4 @@
-"""Lenses that project through a sphere or ellipsoid first: extended unified and double sphere, both in closed form.
+"""Lenses that first project onto a sphere or ellipsoid: extended unified and double sphere, both in closed form.
 
 Only directions in front of the camera (z > 0) are imaged, as everywhere in this package.
 """
@@ -38,7 +38,7 @@ class ExtendedUnified(AxialLens):
 
     @property
     def max_angle(self) -> float:
-        """Return pi/2: below it the curve rises, with the slope of the numerator alpha z/d + 1 - alpha > 0."""
+        """Return pi/2: below it the curve is increasing, its slope having the sign of alpha z/d + 1 - alpha > 0."""
         return np.pi / 2
 
     def _curve(self, t: Array) -> tuple[Array, Array]:
@@ -76,7 +76,7 @@ class DoubleSphere(AxialLens):
 
     @cached_property
     def max_angle(self) -> float:
-        """Return where cos t + xi = -w d2, EQ 43-45: there the curve turns (alpha > 1/2) or has its pole; or pi/2."""
+        """Return the angle where cos t + xi = -w d2, EQ 43-45: the curve's turn (alpha > 1/2) or its pole; or pi/2."""
         low, high = sorted((self.alpha, 1 - self.alpha))
         w2 = (low / high) ** 2
         c = -self.xi * (1 - w2) - np.sqrt(w2 * max(0.0, 1 - self.xi**2 * (1 - w2)))
