@@ -13,7 +13,7 @@ RENDERERS = ("raster", "gl", "ray")
 
 
 def auto_choice() -> tuple[str, str]:
-    """Return the renderer that "auto" means on this machine, and why."""
+    """Return the renderer that "auto" selects on this machine, and why."""
     from cadcam.native.core import variant
 
     try:
@@ -25,9 +25,10 @@ def auto_choice() -> tuple[str, str]:
 def open_renderer(scene: Scene, name: str = "auto", *, threads: int | None = None) -> Renderer:
     """Return a renderer of the scene: "raster" (the embedded rasteriser), "gl" (OpenGL), "ray" (Embree), or "auto".
 
-    All draw through the exact lens. "auto" is "raster", or "ray" where the compiled core is not installed; OpenGL has
-    to be asked for, until it is measured on GPUs. `threads` is the number the rasteriser takes, by default one a core.
-    Raises `MissingCore`, `MissingExtra` or `MissingOpenGL` if what is asked for by name is not there.
+    All draw through the exact lens. "auto" is "raster", or "ray" where the compiled core is not installed; OpenGL must
+    be requested by name until it has been measured on GPUs. `threads`: the number of the rasteriser's threads, by
+    default one per core. Raises `MissingCore`, `MissingExtra` or `MissingOpenGL` if a renderer requested by name is not
+    available.
     """
     if name not in ("auto", *RENDERERS):
         raise UnknownName("renderer", name, ("auto", *RENDERERS))

@@ -1,4 +1,4 @@
-"""Independent pieces of work on all cores: Embree and numpy's loops let go of the interpreter's lock."""
+"""Independent pieces of work on all cores: Embree and numpy's loops release the interpreter's lock."""
 
 from __future__ import annotations
 
@@ -11,13 +11,13 @@ from typing import TypeVar
 Item = TypeVar("Item")
 Result = TypeVar("Result")
 
-BLOCK = 1 << 16  # rays or points at a time: their temporaries stay near the cache
+BLOCK = 1 << 16  # rays or points at a time: their temporaries fit in the cache
 
 
 def on_all_cores(work: Callable[[Item], Result], items: Iterable[Item]) -> list[Result]:
     """Return work(item) for each item, in order; `work` must not call this function again.
 
-    A single item is worked on here: handing it over takes longer than a small scene's whole wireframe.
+    A single item is processed in the calling thread: handing it over takes longer than a small scene's whole wireframe.
     """
     items = list(items)
     return [work(item) for item in items] if len(items) < 2 else list(_pool().map(work, items))

@@ -1,4 +1,4 @@
-"""The shaded model cut out of its background: with lines on it, over a colour or a photo, or transparent."""
+"""The shaded model without its background: with lines on it, over a colour or a photo, or transparent."""
 
 from __future__ import annotations
 
@@ -15,16 +15,16 @@ from cadcam.render.lines.wireframe import Wireframe
 from cadcam.render.overlay import Color, LineStyle, fitting, model_alone, overlay
 from cadcam.render.view import View
 
-# Ink, half there: edges tell faces of like brightness apart without making a drawing of the picture.
+# Half-transparent ink: edges separate faces of similar brightness without turning the picture into a drawing.
 SOFT = LineStyle(color_by="one", color=(0.05, 0.08, 0.12), width=1.2, opacity=0.55, hidden_opacity=0.25)
 _WHITE: Color = (1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cutout:
-    """A shaded model without a background: `alpha` (H, W) is its share of each pixel, `color` (H, W, 3) what it gives.
+    """A shaded model without a background: `alpha` (H, W) is its share of each pixel, `color` (H, W, 3) its light.
 
-    `color` is multiplied by alpha already, so that laying it over something is color + (1 - alpha) * something.
+    `color` is premultiplied by alpha, so that compositing is color + (1 - alpha) * background.
     """
 
     camera: Camera
@@ -33,7 +33,7 @@ class Cutout:
 
     @classmethod
     def of(cls, view: View) -> Cutout:
-        """Return the model in a view that holds the image."""
+        """Return the cutout of a view with an image."""
         return cls(view.camera, model_alone(view), view.coverage)
 
     def with_lines(self, wireframe: Wireframe, *, style: LineStyle = SOFT) -> Cutout:
@@ -54,7 +54,7 @@ class Cutout:
 
     @property
     def straight(self) -> Picture:
-        """The model's own colour (H, W, 3), not multiplied by alpha, as a PNG stores it; 0 where alpha is 0."""
+        """The model's own colour (H, W, 3), not premultiplied, as a PNG stores it; 0 where alpha is 0."""
         alpha = self.alpha[..., None]
         return np.asarray(np.divide(self.color, alpha, out=np.zeros_like(self.color), where=alpha > 0), np.float32)
 

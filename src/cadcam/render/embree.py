@@ -1,6 +1,6 @@
-"""Embree behind one small class: which face a ray meets first. The only file that imports embreex.
+"""A minimal interface to Embree: the first face that a ray meets. The only file that imports embreex.
 
-Embree computes in float32. Coordinates are therefore taken from the model's centre, and callers start their rays next
+Embree computes in float32. Coordinates are therefore relative to the model's centre, and callers start their rays close
 to the model: positions are then good to about 1e-7 of its diagonal. Whatever needs more is confirmed in float64.
 """
 
@@ -31,9 +31,9 @@ class Caster:
         self.first_hit(np.full((1, 3), 2 * self.radius + 1), np.ones((1, 3)), np.ones(1))  # builds the tree
 
     def first_hit(self, origins: Array, directions: Array, reach: Array) -> Ids:
-        """Return the face (N,) met first by rays from `origins` (N, 3) mm along unit `directions`, within `reach` mm.
+        """Return the first face (N,) met by rays from `origins` (N, 3) mm along unit `directions`, within `reach` mm.
 
-        -1 where none is met, also for rays with NaN. Good to about 1e-7 of the model's diagonal, across and along.
+        -1 if none, also for rays with NaN. Good to about 1e-7 of the model's diagonal, across and along.
         Threads may call it at the same time.
         """
         near = np.ascontiguousarray(origins - self.center, np.float32)

@@ -1,7 +1,7 @@
-"""Where each pixel of a distorting camera looks, made once for all renderers that draw what it sees.
+"""The direction of each pixel of a distorting camera, computed once for all renderers of that camera.
 
-A table takes longer to make than a picture to draw. Who looks at many scenes with one camera, as verifying does, opens
-a renderer a scene; the tables used last are kept between them, as far as memory that nobody may miss goes.
+A table takes longer to make than a picture to draw. Verification, for example, views many scenes with one camera and
+opens a renderer for each; the tables used last are kept between them, within a memory limit that is never missed.
 """
 
 from __future__ import annotations
@@ -16,15 +16,15 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Lens
 from cadcam.native.core import NativeLens
 
-TABLE_BYTES = 48  # a pixel of a table: the points, their copies in tiles, the way back
-KEPT_BYTES = 1 << 28  # of tables that are kept although no renderer may need them any more
+TABLE_BYTES = 48  # per pixel of a table: the points, their copies in tiles, the inverse
+KEPT_BYTES = 1 << 28  # of tables kept although no renderer may need them any more
 _CACHED = 1 << 14  # pixels unprojected at a time
 
 Key = tuple[tuple[int, int], bytes, Lens, int]
 
 
 class LensTables:
-    """The tables used last, of any cameras; together they take no more than `kept_bytes`."""
+    """The tables used last, of any cameras; in total at most `kept_bytes`."""
 
     def __init__(self, kept_bytes: int = KEPT_BYTES) -> None:
         self._kept_bytes = kept_bytes
@@ -32,7 +32,7 @@ class LensTables:
         self._lock = threading.Lock()
 
     def table(self, camera: Camera, n: int) -> NativeLens:
-        """Return the table of a camera for n x n samples a pixel."""
+        """Return the table of a camera for n x n samples per pixel."""
         key = (camera.size, camera.K.tobytes(), camera.lens, n)
         with self._lock:
             if key in self._tables:
@@ -41,7 +41,7 @@ class LensTables:
         points = plane_points(camera)
         made = NativeLens(points if n == 1 else subdivided(points, n))
         if type(camera.lens).__eq__ is object.__eq__:
-            return made  # no other lens is like it, so that nobody will ask again
+            return made  # the lens equals no other, so that the table will not be requested again
         with self._lock:
             self._tables[key] = made
             while sum(map(_bytes, self._tables)) > self._kept_bytes:
@@ -53,7 +53,7 @@ TABLES = LensTables()
 
 
 def plane_points(camera: Camera) -> Array:
-    """Return the point (x/z, y/z) of the undistorted plane (H, W, 2) that each pixel centre looks at; NaN if none."""
+    """Return the point (x/z, y/z) of the undistorted plane (H, W, 2) for each pixel centre; NaN if none."""
     points = np.full((camera.height, camera.width, 2), np.nan)
     x = np.arange(camera.width, dtype=np.float64)
     rows = max(1, _CACHED // camera.width)  # few at a time, to stay in the cache
@@ -65,15 +65,16 @@ def plane_points(camera: Camera) -> Array:
 
 
 def slopes(field: Array) -> tuple[Array, Array]:
-    """Return how a field (H, W, C) changes by px along x and along y, each (H, W, C); by nothing over a single px."""
+    """Return the change of a field (H, W, C) per px along x and along y, each (H, W, C); 0 along a single px."""
     per_y, per_x = (np.gradient(field, axis=k) if field.shape[k] > 1 else np.zeros_like(field) for k in (0, 1))
     return per_x, per_y
 
 
 def subdivided(points: Array, n: int) -> Array:
-    """Return plane points (nH, nW, 2) of n x n samples a pixel, extrapolated linearly from the centres' (H, W, 2).
+    """Return plane points (nH, nW, 2) of n x n samples per pixel, extrapolated linearly from the centres' (H, W, 2).
 
-    Off by an eighth of the lens' second difference: below 2e-3 px for a strong lens on 320 px, less on more pixels.
+    The error is an eighth of the lens' second difference: below 2e-3 px for a strong lens on 320 px, less on more
+    pixels.
     """
     height, width = points.shape[:2]
     per_x, per_y = slopes(points)

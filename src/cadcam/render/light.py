@@ -1,7 +1,7 @@
-"""Light on a scene for photographs: distant lamps that cast shadows, a flash at the camera, and light from all around.
+"""Light on a scene for photographs: distant lamps that cast shadows, a flash at the camera, and ambient light.
 
-A matt surface of reflectance c sends c (ambient + flash cos(f) + sum of strength cos(l) times the share of the lamp it
-sees): linear radiance, 1 being white at exposure 1. Lamps stand in the world, the flash goes with the camera.
+A matt surface of reflectance c has the radiance c (ambient + flash cos(f) + sum of strength cos(l) times the visible
+share of the lamp): linear, 1 being white at exposure 1. Lamps are fixed in the world, the flash moves with the camera.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from cadcam.errors import BadValue, UnknownName
 class Lamp:
     """A distant round lamp in the direction `towards`, in the world's frame.
 
-    strength: the radiance of a white surface that faces it. size_deg: its angular diameter, which makes shadows soft.
+    strength: the radiance of a white surface that faces it. size_deg: its angular diameter, which softens shadows.
     """
 
     towards: tuple[float, float, float]
@@ -48,7 +48,7 @@ class Lamp:
 
 @dataclass(frozen=True, slots=True)
 class Light:
-    """All light on a scene: `lamps`, a flash round the camera's lens, and `ambient` light from everywhere."""
+    """All light on a scene: `lamps`, a flash round the camera's lens, and `ambient` light from all directions."""
 
     lamps: tuple[Lamp, ...] = ()
     flash: float = 0.0
@@ -68,7 +68,7 @@ def _check(what: str, value: float) -> None:
 # Z is up in all of them, as in `standard_view`
 LIGHTS: Mapping[str, Light] = MappingProxyType(
     {
-        # a lamp under the roof, as wide as a lit hall's are together, and what walls and floor send back
+        # one lamp under the roof, as wide as those of a lit hall together, and the light reflected by walls and floor
         "hall": Light((Lamp((0.35, -0.55, 1.0), 0.65, 12.0), Lamp((-0.8, 0.3, 0.5), 0.15, 40.0)), ambient=0.25),
         "sun": Light((Lamp((0.6, -0.45, 0.8), 0.85, 0.53),), ambient=0.13),  # half a degree wide, and the sky
         "ring": Light(flash=0.85, ambient=0.10),  # a ring light round the lens: no shadow that the camera sees

@@ -1,4 +1,4 @@
-"""Looks by name, and parts in colours of one's own."""
+"""Named looks, and custom colours for parts."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ Color = tuple[float, float, float]
 LOOKS: Mapping[str, Look] = MappingProxyType(
     {
         "default": PLAIN,
-        # Even: the brightness of a face says only how far it is turned from the camera, and no face goes dark.
+        # Even: the brightness of a face shows only how far it is turned from the camera, and no face is dark.
         "inspection": Look(head=0.40, fill=0.0, back=0.0, ambient=0.60),
         # Each part in exactly its own colour: for masks and labels.
         "flat": Look(head=0.0, fill=0.0, back=0.0, ambient=1.0),
@@ -33,9 +33,9 @@ def named_look(name: str) -> Look:
 
 
 def repaint(scene: Scene, chosen: Iterable[tuple[str, Color]]) -> Scene:
-    """Return the scene with other colours for some parts: (name, RGB in [0, 1]) pairs, later ones over earlier ones.
+    """Return the scene with other colours for some parts: (name, RGB in [0, 1]) pairs; later ones take precedence.
 
-    A name may be a pattern in the manner of file names (`bolt*`, `rib_[0-9]`); one that fits no part is `UnknownName`.
+    A name may be a pattern as for file names (`bolt*`, `rib_[0-9]`); one that matches no part is `UnknownName`.
     """
     colors, paint = scene.colors.copy(), scene.paint.copy()
     names = scene.mesh.part_names

@@ -1,4 +1,4 @@
-"""How much memory there is, said before it is used; and buffers of pictures used again once nobody looks at them."""
+"""The available memory, checked before it is used; and picture buffers that are reused once no view needs them."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cadcam.errors import NotEnoughMemory
 
 
 def available_bytes() -> int | None:
-    """Return how much memory can be had without swapping, None where the system does not say."""
+    """Return the memory available without swapping, None where the system does not report it."""
     known = [n for n in (_meminfo(), _cgroup()) if n is not None]
     if known:
         return min(known)
@@ -24,7 +24,7 @@ def available_bytes() -> int | None:
 
 
 def check_memory(need: int, what: str) -> None:
-    """Raise `NotEnoughMemory` if `what` needs more bytes than there are."""
+    """Raise `NotEnoughMemory` if `what` needs more bytes than are available."""
     have = available_bytes()
     if have is not None and need > have:
         raise NotEnoughMemory(
@@ -34,21 +34,21 @@ def check_memory(need: int, what: str) -> None:
 
 
 class Buffers:
-    """Arrays for pictures, handed out again once every view of them is gone: fresh memory costs more than rendering."""
+    """Arrays for pictures, reused once every view of them is gone: fresh memory costs more than rendering."""
 
     def __init__(self, keep: int = 12) -> None:
         self._keep = keep
         self._free: list[npt.NDArray[np.uint8]] = []
 
     def take(self, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[np.generic]:
-        """Return an array of this shape and type with arbitrary numbers in it."""
+        """Return an array of this shape and type with arbitrary contents."""
         size = int(np.prod(shape)) * np.dtype(dtype).itemsize
         store = next((b for b in self._free if b.nbytes == size), None)
         if store is None:
             store = np.zeros(size, np.uint8)
         else:
             self._free = [b for b in self._free if b is not store]
-        # over a memoryview, numpy keeps *this* array as the base of every view and slice: it dies with the last
+        # over a memoryview, numpy keeps *this* array as the base of every view and slice: it is freed with the last
         owner = np.frombuffer(store.data, dtype)
         weakref.finalize(owner, self._give_back, store)
         return owner.reshape(shape)

@@ -1,4 +1,4 @@
-"""A model over its photo: wireframe, shaded view, side by side, and how far the lines are from the photo's edges."""
+"""A model over its photo: wireframe, shaded view, side by side, and the distance of lines from the photo's edges."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from cadcam.render.view import View
 
 Color = tuple[float, float, float]
 
-# Strong on grey metal, and told apart by people with any colour vision: hues of Okabe and Ito (2008), saturated.
+# Strong on grey metal, and distinct for people with any colour vision: hues of Okabe and Ito (2008), saturated.
 KIND_COLORS: Mapping[EdgeKind, Color] = MappingProxyType(
     {
         EdgeKind.CREASE: (0.00, 0.85, 0.35),
@@ -93,13 +93,13 @@ def write_overlay_svg(
     style: LineStyle = PLAIN_STYLE,
     title: str = "",
 ) -> None:
-    """Write the wireframe as SVG, one group a colour, over the embedded photo (of the camera's size) if given."""
+    """Write the wireframe as SVG, one group per colour, over the embedded photo (of the camera's size) if given."""
     embedded = None if photo is None else fitting(photo, wireframe.camera)
     write_svg(path, wireframe.camera.size, list(_layers(wireframe, style)), photo=embedded, title=title)
 
 
 def blend_pictures(photo: npt.ArrayLike, view: View, *, opacity: float = 0.5) -> Picture:
-    """Return the photo (H, W, 3) with the shaded model over it, the background left as it is."""
+    """Return the photo (H, W, 3) with the shaded model over it, the background unchanged."""
     if not 0 <= opacity <= 1:
         raise BadValue("opacity", opacity, "0 (nothing) to 1 (opaque)")
     picture = to_rgb(fitting(photo, view.camera))
@@ -151,8 +151,8 @@ def edge_distances(
     """Return the distance (n,) in px of the visible lines from the photo's nearest sub-pixel edge, every `step_px`.
 
     Only edges within `within` rad of a line's direction count; inf where the photo has none. Image edges are points
-    about 1 px apart: of each step the nearest of `_PARTS` places counts, so that the distance is across the line and
-    not along it. Only places inside the picture are asked. `edges` default to `canny` of the photo.
+    about 1 px apart: for each step the nearest of `_PARTS` samples counts, so that the distance is measured across the
+    line and not along it. Only samples inside the picture are used. `edges` default to `canny` of the photo.
     """
     gray = to_gray(fitting(photo, wireframe.camera))
     edges = canny(gray) if edges is None else edges
@@ -183,9 +183,9 @@ def fitting(photo: npt.ArrayLike, camera: Camera) -> Picture:
 
 
 def model_alone(view: View) -> Picture:
-    """Return what the model itself gave to each pixel (H, W, 3): the image on black.
+    """Return the model's own contribution to each pixel (H, W, 3): the image on black.
 
-    The background's colour is that of a pixel without the model; where there is none it is taken for black.
+    The background's colour is that of a pixel without the model; where there is none it is assumed black.
     """
     empty = np.argwhere(view.coverage == 0)
     background = view.image[tuple(empty[0])] if len(empty) else np.zeros(3, np.float32)

@@ -1,9 +1,10 @@
 """The embedded rasteriser: every channel at the exact pixel centres, through the exact lens, on all cores.
 
 The core (`cadcam.native`) draws in the plane of the pixels, or, for a distorting camera, in the undistorted plane at
-the point that each pixel looks at: no vertex is ever distorted. Coverage is decided in double precision; depth is that
-of the face's plane, rounded to float twice (1.2e-7 relative). Faces that coincide in depth to float precision go to the
-lower face number where they tie.
+the point of each pixel: no vertex is ever distorted. Coverage is decided in double precision; depth is that of the
+face's plane, rounded to float twice (1.2e-7 relative). Where faces tie in depth to float precision, the lower face
+number wins.
+
 """
 
 from __future__ import annotations
@@ -29,19 +30,19 @@ from cadcam.render.memory import Buffers, check_memory
 from cadcam.render.shade import unit
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of
 
-_BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they stay in the second-level cache
-_MANY = 1 << 18  # faces from which threads look for them together, and finer bands are worth what they draw twice
+_BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they fit in the second-level cache
+_MANY = 1 << 18  # faces from which threads cull them together, and finer bands are worth their duplicate work
 _SHADED = Channel.IMAGE | Channel.RGB
 
 
 class RasterRenderer:
-    """Renders a scene with the embedded rasteriser; obeys the `Renderer` protocol.
+    """Renders a scene with the embedded rasteriser; implements the `Renderer` protocol.
 
-    `threads` is the number of threads, by default one a core. Pictures do not depend on it. `backs=False` leaves out
-    faces that show their back, where the mesh is solid and the camera outside its box: those in front of them hide
-    them, so that only samples that lie on a silhouette to within float's rounding of depth can differ; `solid`: what
-    `is_solid` says of the mesh, where it is known already. Raises `MissingCore` where the compiled core is not
-    installed.
+    `threads` is the number of threads, by default one per core. Pictures do not depend on it. `backs=False` leaves out
+    back faces, where the mesh is solid and the camera outside its box: those in front hide them, so that only samples
+    on a silhouette, to within float's rounding of depth, can differ; `solid`: the result of `is_solid` for the mesh, if
+    already known. Raises `MissingCore` where the compiled core is not installed.
+
     """
 
     name = "raster"
@@ -88,7 +89,7 @@ class RasterRenderer:
         channels: Channel = Channel.ALL,
         look: Look = PLAIN,
     ) -> Iterator[View]:
-        """Yield a view for each camera_from_world; a thread a picture, a few pictures ahead."""
+        """Yield a view for each camera_from_world; one thread per picture, a few pictures ahead."""
         self._prepare(camera, channels, look, self._threads + 1)
         under_way: deque[Future[View]] = deque()
         for pose in poses:
@@ -101,7 +102,7 @@ class RasterRenderer:
     def hides(self, points: Array, eye: Array, *, tolerance: float) -> Mask:
         """Return which points (N, 3) mm a face hides from the eye (3,), exactly, as `occlusion.OccludingFaces`.
 
-        A face hides a point that lies more than `tolerance` mm off its plane, where it meets the way to the eye.
+        A face hides a point that lies more than `tolerance` mm off its plane, where it meets the segment to the eye.
         """
         return self._native.hides(points, eye, tolerance)
 
@@ -134,11 +135,11 @@ class RasterRenderer:
         self._together(lambda: self._workers.run(frame), threads)
 
     def _together(self, task: Callable[[], None], threads: int) -> None:
-        """Do a task of many parts on some threads: each takes parts until none is left."""
+        """Run a task of many parts on some threads: each takes parts until none is left."""
         helpers = [self._pool.submit(task) for _ in range(threads - 1)]
         task()
         for helper in helpers:
-            if not helper.cancel():  # one that has not begun has nothing left to do
+            if not helper.cancel():  # one that has not started has nothing left to do
                 helper.result()
 
     def _request(
@@ -165,7 +166,7 @@ class RasterRenderer:
         return request
 
     def _lens(self, camera: Camera, n: int) -> NativeLens:
-        """Return the table of a camera for n x n samples a pixel; this renderer keeps those of the last camera."""
+        """Return the table of a camera for n x n samples per pixel; this renderer keeps those of the last camera."""
         of_camera = (camera.size, camera.K.tobytes(), camera.lens)
         key = (*of_camera, n)
         if key not in self._lenses:

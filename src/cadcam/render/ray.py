@@ -1,8 +1,8 @@
-"""Ray casting through the exact lens: one ray a pixel centre, nothing about the camera approximated.
+"""Ray casting through the exact lens: one ray per pixel centre, nothing about the camera approximated.
 
-Embree finds the face (float32, rays starting next to the model); depth and normal are then those of that face's plane
-in float64. Beside an outline, or between faces that coincide, a pixel centre within about 1e-7 of the model's diagonal
-of the border can fall on either side.
+Embree finds the face (float32, rays starting close to the model); depth and normal are then those of that face's plane
+in float64. At an outline, or between coincident faces, a pixel centre within about 1e-7 of the model's diagonal of the
+border may fall on either side.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from cadcam.render.memory import check_memory
 from cadcam.render.shade import shade
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of, with_image, with_rgb
 
-_BAND = 1 << 17  # rays at a time: about 20 MB of temporaries a core, whatever the picture's size
+_BAND = 1 << 17  # rays at a time: about 20 MB of temporaries per core, whatever the picture's size
 _CACHED = 1 << 14  # pixels unprojected at a time
 _KEPT = 1 << 23  # rays of a camera are kept up to this many (200 MB)
 _RAY_BYTES = 24
 
 
 class RayRenderer:
-    """Renders a scene by casting rays; obeys the `Renderer` protocol."""
+    """Renders a scene by casting rays; implements the `Renderer` protocol."""
 
     name = "ray"
 
@@ -90,9 +90,9 @@ class RayRenderer:
     def _supersample(
         self, layers: dict[str, npt.NDArray[Any]], band: slice, camera: Camera, pose: Rigid, span: Array, look: Look
     ) -> None:
-        """Average the image and coverage of a band over n x n rays a pixel.
+        """Average the image and coverage of a band over n x n rays per pixel.
 
-        The rays beside a centre are extrapolated from the lens' exact ones: off by under 1e-3 px, for the image only.
+        The rays around a centre are extrapolated from the lens' exact ones: off by under 1e-3 px, for the image only.
         """
         n = look.supersampling
         image, coverage = np.zeros_like(layers["image"][band]), np.zeros_like(layers["coverage"][band])
@@ -116,7 +116,7 @@ class RayRenderer:
         return rays[inner], per_x[inner], per_y[inner]
 
     def _keep_rays(self, camera: Camera) -> None:
-        """Keep the rays of the last camera, for batches of poses; too many of them are made anew band by band."""
+        """Keep the rays of the last camera, for batches of poses; if too many, they are computed again band by band."""
         key = (camera.size, camera.K.tobytes(), camera.lens)
         if key not in self._rays:
             few = camera.width * camera.height <= _KEPT
@@ -130,7 +130,7 @@ class RayRenderer:
 
 
 class _Hits:
-    """What the rays (h, w, 3) of a band meet: flat indices of the pixels, faces, rays, normals, depths."""
+    """The hits of the rays (h, w, 3) of a band: flat indices of the pixels, faces, rays, normals, depths."""
 
     def __init__(self, renderer: RayRenderer, rays: Array, camera_from_world: Rigid, span: Array) -> None:
         scene, caster = renderer.scene, renderer._caster
@@ -154,20 +154,20 @@ class _Hits:
         facing = np.einsum("ij,ij->i", normal, directions)
         with np.errstate(divide="ignore", invalid="ignore"):
             distance = np.einsum("ij,ij->i", normal, renderer._anchor[self.face] - eye) / facing
-        # a face seen edge-on has no stable plane: its depth stays between those of its corners
+        # a face seen edge-on has no stable plane: its depth is clamped to those of its corners
         low, high = span[self.face, 0], span[self.face, 1]
         self.depth = np.clip(np.where(np.isfinite(distance), distance * self.ray[:, 2], low), low, high)
         self.normal: Picture = ((normal * -np.copysign(1.0, facing)[:, None]) @ R.T).astype(np.float32)
 
     def colors(self, look: Look) -> Picture:
-        """Return the shaded RGB of the pixels met."""
+        """Return the shaded RGB of the hit pixels."""
         return shade(
             self.normal, (-self.ray).astype(np.float32), self._scene.colors[self._scene.paint[self.face]], look
         )
 
 
 def _store(layers: dict[str, npt.NDArray[Any]], band: slice, hits: _Hits, look: Look, *, centred: bool) -> None:
-    """Write what was met into a band of the layers; the image only if these rays are all it gets."""
+    """Write the hits into a band of the layers; the image only if it gets no other rays."""
     at = np.unravel_index(hits.pixel, hits.shape)
     for name in ("depth", "normal", "part", "face"):
         if name in layers:

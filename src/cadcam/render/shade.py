@@ -1,4 +1,4 @@
-"""Matt shading from normals: shared by all renderers, so that they look alike."""
+"""Matt shading from normals: shared by all renderers, so that their images agree."""
 
 from __future__ import annotations
 

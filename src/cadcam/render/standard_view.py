@@ -1,4 +1,4 @@
-"""A camera that looks at the whole of a model from a usual side, for when no real camera is given."""
+"""A camera that views the whole model from a standard side, for use without a real camera."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import UnknownName
 from cadcam.geometry.rigid import Rigid
 
-# from the model's middle towards the camera, and what is up in the picture
+# from the model's middle towards the camera, and the up direction of the picture
 DIRECTIONS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
     "iso": ((1.0, -1.3, 0.9), (0, 0, 1)),
     "front": ((0, -1, 0), (0, 0, 1)),
@@ -19,7 +19,7 @@ DIRECTIONS: dict[str, tuple[tuple[float, float, float], tuple[float, float, floa
     "top": ((0, 0, 1), (0, 1, 0)),
     "bottom": ((0, 0, -1), (0, 1, 0)),
 }
-_FIELD_DEG = 30.0  # over the shorter side: perspective is seen, but does not distort
+_FIELD_DEG = 30.0  # over the shorter side: perspective is visible, but not exaggerated
 _MARGIN = 1.08
 
 
@@ -41,7 +41,7 @@ def standard_view(mesh: Mesh, name: str = "iso", *, size: tuple[int, int] = (128
 
 
 def _filled(camera: Camera, camera_from_world: Rigid, mesh: Mesh) -> tuple[Camera, Rigid]:
-    """Return the camera zoomed and shifted so that the model's vertices fill the picture, but for a margin."""
+    """Return the camera zoomed and shifted so that the model's vertices fill the picture up to a margin."""
     m = camera.lens.project(camera_from_world @ mesh.vertices[np.unique(mesh.faces)])
     low, high = m.min(axis=0), m.max(axis=0)
     size = np.array(camera.size)

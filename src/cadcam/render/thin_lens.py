@@ -1,4 +1,4 @@
-"""The pinhole at one point of a camera's opening, through one point of its pixels: what a photograph is a mean of."""
+"""The pinhole at one point of a camera's aperture, through one point of its pixels: a photograph averages them."""
 
 from __future__ import annotations
 

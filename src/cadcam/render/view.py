@@ -1,4 +1,4 @@
-"""What every renderer takes and gives back: `Scene`, `Look`, `View` and the `Renderer` protocol. Types only."""
+"""The interface of all renderers: `Scene`, `Look`, `View` and the `Renderer` protocol. Types only."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 
-# Muted and told apart by people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
+# Muted, and distinct for people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
 PALETTE = np.array(
     [
         [0.66, 0.73, 0.80],
@@ -36,7 +36,7 @@ PALETTE = np.array(
 
 
 class Channel(Flag):
-    """What a view can hold; combine with `|`. RGB is the image once more, in bytes, and no part of ALL."""
+    """The channels of a view; combine with `|`. RGB is the image once more, in bytes, and not part of ALL."""
 
     IMAGE = auto()
     DEPTH = auto()
@@ -48,11 +48,11 @@ class Channel(Flag):
 
 
 class Layer(NamedTuple):
-    """What an array of a view holds: numbers of a pixel, their type, and what they are where there is no model."""
+    """The format of a view's array: numbers per pixel, their type, and their value where there is no model."""
 
     numbers: int
     dtype: type[np.generic]
-    background: float = 0.0  # of the image and its bytes: as the look says
+    background: float = 0.0  # for the image and its bytes: from the look
 
     def shape(self, camera: Camera) -> tuple[int, ...]:
         """Return (H, W), or (H, W, numbers) for more than one."""
@@ -83,7 +83,7 @@ def layers_of(channels: Channel) -> dict[str, Layer]:
 class Scene:
     """A mesh in the world frame (mm), its feature edges and its paint.
 
-    `colors` (C, 3) RGB in [0, 1]: one for each part, then any more; `paint` (F,) which of them each face has, by
+    `colors` (C, 3) RGB in [0, 1]: one for each part, then any more; `paint` (F,): the index of each face's colour, by
     default that of its part.
     """
 
@@ -120,13 +120,13 @@ class Scene:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """How the shaded image looks; ids, depth and normals do not depend on it.
+    """The look of the shaded image; ids, depth and normals do not depend on it.
 
-    Surfaces are matt and two-sided, without cast shadows. Three lights, each of its strength: `head` at the camera,
+    Surfaces are matt and two-sided, without cast shadows. Three lights with their strengths: `head` at the camera,
     `fill` and `back` distant ones from `fill_from` and `back_from` (camera frame: x right, y down, z forward; by
-    default from above on the left, and from behind on the right, where it sets off surfaces that turn away).
-    `ambient` is what remains without them. `background` RGB in [0, 1]. `supersampling` n takes n x n rays a pixel for
-    the image and its coverage; all else stays at the centres. Named looks: `cadcam.render.looks`.
+    default from above on the left, and from behind on the right, where it highlights surfaces that turn away).
+    `ambient` is the rest. `background` RGB in [0, 1]. `supersampling` n takes n x n rays per pixel for the image and
+    its coverage; all other channels stay at the centres. Named looks: `cadcam.render.looks`.
     """
 
     head: float = 0.55
@@ -156,7 +156,7 @@ PLAIN = Look()
 class View:
     """A rendered picture of a scene: arrays of shape (H, W, ...) that `camera` saw from `camera_from_world`.
 
-    Asking for a channel that was not rendered raises `BadValue` naming it.
+    Accessing a channel that was not rendered raises `BadValue` naming it.
     """
 
     camera: Camera
@@ -195,7 +195,7 @@ class View:
 
     @property
     def normal(self) -> Picture:
-        """Unit normals (H, W, 3) float32 of the faces met, camera frame, turned to the camera; 0 on the background."""
+        """Unit normals (H, W, 3) float32 of the faces seen, camera frame, facing the camera; 0 on the background."""
         return self._layer("normal")
 
     @property
@@ -224,7 +224,7 @@ class View:
 
 
 class Renderer(Protocol):
-    """Made from a scene once (acceleration structures, uploads), then asked for many views; one thread at a time.
+    """Created once from a scene (acceleration structures, uploads), then used for many views; one thread at a time.
 
     The world frame is the mesh's. Renderers agree on which face a pixel centre sees, except within their own documented
     sub-pixel resolution of an edge.
@@ -261,7 +261,7 @@ class Renderer(Protocol):
 
 
 def with_image(channels: Channel) -> Channel:
-    """Return what a renderer draws that makes the bytes of RGB from an image: IMAGE for RGB."""
+    """Return the channels to draw for those requested: RGB is made from IMAGE."""
     return (channels & ~Channel.RGB) | Channel.IMAGE if Channel.RGB in channels else channels
 
 

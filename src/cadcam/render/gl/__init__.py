@@ -1,1 +1,1 @@
-"""OpenGL without a window: which face each pixel centre sees, found by the GPU."""
+"""OpenGL without a window: the face seen at each pixel centre, found by the GPU."""

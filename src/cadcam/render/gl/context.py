@@ -1,9 +1,9 @@
-"""OpenGL on EGL: what answers here, and the one context a process needs, kept in a thread of its own.
+"""OpenGL on EGL: the available devices, and the one context of a process, kept in a thread of its own.
 
-The devices are asked in a child process first, so that a driver that prints, hangs or crashes costs a line and not the
-caller. Names can be given where the usual ones do not fit: the device by index or by a part of its name, argument
-`device` or environment variable CADCAM_GL_DEVICE; the libraries by CADCAM_LIBEGL and CADCAM_LIBGL (file names or
-paths).
+The devices are queried in a child process first, so that a driver that prints, hangs or crashes does not take the
+caller with it. The defaults can be overridden: the device by index or part of its name, with the argument `device` or
+the environment variable CADCAM_GL_DEVICE; the libraries by CADCAM_LIBEGL and CADCAM_LIBGL (file names or paths).
+
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ _PATIENCE = 30.0  # s; the first start of a driver reads its cache from disc
 
 @dataclass(frozen=True, slots=True)
 class GlInfo:
-    """What OpenGL says of itself on one EGL device; `reason` says why it is not available, in one line."""
+    """The description of OpenGL on one EGL device; `reason` says why it is not available, in one line."""
 
     available: bool
     renderer: str = ""
@@ -63,7 +63,7 @@ def probe(device: int | str | None = None) -> GlInfo:
 
 
 def devices() -> tuple[GlInfo, ...]:
-    """Return what each EGL device says; at least one entry. Asked once for the same libraries, in a child process."""
+    """Return the description of each EGL device; at least one entry. Queried once per libraries, in a child process."""
     return _devices(os.environ.get("CADCAM_LIBEGL", ""), os.environ.get("CADCAM_LIBGL", ""))
 
 
@@ -88,7 +88,7 @@ def _devices(libegl: str, libgl: str) -> tuple[GlInfo, ...]:
 
 
 def _useful(said: list[GlInfo]) -> tuple[GlInfo, ...]:
-    """Leave out the failure that only says that there are no more devices."""
+    """Leave out the failure that only means that there are no more devices."""
     if any(info.available for info in said):
         said = [info for info in said if info.available or "found" not in info.reason]
     return tuple(said) or (GlInfo(False, reason="EGL knows no device"),)
@@ -100,10 +100,10 @@ def _info(said: dict[str, Any]) -> GlInfo:
 
 
 class GlThread:
-    """A context and the only thread that talks to it: callers may be in any thread.
+    """A context and the only thread that uses it: callers may be in any thread.
 
-    What renderers no longer need is put on `discarded` (never released from a finaliser, which may run anywhere) and
-    released before the next piece of work.
+    What renderers no longer need is put on `discarded` (never released from a finaliser, which may run in any thread)
+    and released before the next piece of work.
     """
 
     def __init__(self, info: GlInfo) -> None:
@@ -116,7 +116,7 @@ class GlThread:
         self.programs: dict[str, Any] = {}
 
     def submit(self, work: Callable[[], Result]) -> Future[Result]:
-        """Have `work` done in the context's thread."""
+        """Run `work` in the context's thread."""
         return self._pool.submit(self._tidied, work)
 
     def _tidied(self, work: Callable[[], Result]) -> Result:
@@ -140,5 +140,5 @@ def open_gl(device: int | str | None = None) -> GlThread:
 
 @cache
 def _opened(info: GlInfo, process: int) -> GlThread:
-    """Return the context on a device; one for each process, since a fork does not inherit the thread that holds it."""
+    """Return the context on a device; one per process, since a fork does not inherit the thread that holds it."""
     return GlThread(info)

@@ -1,9 +1,9 @@
-"""A mesh as a distorting lens images it, roughly: triangles of pixels, and how far the exact image may be from them.
+"""The approximate image of a mesh through a distorting lens: triangles in pixels, and bounds of their error.
 
 Edges are straight in the plane u = (x, y)/z. There they are halved until the lens bends no piece by more than half of
-that from its chord, and only then are vertices distorted. Lens and camera are `Camera`'s own, in float64. Whoever draws
-the triangles `REACH_PX` wider than they are, pieces `PIECE_REACH_PX`, has every pixel that the mesh covers, and tests
-those exactly.
+that bound from its chord, and only then are vertices distorted. Lens and camera are `Camera`'s own, in float64. Drawing
+the triangles `REACH_PX` wider than they are, pieces `PIECE_REACH_PX`, covers every pixel of the mesh; these are then
+tested exactly.
 """
 
 from __future__ import annotations
@@ -21,17 +21,17 @@ from cadcam.render.lines.clip import WIDEST, ViewVolume
 
 REACH_PX = 1.0  # of faces drawn as they are, of which there may be millions
 PIECE_REACH_PX = 8.0  # of pieces, which come from large faces: fewer of them are worth a wider margin
-_STRAIGHT_PX = 4.0  # shorter edges are not asked whether they bend
+_STRAIGHT_PX = 4.0  # shorter edges are not tested for bending
 _FARTHEST = 1e6  # |u| beyond this is less than 0.2 seconds of arc from the focal plane
-NEAR_SHARE = 1e-6  # of the farthest depth: what is nearer is cut off
+NEAR_SHARE = 1e-6  # of the farthest depth: the near plane
 _MARGIN_PX = 2.0
-_ROUNDS = 96  # an edge of 1e9 px is 25 halvings a side
+_ROUNDS = 96  # an edge of 1e9 px takes 25 halvings per side
 _FACES = 1 << 15
 
 
 @dataclass(frozen=True, slots=True)
 class _Limits:
-    """What an edge may be that is not halved, px: bent from its chord, long, long where a lens ends in a kink."""
+    """Limits, px, of an edge that is not halved: deviation from its chord, length, length at a kink of the lens."""
 
     bend: float
     longest: float
@@ -44,9 +44,9 @@ _PIECE = _Limits(PIECE_REACH_PX / 2, 512.0, PIECE_REACH_PX)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pieces:
-    """The rough image of a mesh in pixels.
+    """The approximate image of a mesh in pixels.
 
-    `q` (V, 2) are the vertices; faces marked in `whole` (F,) are drawn as they are. The others are out of the picture
+    `q` (V, 2) are the vertices; faces marked in `whole` (F,) are drawn as they are. The others are outside the picture
     or replaced by triangles with corners `corners` (M, 3, 2), which belong to faces `face` (M,).
     """
 
@@ -84,7 +84,7 @@ def pieces(camera: Camera, camera_from_world: Rigid, vertices: Array, faces: Ids
 
 
 def _sides_beyond(frustum: ViewVolume, p: Array) -> npt.NDArray[np.uint8]:
-    """Return a bit for each side of the frustum that points p (N, 3) in the camera frame lie beyond."""
+    """Return one bit for each side of the frustum that points p (N, 3) in the camera frame lie beyond."""
     x, y, z = p.T
     (x0, y0), (x1, y1) = frustum.low, frustum.high
     sides = (z < frustum.near, x < x0 * z, x > x1 * z, y < y0 * z, y > y1 * z)
@@ -95,7 +95,7 @@ def _sides_beyond(frustum: ViewVolume, p: Array) -> npt.NDArray[np.uint8]:
 
 
 def _frustum(camera: Camera, near: float) -> ViewVolume:
-    """Return what holds all that the camera images, with the last third of a degree that lines do without."""
+    """Return a frustum of all that the camera images, including the last third of a degree that lines leave out."""
     frustum = ViewVolume.of(camera, near=near, margin_px=_MARGIN_PX)
     low = np.where(frustum.low <= -WIDEST, -_FARTHEST, frustum.low)
     return replace(frustum, low=low, high=np.where(frustum.high >= WIDEST, _FARTHEST, frustum.high))
@@ -112,7 +112,7 @@ def _straight(camera: Camera, frustum: ViewVolume, p: Array, q: Array) -> Mask:
 
 
 def _halved(camera: Camera, frustum: ViewVolume, u: Array, owner: Longs) -> tuple[Array, Longs]:
-    """Return pixels (M, 3, 2) and owners of triangles u (N, 3, 2), halved as long as an edge needs it."""
+    """Return pixels (M, 3, 2) and owners of triangles u (N, 3, 2), halved as often as their edges require."""
     kept: list[tuple[Array, Longs]] = [(np.zeros((0, 3, 2)), np.zeros(0, np.int64))]
     for _ in range(_ROUNDS):
         near_picture = ~_outside(frustum, u)
@@ -138,7 +138,7 @@ def _to_halve(camera: Camera, frustum: ViewVolume, u: Array, q: Array, limits: _
     a, b = u[index], np.roll(u, -1, axis=1)[index]
     qa, chord = q[index], (np.roll(q, -1, axis=1) - q)[index]
     middle = _middle(a, b)
-    for at in (middle, _middle(a, middle), _middle(middle, b)):  # an edge bent like an S is straight in its middle
+    for at in (middle, _middle(a, middle), _middle(middle, b)):  # an S-shaped edge passes through its chord's middle
         off = _image(camera, frustum, at) - qa
         across = off[:, 0] * chord[:, 1] - off[:, 1] * chord[:, 0]
         halve[index] |= np.abs(across) > limits.bend * length[index]
@@ -154,13 +154,13 @@ def _halves(u: Array, length: Array) -> Array:
 
 
 def _middle(a: Array, b: Array) -> Array:
-    """Return where the direction half way between those of a and b (N, 2) passes the plane u; symmetric in them."""
+    """Return the intersection of the direction half way between those of a and b (N, 2) with the plane u; symmetric."""
     wa, wb = (1 / np.sqrt(1 + np.sum(u * u, axis=-1, keepdims=True)) for u in (a, b))
     return np.asarray((a * wa + b * wb) / (wa + wb))
 
 
 def _image(camera: Camera, frustum: ViewVolume, u: Array) -> Array:
-    """Return pixels of u (..., 2); beyond the valid radius the image goes on outwards in proportion, unfolded."""
+    """Return pixels of u (..., 2); beyond the valid radius the image is continued outwards in proportion, unfolded."""
     radius = np.sqrt(np.sum(u * u, axis=-1))
     shrink = np.minimum(1.0, frustum.radius * (1 - 1e-9) / np.maximum(radius, 1e-300))
     inner = u * shrink[..., None]
@@ -180,7 +180,7 @@ def _outside(frustum: ViewVolume, u: Array) -> Mask:
 
 
 def _in_front(p: Array, near: float) -> tuple[Array, Longs]:
-    """Return the parts (M, 3, 3) of triangles p (N, 3, 3) with z >= near, and which triangle each is of."""
+    """Return the parts (M, 3, 3) of triangles p (N, 3, 3) with z >= near, and the triangle of each."""
     inside = p[..., 2] >= near
     count = inside.sum(axis=1)
     whole, one, two = (np.flatnonzero(count == n) for n in (3, 1, 2))
@@ -193,7 +193,7 @@ def _in_front(p: Array, near: float) -> tuple[Array, Longs]:
 
 
 def _cut(inside: Array, outside: Array, near: float) -> Array:
-    """Return where the edges from `inside` to `outside` (N, 3) pass z = near."""
+    """Return the intersections of the edges from `inside` to `outside` (N, 3) with z = near."""
     t = (inside[:, 2] - near) / (inside[:, 2] - outside[:, 2])
     out = inside + t[:, None] * (outside - inside)
     out[:, 2] = near

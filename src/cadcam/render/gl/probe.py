@@ -1,6 +1,6 @@
-"""Which OpenGL devices answer on EGL; run as a script in a process of its own, because a broken driver may end it.
+"""The available OpenGL devices on EGL; run as a script in its own process, because a broken driver may crash it.
 
-Prints one JSON object a device and imports nothing of cadcam: it must also run where only this file can be found.
+Prints one JSON object per device and imports nothing of cadcam: it must also run as a single file.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ def open_context(device: int, libegl: str | None, libgl: str | None) -> Any:
 
 
 def main(libegl: str, libgl: str) -> None:
-    """Print what each device says of itself, then why the next one could not be opened."""
+    """Print the description of each device, then why the next one could not be opened."""
     for device in range(MOST_DEVICES):
         try:
             context = open_context(device, libegl or None, libgl or None)

@@ -1,10 +1,10 @@
-"""OpenGL 4.3 without a window: the GPU finds which face each pixel centre sees, double precision all else.
+"""OpenGL 4.3 without a window: the GPU finds the face seen at each pixel centre; the rest is double precision.
 
 A camera without distortion is drawn through `camera.opengl.projection_matrix`, so skew, aspect and principal point are
 exact; outlines then are those of OpenGL's own rasteriser, on its grid of 1/256 px. For any other camera the triangles
-are drawn roughly and a little too wide (`render.gl.pieces`), and each pixel centre is tested at its undistorted
+are drawn approximately and slightly too wide (`render.gl.pieces`), and each pixel centre is tested at its undistorted
 direction against the edges: no vertex of an outline is ever distorted, and outlines are exact to the rounding of single
-precision, about 1e-7 of the focal length. Whichever face is found, its depth, normal and shading are computed in double
+precision, about 1e-7 of the focal length. The depth, normal and shading of the face found are computed in double
 precision at the exact direction of the pixel centre. Where two faces are closer in depth than 1e-7 of the scene's depth
 range, or of the depth itself, either may be seen.
 
@@ -26,12 +26,12 @@ from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of, wit
 
 
 class GlRenderer:
-    """Renders a scene with OpenGL on EGL; obeys the `Renderer` protocol, and may be called from any thread.
+    """Renders a scene with OpenGL on EGL; implements the `Renderer` protocol, and may be called from any thread.
 
-    `device` is an index or a part of a name (see `render.gl.probe`). All renderers of a process share one context a
-    device. `close`, a `with` block, or the renderer's end give its memory on the GPU back. Raises `MissingExtra`
-    without moderngl, `MissingOpenGL` where EGL does not answer, `NotEnoughMemory` for a mesh beyond the GPU's largest
-    buffer.
+    `device` is an index or a part of a name (see `render.gl.probe`). All renderers of a process share one context per
+    device. `close`, a `with` block, or the renderer's deletion releases its GPU memory. Raises `MissingExtra` without
+    moderngl, `MissingOpenGL` where EGL does not answer, `NotEnoughMemory` for a mesh beyond the GPU's largest buffer.
+
     """
 
     name = "gl"
@@ -56,7 +56,7 @@ class GlRenderer:
         return self._thread.info
 
     def close(self) -> None:
-        """Give back what it holds on the GPU, now; it cannot render afterwards. May be called again."""
+        """Release its GPU memory now; it cannot render afterwards. May be called again."""
         self._end()
         self._thread.submit(lambda: None).result()
 

@@ -1,4 +1,4 @@
-"""A scene on the GPU and how a view of it is drawn. Everything here happens in the context's thread."""
+"""A scene on the GPU and the drawing of its views. Everything here runs in the context's thread."""
 
 from __future__ import annotations
 
@@ -25,12 +25,12 @@ from cadcam.render.view import Channel, Look, Scene, layers_of
 Layers = dict[str, npt.NDArray[Any]]
 
 _WORDS = {name: layer.pixel_bytes // 4 for name, layer in layers_of(Channel.ALL).items()}  # of a pixel
-TILE_SIDE, TILE_PIXELS = 8192, 3_200_000  # at 10 words a pixel within the 128 MiB that OpenGL promises for a buffer
+TILE_SIDE, TILE_PIXELS = 8192, 3_200_000  # at 10 words a pixel within the 128 MiB that OpenGL guarantees for a buffer
 _ITEMS, _ROW = 64, 1 << 15  # shader invocations in a group, groups along x before the next row of them
 
 
 class GpuScene:
-    """Buffers of one scene, and those that its last view needed."""
+    """Buffers of one scene, and those of its last view."""
 
     def __init__(self, thread: GlThread, scene: Scene) -> None:
         self._gl, self._scene = thread.context, scene
@@ -54,11 +54,11 @@ class GpuScene:
         self._owned.callback(self._tables.release)
 
     def release(self) -> None:
-        """Give everything back; may be called again."""
+        """Release everything; may be called again."""
         self._owned.close()
 
     def fill(self, layers: Layers, camera: Camera, pose: Rigid, look: Look) -> bool:
-        """Draw a view into layers, those of the image with all samples that the look asks for.
+        """Draw a view into layers, those of the image with the number of samples of the look.
 
         Returns False, and leaves them as they are, if all of the scene is behind the camera.
         """
@@ -80,7 +80,7 @@ class GpuScene:
         return True
 
     def _see(self, camera: Camera, tile: Tile, n: int, depths: tuple[float, float], bent: Pieces | None) -> None:
-        """Find which face each sample of a tile sees."""
+        """Find the face that each sample of a tile sees."""
         see, fine = self._programs["see" if bent is None else "see_bent"], tile.camera(camera, n)
         self._run("planes", self._scene.mesh.n_faces, self._planes)
         see["height"] = fine.height
@@ -134,7 +134,7 @@ class GpuScene:
             _fetch(out, 4 * start[name], layer, tile)
 
     def _run(self, name: str, items: int, *buffers: Any) -> None:
-        """Run a compute shader over so many items and make what it wrote visible to all that follows."""
+        """Run a compute shader over a number of items and make its results visible to all that follows."""
         for k, buffer in enumerate((self._vertices, self._corners, self._pose, *buffers)):
             buffer.bind_to_storage_buffer(k)
         program, groups = self._programs[name], -(-items // _ITEMS)
@@ -168,7 +168,7 @@ class GpuScene:
 
 
 def _compile(thread: GlThread) -> dict[str, Any]:
-    """Compile the programs once a context."""
+    """Compile the programs once per context."""
     gl = thread.context
     programs = {
         "transform": gl.compute_shader(glsl.TRANSFORM),
@@ -187,7 +187,7 @@ def _compile(thread: GlThread) -> dict[str, Any]:
 
 
 def _depth_range(scene: Scene, pose: Rigid) -> tuple[float, float]:
-    """Return bounds of the z-depth of all that is in the scene, mm."""
+    """Return bounds of the z-depth of the scene, mm."""
     low, high = scene.mesh.bounds
     centre = float((pose @ ((low + high) / 2))[2])
     reach = float(np.abs(pose.rotation[2]) @ ((high - low) / 2)) * (1 + 1e-6) + 1e-9 * abs(centre)
@@ -195,13 +195,13 @@ def _depth_range(scene: Scene, pose: Rigid) -> tuple[float, float]:
 
 
 def _pose_block(camera: Camera, pose: Rigid, farthest: float) -> Array:
-    """Return what the shaders' `Pose` block holds, in its order."""
+    """Return the contents of the shaders' `Pose` block, in its order."""
     clip = projection_matrix(camera, near=NEAR_SHARE * farthest, far=2 * farthest) @ model_view_matrix(pose)
     return np.concatenate([pose.rotation.ravel(), pose.translation, clip.ravel(), np.linalg.inv(camera.K)[:2].ravel()])
 
 
 def _clip_positions(q: Array, tile: Tile) -> Picture:
-    """Return OpenGL's positions (N, 4) of pixels q (N, 2) of the picture in one of its tiles; depth comes later."""
+    """Return OpenGL's positions (N, 4) of pixels q (N, 2) of the picture in one of its tiles; depth is added later."""
     out = np.zeros((len(q), 4), np.float32)
     out[:, 0] = 2 * (q[:, 0] - tile.x + 0.5) / tile.width - 1
     out[:, 1] = 1 - 2 * (q[:, 1] - tile.y + 0.5) / tile.height

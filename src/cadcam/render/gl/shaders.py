@@ -1,4 +1,4 @@
-"""The GLSL of the gl renderer. Everything that decides a number handed out is computed in double precision.
+"""The GLSL of the gl renderer. Everything that determines a returned number is computed in double precision.
 
 Per view, in order: TRANSFORM (vertices to clip space) for cameras without distortion, EDGES (which rays meet each face)
 for all others; PLANES (1/z of each face as a linear function of the undistorted plane); VERTEX, WIDEN and FRAGMENT
@@ -103,7 +103,7 @@ void main() {
 )
 
 # Draws a triangle of pixels with all that is within `width` px of it: each edge moved outwards, each corner cut twice
-# along tangents of the circle around it. What is too much the fragment stage leaves out.
+# along tangents of the circle around it. The fragment stage discards the excess.
 WIDEN = """#version 430 core
 layout(triangles) in;
 layout(triangle_strip, max_vertices = 6) out;

@@ -1,4 +1,4 @@
-"""What a view is drawn into on the GPU, kept from view to view: pictures come in thousands of one size."""
+"""The GPU buffers that a view is drawn into, kept from view to view: pictures come in thousands of one size."""
 
 from __future__ import annotations
 
@@ -21,17 +21,17 @@ class Target:
         self._output: Any = None
 
     def begin(self, size: tuple[int, int]) -> None:
-        """Clear and make ready to draw a tile of this size."""
+        """Clear and prepare for drawing a tile of this size."""
         if size[0] > self._size[0] or size[1] > self._size[1]:
             self._make((max(size[0], self._size[0]), max(size[1], self._size[1])))
         self._frame.use()
         self._frame.viewport = (0, 0, *size)
         self._gl.enable_only(self._gl.DEPTH_TEST)
         self._gl.depth_func = "<"
-        self._frame.clear(depth=1.0)  # what face numbers become is not defined, and not looked at
+        self._frame.clear(depth=1.0)  # this leaves face numbers undefined; they are not read there
 
     def use(self) -> None:
-        """Let shaders read the face numbers (unit 1) and depths (unit 2)."""
+        """Bind the face numbers (unit 1) and depths (unit 2) for shaders."""
         for unit, texture in enumerate(self._textures, start=1):
             texture.use(unit)
 
@@ -44,7 +44,7 @@ class Target:
         return self._output
 
     def release(self) -> None:
-        """Give everything back."""
+        """Release everything."""
         for thing in (self._frame, *self._textures, self._output):
             if thing is not None:
                 thing.release()
@@ -61,7 +61,7 @@ class Target:
 
 
 class Tables:
-    """Tables of what each pixel of a distorting camera looks at; those of the last camera are kept."""
+    """Tables of the directions of each pixel of a distorting camera; those of the last camera are kept."""
 
     def __init__(self, gl: Any) -> None:
         self._gl = gl
@@ -70,7 +70,7 @@ class Tables:
         self._pixels = 0
 
     def get(self, camera: Camera, tile: Tile, n: int) -> Any:
-        """Return the texture of a tile with n x n samples a pixel."""
+        """Return the texture of a tile with n x n samples per pixel."""
         of = (camera.size, camera.K.tobytes(), camera.lens)
         if of != self._of:
             self.release()
@@ -80,7 +80,7 @@ class Tables:
         return self._kept[tile, n]
 
     def release(self) -> None:
-        """Give everything back."""
+        """Release everything."""
         for texture in self._kept.values():
             texture.release()
         self._kept, self._of, self._pixels = {}, (), 0

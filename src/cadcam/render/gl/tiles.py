@@ -1,4 +1,4 @@
-"""Pictures cut into pieces that a GPU's buffers hold, and what each pixel of a piece looks at."""
+"""Pictures cut into tiles that fit a GPU's buffers, and the direction of each pixel of a tile."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cadcam.arrays import Picture
 from cadcam.camera.camera import Camera
 from cadcam.render.cores import blocks, on_all_cores
 
-NOWHERE = np.float32(3e38)  # u of a pixel that looks nowhere: NaN is not safe from a compiler's optimisation
+NOWHERE = np.float32(3e38)  # u of a pixel without a direction: NaN is not safe from a compiler's optimisation
 _PIXELS = 1 << 14
 
 
@@ -42,7 +42,7 @@ class Tile:
 
 
 def tiles(size: tuple[int, int], *, side: int, pixels: int) -> Iterator[Tile]:
-    """Yield tiles that cover a picture, none with more px a side than `side` nor more than `pixels` in all."""
+    """Yield tiles that cover a picture, none with more px per side than `side` nor more than `pixels` in all."""
     width, height = size
     w = min(width, side, max(1, pixels))
     h = max(1, min(height, side, pixels // w))
@@ -52,7 +52,7 @@ def tiles(size: tuple[int, int], *, side: int, pixels: int) -> Iterator[Tile]:
 
 
 def plane_table(camera: Camera) -> Picture:
-    """Return the undistorted plane's point (H, W, 4) float32 of each pixel: high halves of x, y, then their rests."""
+    """Return the undistorted plane's point (H, W, 4) float32 of each pixel: high parts of x, y, then the remainders."""
     table = np.zeros((camera.height, camera.width, 4), np.float32)
     x = np.arange(camera.width, dtype=np.float64)
 

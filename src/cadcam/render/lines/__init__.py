@@ -1,1 +1,1 @@
-"""The visible wireframe: which lines a view has, what hides them, and what is left as polylines."""
+"""The visible wireframe: the lines of a view, their occlusion, and the visible parts as polylines."""

@@ -1,6 +1,6 @@
-"""Segments cut to what a camera can image, and the plane u = (x, y)/z in which straight edges stay straight.
+"""Segments clipped to what a camera can image, and the plane u = (x, y)/z in which straight edges stay straight.
 
-The lens bends lines only from u to pixels; all that is decided here is decided before it.
+The lens bends lines only from u to pixels; all visibility is decided before it.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class ViewVolume:
         radius = camera.lens.valid_radius * (1 - 1e-9)
         u = _border_directions(camera, margin_px)
         limit = min(radius, WIDEST)
-        if not np.isfinite(u).all():  # the border leaves the lens' range: everything within it may be in the picture
+        if not np.isfinite(u).all():  # the border exceeds the lens' range: everything within that may be in the picture
             return cls(near, np.full(2, -limit), np.full(2, limit), radius)
         u = u[:, :2] / np.maximum(u[:, 2:], 1e-9)
         return cls(near, np.maximum(u.min(axis=0), -limit), np.minimum(u.max(axis=0), limit), radius)
@@ -50,7 +50,7 @@ class ViewVolume:
         return t0, t1, t0 < t1
 
     def holds(self, p: Array) -> bool:
-        """Return whether all points p (N, 3) mm lie inside, so that nothing between them need be cut."""
+        """Return whether all points p (N, 3) mm lie inside, so that no segment between them needs clipping."""
         if not all(bool((side >= 0).all()) for side in self._inside(p)):
             return False
         return not np.isfinite(self.radius) or bool((_beyond_cone(p, self.radius) < 0).all())
@@ -64,7 +64,7 @@ class ViewVolume:
 
 @lru_cache(maxsize=8)
 def _border_directions(camera: Camera, margin: float) -> Array:
-    """Return the directions (N, 3) of points around the picture, kept for cameras that are asked again."""
+    """Return the directions (N, 3) of points around the picture, cached by camera."""
     x0, x1 = -0.5 - margin, camera.width - 0.5 + margin
     y0, y1 = -0.5 - margin, camera.height - 0.5 + margin
     x = np.linspace(x0, x1, int((x1 - x0) / _BORDER_STEP) + 2)

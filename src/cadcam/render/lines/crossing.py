@@ -1,4 +1,4 @@
-"""Where segments cross in the image plane: exact, no sampling; found with a grid in the C core."""
+"""Crossings of segments in the image plane: exact, without sampling; found with a grid in the C core."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which points of a mesh an eye sees: Embree proposes, float64 decides."""
+"""The points of a mesh visible to an eye: Embree proposes, float64 decides."""
 
 from __future__ import annotations
 
@@ -11,16 +11,16 @@ from cadcam.geometry.rotation import hat
 from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.embree import Caster
 
-_ROUNDS = 48  # rejected hits a ray survives: each skips at least twice as far as the last
-_SURE = 100.0  # a face whose plane misses the point by this many tolerances is taken on Embree's word
+_ROUNDS = 48  # rejected hits per ray: each skips at least twice as far as the last
+_SURE = 100.0  # a face whose plane misses the point by this many tolerances is accepted from Embree without a test
 
 
 class OccludingFaces:
-    """The faces of a mesh as obstacles.
+    """The faces of a mesh as occluders.
 
     A face hides a point from an eye if it meets the open segment between them while the point lies more than the
-    tolerance off the face's plane. Faces that hold the point (those of its own edge, a plate on which the point's part
-    stands, a coplanar overlap) therefore never hide it, at any angle of view; neither does a face without area.
+    tolerance off the face's plane. Faces that contain the point (those of its own edge, a plate that the point's part
+    stands on, a coplanar overlap) therefore never hide it, from any direction; neither does a face without area.
     """
 
     def __init__(self, mesh: Mesh, caster: Caster) -> None:
@@ -41,7 +41,7 @@ class OccludingFaces:
     def hidden(self, points: Array, eye: Array, tolerance: Array) -> Mask:
         """Return which points (N, 3) mm are hidden from the eye (3,), or each from its own (N, 3).
 
-        tolerance (N,): in mm for each.
+        tolerance (N,): in mm, for each point.
         """
         eyes = np.broadcast_to(eye, points.shape)
         return np.concatenate(
@@ -71,12 +71,12 @@ class OccludingFaces:
         return hidden
 
     def _distance(self, faces: Ids, points: Array, along: Array) -> Array:
-        """Return how far along the line each face's plane is met, mm."""
+        """Return the distance along the line to each face's plane, mm."""
         with np.errstate(divide="ignore", invalid="ignore"):
             return np.asarray(-self.height(faces, points) / np.einsum("ij,ij->i", self.normals[faces], along))
 
     def _blocks(self, faces: Ids, points: Array, along: Array, length: Array, tolerance: Array, at: Array) -> Mask:
-        """Return which faces stand between their points and the eyes, `length` mm off along unit directions."""
+        """Return which faces lie between their points and the eyes, `length` mm off along unit directions."""
         off = np.abs(self.height(faces, points))
         blocked = (off > tolerance) & (at > 0) & (at < length)
         near = np.flatnonzero(blocked & (off < _SURE * tolerance))

@@ -1,10 +1,10 @@
-"""The edges and points that a rendered view shows, by the view's own depth: as quick as the picture, and one with it.
+"""The edges and points that a rendered view shows, by the view's own depth: as fast as the picture, and consistent.
 
 `visible` decides in space, to rounding; here the view decides, whose depth and normals are exact at pixel centres. A
-point counts as seen if at one of the four pixel centres around it no surface stands in front: the face seen there is
-continued, as a plane, to the point's own ray, and may lie in front of it by what half a pixel spans. So visible
-stretches end to within a pixel, an edge thinner than that is seen where it borders on anything that is not in front,
-and whatever else was rendered into the view's depth hides edges as it hides pixels.
+point counts as seen if at one of the four pixel centres around it no surface is in front: the face seen there is
+continued, as a plane, to the point's own ray, and may lie in front of the point by what half a pixel spans. So visible
+stretches end to within a pixel, an edge thinner than that is seen where its surroundings are not in front, and whatever
+else was rendered into the view's depth hides edges as it hides pixels.
 """
 
 from __future__ import annotations
@@ -29,12 +29,12 @@ from cadcam.render.lines.trace import Tracer
 from cadcam.render.lines.wireframe import Polylines
 from cadcam.render.view import Scene, View
 
-_SLACK_PX = 0.5  # by how much of a pixel's width a surface may stand in front of a point and not hide it
+_SLACK_PX = 0.5  # pixel widths by which a surface may lie in front of a point and not hide it
 _STEEPEST = 0.5  # a face's plane is continued by at most this share of its depth
 _STEP_PX = 1.0
-_SHORTEST_PX = 1.5  # stretches below it are chance
+_SHORTEST_PX = 1.5  # shorter stretches are chance
 _NEAR = 1e-5  # of the scene's diagonal
-_CHORD_PX = 0.02  # as far as a line may pass points of it that are left out
+_CHORD_PX = 0.02  # largest distance of a line from those of its points that are left out
 _SAME_PLANE = 1e-9  # of a normal's length, and of the largest distance of a plane from the origin
 
 
@@ -62,7 +62,7 @@ class Drawable:
     solid: bool
 
     def wanted(self, front: Mask) -> Mask:
-        """Return which of them an eye may see that is in front of these planes (P,), as native/seen.c has it."""
+        """Return which of them may be visible to an eye in front of these planes (P,), as in native/seen.c."""
         one, other = front[self.sides[:, 0]], front[self.sides[:, 1]]
         return np.asarray(np.where(self.rule == TURNING, one ^ other, one | other | (self.rule == ALWAYS)))
 
@@ -92,7 +92,7 @@ def drawable_edges(scene: Scene) -> Drawable:
 
 
 def _planes(mesh: Mesh) -> tuple[Array, Ids]:
-    """Return the planes (P, 4) that the faces of a mesh lie in, equal ones once, and the plane (F,) of each face."""
+    """Return the distinct planes (P, 4) of the faces of a mesh, and the plane (F,) of each face."""
     normals = mesh.face_normals
     offset = -np.einsum("ij,ij->i", normals, mesh.vertices[mesh.faces[:, 0]])
     planes = np.column_stack([normals, offset])
@@ -103,9 +103,9 @@ def _planes(mesh: Mesh) -> tuple[Array, Ids]:
 
 
 class SeenEdges:
-    """Labels views of one scene with its edges: what does not depend on the view is computed once.
+    """Finds the scene's edges in its views: what does not depend on the view is computed once.
 
-    drawable: what `drawable_edges` returns for the scene, where it is known already.
+    drawable: the result of `drawable_edges` for the scene, if already known.
     """
 
     def __init__(self, scene: Scene, drawable: Drawable | None = None) -> None:
@@ -121,14 +121,14 @@ class SeenEdges:
         """Return the visible stretches of features and contours, cut at the picture's border.
 
         `view` holds DEPTH and NORMAL of the scene, and of whatever else may hide it; points `p` are in the scene's
-        frame. Contours come edge by edge, each a chain of its own. Raises `MissingCore` without the compiled core.
+        frame. Contours are given edge by edge, each a chain of its own. Raises `MissingCore` without the compiled core.
         """
         return self._walked(view) if isinstance(view.camera.lens, Ideal) else self._traced(view)
 
     def stretches(self, view: View, *, shortest_px: float, bend_px: float) -> SeenLines:
-        """Return the visible stretches of `drawable_edges` where straight edges are straight in the picture.
+        """Return the visible stretches of `drawable_edges` for cameras without distortion.
 
-        `draw`, of a camera without distortion, as plain arrays: `edge` numbers the drawable edges.
+        `draw`, of such a camera, as plain arrays: `edge` are indices of drawable edges.
         """
         eye = EyePoint(view.camera_from_world.matrix[:3], view.camera.K[:2], self._near)
         lengths = {"step": _STEP_PX, "shortest": shortest_px, "bend": bend_px}
@@ -137,17 +137,17 @@ class SeenEdges:
     def _front(self, view: View) -> Mask:
         """Return which planes the camera is in front of."""
         eye = np.append(view.camera_from_world.origin, 1.0)
-        return np.asarray(np.einsum("ij,j->i", self._drawable.planes, eye) > 0)  # for BLAS: too little to share out
+        return np.asarray(np.einsum("ij,j->i", self._drawable.planes, eye) > 0)  # BLAS would start threads for it
 
     def _walked(self, view: View) -> Polylines:
-        """Return the stretches where the core walks along straight edges."""
+        """Return the stretches that the core traces along straight edges."""
         found = self.stretches(view, shortest_px=_SHORTEST_PX, bend_px=_CHORD_PX)
         every, first = self._drawable.segments, found.edge[found.start[:-1]]
         of_line = (every.kind[first], every.part[first], every.chain[first])
         return Polylines(found.q, found.p, every.feature[found.edge], found.start, *of_line)
 
     def _traced(self, view: View) -> Polylines:
-        """Return the stretches as the camera's lens bends them."""
+        """Return the stretches as bent by the camera's lens."""
         every = self._drawable.segments
         number = np.flatnonzero(self._drawable.wanted(self._front(view)))
         p = view.camera_from_world @ self.scene.mesh.vertices
@@ -166,7 +166,7 @@ def _depth_view(view: View) -> DepthView:
 
 
 def _shown(view: View, lines: FlatSegments) -> Stretches:
-    """Return the stretches of the lines that the view shows: runs of samples a pixel apart, each for its share."""
+    """Return the visible stretches of the lines: runs of samples a pixel apart, each for its share."""
     ends = [_pixels(view.camera, u) for u in (lines.a, lines.b)]
     n = np.maximum(np.ceil(np.hypot(*(ends[1] - ends[0]).T) / _STEP_PX), 1).astype(np.int64)
     line = np.repeat(np.arange(len(n)), n)

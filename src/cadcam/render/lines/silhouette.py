@@ -1,4 +1,4 @@
-"""Which edges are silhouettes for an eye, which can change what is visible behind them, which turn away."""
+"""Edges relative to an eye: silhouettes, edges that can change the visibility of what is behind, edges turned away."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from cadcam.cad.topology import EdgeTable
 from cadcam.cad.winding import winding_number
 from cadcam.render.lines.occlusion import OccludingFaces, part_boxes, solid_parts
 
-_EDGE_ON = 1e-12  # of the distance: a face whose plane the eye is this close to is seen edge-on
+_EDGE_ON = 1e-12  # of the distance: an eye this close to a face's plane sees the face edge-on
 
 
 class Topology:
@@ -28,7 +28,7 @@ class Topology:
         self.flipped = _flipped(mesh, self.table)
 
     def shut(self, eye: Array) -> Mask:
-        """Return the parts (P,) that are watertight and do not hold the eye in their material."""
+        """Return the parts (P,) that are watertight and do not have the eye inside their material."""
         low, high = self._boxes
         shut = self.solid.copy()
         for part in np.flatnonzero(shut & (low <= eye).all(axis=1) & (eye <= high).all(axis=1)):
@@ -48,7 +48,7 @@ class Topology:
 
 
 class Turn:
-    """How the edges stand to an eye: masks over the edges of the topology.
+    """The edges of the topology relative to an eye, as masks.
 
     `silhouette`: joins two faces on the same side of it in the picture. `away`: hidden by its own solid, its faces
     being turned away. `borders`: what lies behind it may be hidden on one side only.
@@ -69,7 +69,7 @@ class Turn:
 
 
 def _flipped(mesh: Mesh, table: EdgeTable) -> Mask:
-    """Return the edges (E,) whose two faces run along them the same way: their outsides are opposite."""
+    """Return the edges (E,) whose two faces run along them in the same direction: their outsides are opposite."""
     second = np.maximum(table.faces[:, 1], 0)
     edges = np.arange(len(second))
     corner = np.argmax(table.corner_edge[second] == edges[:, None], axis=1)

@@ -10,7 +10,7 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.render.lines.clip import FlatSegments
 
 _NEGLIGIBLE = 1e-7  # of u: cuts closer together than this (1e-4 px for a focal length of 1000 px) are one
-_END = 1e-8  # of a line: cuts closer to its ends are none
+_END = 1e-8  # of a line: cuts closer to its ends are ignored
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -23,10 +23,10 @@ class Stretches:
 
     @classmethod
     def between(cls, line: Longs, s: Array, lines: FlatSegments) -> Stretches:
-        """Return what the cuts (line, s) leave of all lines."""
+        """Return the stretches between the cuts (line, s) of all lines."""
         every = np.arange(len(lines))
         inner = (s > _END) & (s < 1 - _END)
-        cuts = 2.0 * line[inner] + s[inner]  # line and fraction in one number: sorted at once, and fast
+        cuts = 2.0 * line[inner] + s[inner]  # line and fraction in one number: one fast sort
         keys = np.sort(np.concatenate([2.0 * every, 2.0 * every + 1, cuts]))
         line = (keys / 2).astype(np.int64)
         s = keys - 2 * line

@@ -1,4 +1,4 @@
-"""Stretches of lines into polylines: joined along chains, bent as the lens bends them."""
+"""From stretches of lines to polylines: joined along chains, bent as by the lens."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cadcam.render.lines.wireframe import Polylines
 from cadcam.render.view import Scene
 
 _MOST_PIECES = 1024
-_ALONG = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # places of a run that tell how its image bends
+_ALONG = np.array([0.0, 0.25, 0.5, 0.75, 1.0])  # samples of a run that measure the bending of its image
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -26,12 +26,12 @@ class Tracer:
     scene: Scene
     camera: Camera
     segments: Segments
-    source: Longs  # number of each line among all segments, before those out of view went
+    source: Longs  # index of each line among all segments, before culling
     lines: FlatSegments
     chord_px: float
 
     def polylines(self, runs: Stretches) -> Polylines:
-        """Return the runs, head to tail ones joined, no farther than `chord_px` from the lens' true curve."""
+        """Return the runs, consecutive ones joined, no farther than `chord_px` from the lens' true curve."""
         joined = self._joined(runs)
         pieces = self._pieces(runs)
         points = pieces + ~joined  # a joined run shares its first point with the last of the one before
@@ -51,7 +51,7 @@ class Tracer:
         )
 
     def _joined(self, runs: Stretches) -> Mask:
-        """Return which runs go on where the one before ended."""
+        """Return which runs continue the one before."""
         before, after = runs.line[:-1], runs.line[1:]
         chain = self.segments.chain
         joined = (self.source[after] == self.source[before] + 1) & (chain[after] == chain[before])
@@ -68,7 +68,7 @@ class Tracer:
         return np.where(at_end & goes_on[run], following[run], own[run]).astype(np.int32)
 
     def _pieces(self, runs: Stretches) -> Longs:
-        """Return how many chords each run needs: the error of a chord falls with the square of their number."""
+        """Return the number of chords of each run: the error of a chord decreases with the square of their number."""
         if isinstance(self.camera.lens, Ideal) or not len(runs.line):
             return np.ones(len(runs.line), np.int64)
         s = runs.s0 + _ALONG[:, None] * (runs.s1 - runs.s0)

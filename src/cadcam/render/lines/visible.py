@@ -1,14 +1,14 @@
 """The visible wireframe: feature edges and contours as the camera sees them, hidden parts removed in object space.
 
-How it is decided, for a picture of any size. Straight edges are straight in the plane u = (x, y)/z. Along an edge,
-visibility can only change where, in that plane, it passes behind a border of some surface (a silhouette edge, or one
-that does not join exactly two faces), or where in space it passes through a face. All those places are computed in
-float64 and cut the edge into stretches of constant visibility; one point of each stretch is then tested in space. So
+Visibility is decided exactly, for a picture of any size. Straight edges are straight in the plane u = (x, y)/z. Along
+an edge, visibility can only change where, in that plane, it passes behind a border of some surface (a silhouette edge,
+or one that does not join exactly two faces), or where in space it passes through a face. All those places are computed
+in float64 and cut the edge into stretches of constant visibility; one point of each stretch is then tested in space. So
 nothing is sampled, and the ends of visible lines are exact to rounding.
 
-What visible means. A point of an edge is hidden if a face meets the open segment to the camera's centre while the
-point lies more than a tolerance off that face's plane (`occlusion.OccludingFaces`). Hence:
-- the edge's own faces never hide it, nor do faces that coincide with it: the foot of a stiffener on a plate, coplanar
+The definition of visible. A point of an edge is hidden if a face meets the open segment to the camera's centre while
+the point lies more than a tolerance off that face's plane (`occlusion.OccludingFaces`). Hence: - the edge's own faces
+never hide it, nor do faces that coincide with it: the foot of a stiffener on a plate, coplanar
   overlaps, T-junctions. A sheet without thickness does not hide lines lying in it from either side.
 - an edge of a watertight part is hidden if its own faces turn away: both of them at a convex edge, either of them at a
   concave one. There the sight line starts inside the material; deciding it by the two faces needs no tolerance. It is
@@ -48,7 +48,7 @@ def visible_wireframe(
 ) -> Wireframe:
     """Return the visible wireframe of one view. Raises `NothingInView`, with the numbers, if none is in the picture.
 
-    `MissingCore` without the compiled core. For many views of a scene make one `LineDrawer` and ask it.
+    `MissingCore` without the compiled core. For many views of a scene use one `LineDrawer`.
     """
     wireframe = LineDrawer(scene).draw(camera, camera_from_world, options=options)
     if wireframe.empty:
@@ -57,7 +57,7 @@ def visible_wireframe(
 
 
 def edge_points(scene: Scene, camera: Camera, camera_from_world: Rigid, *, apart_px: float) -> Array:
-    """Return points (n, 2) px along all feature edges in the picture, hidden ones too, no farther apart than that."""
+    """Return points (n, 2) px along all feature edges in the picture, hidden ones too, at most that far apart."""
     near = 1e-5 * float(np.linalg.norm(scene.mesh.size_mm))
     clipped = _Clipped(camera_from_world @ scene.mesh.vertices, ViewVolume.of(camera, near=near, margin_px=apart_px))
     lines, _ = clipped.segments(scene.edges.vertices)
@@ -104,7 +104,7 @@ class LineDrawer:
         return Wireframe(camera, camera_from_world, trace.polylines(stretches.merged(hidden, False)), unseen)
 
     def _segments(self, turn: Turn, options: LineOptions) -> Segments:
-        """Return the feature segments and, if asked for, this view's contours."""
+        """Return the feature segments and, if requested, this view's contours."""
         own = features(self.scene, self._edge, turn)
         if not options.contours:
             return own
@@ -133,7 +133,7 @@ class LineDrawer:
     def _hidden(
         self, segments: Segments, lines: FlatSegments, stretches: Stretches, eye: Array, options: LineOptions
     ) -> Mask:
-        """Return which stretches are hidden, judged by the middle of each."""
+        """Return which stretches are hidden, decided at the middle of each."""
         hidden = segments.away[stretches.line]
         asked = np.flatnonzero(~hidden)
         line = stretches.line[asked]
@@ -143,21 +143,21 @@ class LineDrawer:
         return hidden
 
     def _tolerance(self, kind: Ids, options: LineOptions) -> Array:
-        """Return for each segment by how much (mm) a face's plane may miss it and still not hide it."""
+        """Return for each segment the distance (mm) of a face's plane within which it does not hide it."""
         plain = COINCIDENT_SHARE * self._diagonal if options.coincident_mm is None else options.coincident_mm
         contact = max(plain, self._contact)
         return np.where(kind == EdgeKind.CONTACT, contact, plain)
 
 
 class _Clipped:
-    """Points p (V, 3) mm of the camera frame, and what of segments between them lies within a frustum."""
+    """Points p (V, 3) mm of the camera frame, and the parts of segments between them within a frustum."""
 
     def __init__(self, p: Array, frustum: ViewVolume) -> None:
         self._p, self._frustum = p, frustum
         self._inside = frustum.holds(p)
 
     def segments(self, vertices: Ids) -> tuple[FlatSegments, Mask]:
-        """Return the images of segments (N, 2), and which of them these are."""
+        """Return the images of segments (N, 2), and the indices of those in the frustum."""
         if self._inside:
             return FlatSegments.whole(self._p, vertices), np.ones(len(vertices), bool)
         a, b = self._p[vertices[:, 0]], self._p[vertices[:, 1]]

@@ -1,4 +1,4 @@
-"""The lines of a view as data: what to draw, polylines that keep their 3D edge, the wireframe."""
+"""The lines of a view as data: options, polylines that keep their 3D edge, the wireframe."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from cadcam.geometry.rigid import Rigid
 
 @dataclass(frozen=True, slots=True)
 class LineOptions:
-    """What the wireframe holds.
+    """The contents of a wireframe.
 
     `contours`: silhouettes of curved surfaces too. `hidden`: hidden lines too, as their own set. `margin_px`: lines
-    reach this far beyond the picture. `chord_px`: largest distance of a line from the curve that the lens makes of it.
-    `near_mm`: what is closer to the focal plane is cut off (default 1e-5 of the scene's diagonal). `coincident_mm`: a
-    face whose plane misses a point by less does not hide it (default 1e-6 of the diagonal).
+    extend this far beyond the picture. `chord_px`: largest distance of a line from its exact image curve. `near_mm`:
+    distance of the near plane from the focal plane (default 1e-5 of the scene's diagonal). `coincident_mm`: a face
+    whose plane misses a point by less does not hide it (default 1e-6 of the diagonal).
     """
 
     contours: bool = True
@@ -117,7 +117,7 @@ NO_LINES = Polylines(np.zeros((0, 2)), np.zeros((0, 3)), _NONE, np.zeros(1, np.i
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Wireframe:
-    """The lines of a scene as `camera` sees them from `camera_from_world`; `hidden` is empty unless asked for."""
+    """The lines of a scene as `camera` sees them from `camera_from_world`; `hidden` is empty unless requested."""
 
     camera: Camera
     camera_from_world: Rigid
