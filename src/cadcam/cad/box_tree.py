@@ -1,4 +1,4 @@
-"""Which triangles lie at a point: a tree of boxes over the triangles, searched for many points at once."""
+"""The triangles near a point: a bounding volume hierarchy over the triangles, queried for many points at once."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cadcam.cad.mesh import Mesh
 
 _LEAF = 4
 _BLOCK = 40_000  # points searched together: bounds the memory of the search
-_CROWD = 16  # points that are first looked at as one box
+_CROWD = 16  # points that are first tested as one box
 
 
 class TriangleTree:
@@ -38,7 +38,7 @@ class TriangleTree:
         return pairs[:, 0], pairs[:, 1]
 
     def _in_a_likely_place(self, points: Array, tolerance: float, own: Longs) -> Mask:
-        """Return which points (N,) stand in a small crowd whose box meets a leaf of another body: most stand alone."""
+        """Return which points (N,) are in a small group whose box meets a leaf of another body: most are not."""
         likely = np.zeros(len(points), bool)
         if not len(points):
             return likely
@@ -106,7 +106,7 @@ def _owners(body: npt.NDArray[np.generic], depth: int) -> list[Longs]:
 
 
 def _morton(points: Array) -> npt.NDArray[np.uint64]:
-    """Return places on a space-filling curve: 21 bits of each coordinate, interleaved."""
+    """Return positions on a space-filling curve: 21 bits of each coordinate, interleaved."""
     low = points.min(axis=0, initial=np.inf)
     span = max(float((points.max(axis=0, initial=-np.inf) - low).max(initial=0)), 1e-300)
     cells = np.clip((points - low) / span * 2097151, 0, 2097151).astype(np.uint64)

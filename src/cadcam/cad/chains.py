@@ -1,4 +1,4 @@
-"""Segments into polylines: smooth runs of edges of one sort, each directed head to tail."""
+"""From segments to polylines: smooth runs of edges of one sort, each directed head to tail."""
 
 from __future__ import annotations
 
@@ -7,15 +7,15 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Longs, Mask
 
-# A polyline goes on where the direction turns by less than this: the sides of an octagonal hole still make one loop,
+# A polyline continues where the direction turns by less than this: the sides of an octagonal hole still form one loop,
 # the corner of a rectangle ends the line.
 TURN_DEG = 50.0
 
 
 def chained(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> tuple[Longs, Mask, Ids]:
-    """Return the order of the segments chain by chain, which ones to turn round, and the chain of each, in that order.
+    """Return the order of the segments chain by chain, which ones to reverse, and the chain of each, in that order.
 
-    `ends` (S, 2, 3) positions; `points` (S, 2) numbers of the end points; `group` (S,): only segments of equal numbers
+    `ends` (S, 2, 3) positions; `points` (S, 2) indices of the end points; `group` (S,): only segments of equal numbers
     join, at points where exactly two of them meet and turn by less than `TURN_DEG`.
     """
     partner = _partners(ends, points, group)
@@ -24,7 +24,7 @@ def chained(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> tuple
 
 
 def chain_of_each(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> Ids:
-    """Return the number of the chain (S,) that each segment is on, as `chained` joins them, in no order."""
+    """Return the chain (S,) of each segment, joined as by `chained`, in no particular order."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -1,8 +1,9 @@
-"""Where bodies touch: contact lines, and seams that are no lines at all.
+"""Contact of bodies: contact lines, and seams that are not lines at all.
 
-A body is a connected set of faces of one part. An edge is looked at in three places: what other body lies there, and
-does the surface beyond the edge simply go on in the plane of one of its faces? The middle and one more place make a
-contact; a seam that vanishes must go on at all three, so an edge that is only partly covered stays whole.
+A body is a connected set of faces of one part. An edge is examined at three places for another body, and for whether
+the surface beyond the edge continues in the plane of one of its faces. The middle and one more place make a contact; a
+seam that vanishes must continue at all three, so an edge that is only partly covered stays whole.
+
 """
 
 from __future__ import annotations
@@ -21,12 +22,12 @@ from cadcam.cad.topology import EdgeTable, components, weld
 TOLERANCE_SHARE, TOLERANCE_MOST_MM = 1e-5, 0.5
 FLUSH_DEG = 2.0  # two faces this parallel continue one another
 STEP = 4.0  # how far beyond the edge to look, in tolerances
-PLACES = np.array([0.1, 0.5, 0.9])  # along an edge
-COLOR_STEP = 0.02  # parts whose colours differ by more show their seam
+PLACES = np.array([0.1, 0.5, 0.9])  # fractions of an edge
+COLOR_STEP = 0.02  # parts whose colours differ by more have a visible seam
 
 
 def contact_tolerance(mesh: Mesh) -> float:
-    """Return the distance in mm within which parts of the mesh touch, unless a caller says otherwise."""
+    """Return the default distance in mm within which parts of the mesh touch."""
     return min(TOLERANCE_SHARE * float(np.linalg.norm(mesh.size_mm)), TOLERANCE_MOST_MM)
 
 
@@ -43,7 +44,7 @@ class _Touch:
 def resolve_contacts(
     mesh: Mesh, table: EdgeTable, kind: Ids, *, crease_angle: float, tolerance: float | None, keep_flush: bool
 ) -> Ids:
-    """Return the kinds (E,) with contacts marked, and seams inside flat areas taken out.
+    """Return the kinds (E,) with contacts marked, and seams inside flat areas removed.
 
     A boundary that ends on another face of its own part is a T-junction: it stays, as a crease, where the two bend by
     more than `crease_angle` (rad). Of edges of two bodies that coincide, one stays.
@@ -82,7 +83,7 @@ def bodies(mesh: Mesh, table: EdgeTable) -> Longs:
 
 
 class _Neighbours:
-    """What lies within a tolerance (mm) of a mesh's edges, apart from what their first face belongs to: owner (F,)."""
+    """The surroundings of a mesh's edges within a tolerance (mm), without the owner (F,) of their first face."""
 
     def __init__(self, mesh: Mesh, table: EdgeTable, owner: Longs, tolerance: float) -> None:
         self._mesh, self._table, self._owner, self._tolerance = mesh, table, owner, tolerance
@@ -90,12 +91,12 @@ class _Neighbours:
         self._tree = TriangleTree(mesh, owner)
 
     def touch(self, edges: Longs, crease_angle: float) -> _Touch:
-        """Return what lies along each of the edges."""
+        """Return the surroundings of each of the edges."""
         n, mesh, normals = len(edges), self._mesh, self._normals
         home = self._table.faces[edges, 0]
         touched, folded, other = (np.zeros((n, len(PLACES)), bool) for _ in range(3))
         points = self._places(edges)
-        middle = np.unique(self._near(points[:, 1:2], edges)[0])  # most edges touch nothing: ask once
+        middle = np.unique(self._near(points[:, 1:2], edges)[0])  # most edges touch nothing: one query rules them out
         at, place, face = self._near(points[middle], edges[middle])
         edge = middle[at]
         touched[edge, place] = True
@@ -110,13 +111,13 @@ class _Neighbours:
         return _Touch(enough, flush, folded.sum(axis=1) >= 2, other.sum(axis=1) >= 2)
 
     def _near(self, points: Array, edges: Longs) -> tuple[Longs, Longs, Longs]:
-        """Return which edge, of its k places which, and which face is there, of all that is near points (E, k, 3)."""
+        """Return the edge, the place on it (of k) and the face of all that is near points (E, k, 3)."""
         k, own = points.shape[1], self._owner[self._table.faces[edges, 0]]
         at, face = self._tree.touching(points.reshape(-1, 3), self._tolerance, apart_from=np.repeat(own, k))
         return at // k, at % k, face
 
     def _places(self, edges: Longs) -> Array:
-        """Return the points (E, 3, 3) at which the edges are looked at."""
+        """Return the points (E, 3, 3) at which the edges are examined."""
         a, b = self._ends(edges)
         return np.asarray(a[:, None] + PLACES[:, None] * (b - a)[:, None])
 
@@ -148,11 +149,11 @@ class _Neighbours:
 def _colors_differ(mesh: Mesh, one: npt.NDArray[np.integer], other: npt.NDArray[np.integer]) -> Mask:
     colors = mesh.colors_of_faces
     step = np.abs(colors[one] - colors[other])
-    return np.asarray((step > COLOR_STEP).any(axis=1))  # NaN, an unknown colour, differs from nothing
+    return np.asarray((step > COLOR_STEP).any(axis=1))  # NaN, an unknown colour, counts as equal
 
 
 def _without_twins(mesh: Mesh, table: EdgeTable, kind: Ids, *, touched: Mask) -> Ids:
-    """Return the kinds with all but the first of coinciding edges taken out, among those that touch something."""
+    """Return the kinds with all but the first of coinciding edges removed, among those that touch something."""
     edges = np.flatnonzero(touched & (kind >= 0))
     if not len(edges):
         return kind

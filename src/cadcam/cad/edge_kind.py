@@ -1,4 +1,4 @@
-"""What makes an edge a line."""
+"""The kinds of feature edges."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from enum import IntEnum
 
 
 class EdgeKind(IntEnum):
-    """What makes an edge a line: a fold, an end, two parts meeting, a B-rep edge, or (per view) a silhouette."""
+    """The reason why an edge is drawn: fold, end, contact of two parts, B-rep edge, or (per view) silhouette."""
 
     CREASE = 0
     BOUNDARY = 1

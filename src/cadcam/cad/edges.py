@@ -1,4 +1,4 @@
-"""Feature edges: the lines of a part that a draughtsman would draw, wherever the camera stands.
+"""Feature edges: the lines of a part that a draughtsman would draw, independent of the camera's pose.
 
 Contours of curved surfaces depend on the view; the renderer finds those and marks them `EdgeKind.CONTOUR`.
 """
@@ -20,7 +20,7 @@ from cadcam.errors import BadValue
 
 __all__ = ["EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges"]
 
-# Two true surfaces whose normals agree this well along their common edge run into each other smoothly.
+# Two surfaces whose normals agree this well along their common edge are tangent.
 SMOOTH_SEAM_DEG = 1.0
 
 

@@ -1,4 +1,4 @@
-"""Which bends belong to a rounded surface that the file only gives as facets."""
+"""Bends between the facets of rounded surfaces that the file gives only as facets."""
 
 from __future__ import annotations
 
@@ -21,8 +21,9 @@ FLAT_DEG = 0.5
 def facet_edges(mesh: Mesh, table: EdgeTable, sharp: Mask) -> Mask:
     """Return which of the sharp edges (E,) are bends between the facets of one rounded surface.
 
-    Flat patches are joined into facets first. From facet to facet the run goes on where it leaves by a bend of the same
-    sense and nearly the same angle and direction as the one it came by. Made for STL and other files without surfaces.
+    Flat patches are joined into facets first. From facet to facet the run continues where it leaves by a bend of the
+    same sense and nearly the same angle and direction as the one it entered by. Made for STL and other files without
+    surfaces.
     """
     result = np.zeros(len(sharp), bool)
     candidates = np.flatnonzero(sharp & (table.angle <= np.radians(STEEPEST_DEG)))
@@ -93,7 +94,7 @@ def _links(mesh: Mesh, table: EdgeTable, edges: Longs, sides: Longs) -> Longs:
     order = np.argsort(facet, kind="stable")
     facet, bend = facet[order], bend[order]
     found = []
-    for ahead in range(1, 8):  # a facet of a rounded surface has two to four bends; further ones are not looked at
+    for ahead in range(1, 8):  # a facet of a rounded surface has two to four bends; further ones are not examined
         one, other = bend[:-ahead], bend[ahead:]
         angle, angle2 = table.angle[edges[one]], table.angle[edges[other]]
         alike = np.abs(angle - angle2) <= ALIKE * np.maximum(angle, angle2)

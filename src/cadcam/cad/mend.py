@@ -1,4 +1,4 @@
-"""Mend what files get wrong: split vertices, faces without area, faces given twice, faces wound the wrong way."""
+"""Repair of common errors in files: split vertices, faces without area, repeated faces, inconsistent winding."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ class Repairs:
     non_manifold_edges: int = 0
 
     def lines(self) -> list[str]:
-        """Return one sentence for each thing done or found."""
+        """Return one sentence for each repair or finding."""
         gap = f" to others up to {self.widest_seam_mm:.2g} mm away"
         said = [
             (self.welded_vertices, "vertex welded", "vertices welded"),
@@ -44,15 +44,15 @@ class Repairs:
 
 
 def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
-    """Return the mesh welded, cleaned and wound outwards, and what that took.
+    """Return the mesh welded, cleaned and wound outwards, and the repairs made.
 
     Vertices of one part are welded by position, and ends of its open edges sewn together that lie closer than a photo
-    shows. Faces with a corner welded away go, and so do repeats of a face within its part, and the double walls between
-    bodies of one part that touch face to face; faces too low to have a normal give way to their neighbour. Each
-    component of faces joined by two-faced edges is wound one way; closed ones outwards by their signed volume (a cavity
-    keeps its sense against the body around it), components that only close together with those of other parts likewise.
-    Open sheets keep the sense of the majority of their faces, and one-sided (Möbius) components are left alone. Raises
-    `DegenerateGeometry` when no face is left.
+    shows. Faces with a corner welded away are removed, and so are repeats of a face within its part, and the double
+    walls between bodies of one part that touch face to face; faces too low to have a normal are merged into their
+    neighbour. Each component of faces joined by two-faced edges is wound consistently; closed ones outwards by their
+    signed volume (a cavity keeps its sense relative to the body around it), components that only close together with
+    those of other parts likewise. Open sheets keep the sense of the majority of their faces, and one-sided (Möbius)
+    components are left alone. Raises `DegenerateGeometry` when no face is left.
     """
     vertex, part, corner = part_vertices(mesh)
     points = mesh.vertices[vertex]
@@ -126,7 +126,7 @@ def _facing_normals(mesh: Mesh) -> Mesh:
 
 
 def _turned(mesh: Mesh) -> Mask:
-    """Return which faces must be turned: within each part first, then across parts for what stays open."""
+    """Return which faces to flip: within each part first, then across parts for what stays open."""
     corners = mesh.faces.astype(np.int64)
     turned, closed = _winding(mesh.vertices, corners, mesh.part)
     if closed.all() or len(mesh.part_names) == 1:
@@ -140,7 +140,7 @@ def _turned(mesh: Mesh) -> Mask:
 
 
 def _winding(vertices: Array, corners: Longs, part: Ids) -> tuple[Mask, Mask]:
-    """Return which faces (F,) to turn and which belong to a closed component."""
+    """Return which faces (F,) to flip and which belong to a closed component."""
     half = HalfEdges.of(corners)
     component, state, orientable = _components(half, len(corners))
     closed = _closed(half, component) & orientable
@@ -151,10 +151,10 @@ def _winding(vertices: Array, corners: Longs, part: Ids) -> tuple[Mask, Mask]:
 
 
 def _components(half: HalfEdges, n_faces: int) -> tuple[Longs, Mask, Mask]:
-    """Return the component (F,) of each face, whether it runs against the rest of it (F,), and which are orientable.
+    """Return the component (F,) of each face, whether it is wound against the rest (F,), and which are orientable.
 
-    Two copies of each face, one turned: an edge whose faces run in opposite senses links equal copies, an edge whose
-    faces run in the same sense links unlike ones. A component falls into two mirror images, or is one-sided.
+    Two copies of each face, one flipped: an edge whose faces run in opposite senses links equal copies, an edge whose
+    faces run in the same sense links unlike ones. A component splits into two mirror images, or is one-sided.
     """
     first = half.start[half.count == 2]
     one, other = half.order[first], half.order[first + 1]
@@ -214,7 +214,7 @@ def _boxes_and_volumes(vertices: Array, corners: Longs, component: Longs, n: int
     for k in range(3):
         np.minimum.at(low, component, vertices[corners[:, k]])
         np.maximum.at(high, component, vertices[corners[:, k]])
-    centre = ((low + high) / 2)[component]  # volumes about it lose no digits where a model lies far from its origin
+    centre = ((low + high) / 2)[component]  # volumes about it lose no digits far from the origin
     a, b, c = (vertices[corners[:, k]] - centre for k in range(3))
     volume = np.bincount(component, np.einsum("ij,ij->i", a, np.cross(b, c)), minlength=n) / 6
     return low, high, volume

@@ -1,4 +1,4 @@
-"""Triangle meshes in millimetres: what the loaders return and every renderer reads."""
+"""Triangle meshes in millimetres: the result of all loaders and the input of every renderer."""
 
 from __future__ import annotations
 
@@ -89,9 +89,9 @@ class Mesh:
     def from_object(cls, thing: Any, *, unit: str | None = None, name: str = "part") -> Mesh:
         """Return a mesh of trimesh, pyvista or Open3D in mm, mended; `unit` is that of its numbers.
 
-        The unit is needed unless the object states one. Raises `BadValue`; see `cadcam.cad.objects.mesh_of`.
+        The unit is required unless the object states one. Raises `BadValue`; see `cadcam.cad.objects.mesh_of`.
         """
-        from cadcam.cad.objects import mesh_of  # it mends, and mending needs this class
+        from cadcam.cad.objects import mesh_of  # it repairs the mesh, and `mend` imports this class
 
         return mesh_of(thing, unit=unit, name=name)
 
@@ -102,7 +102,7 @@ class Mesh:
 
     @property
     def bounds(self) -> Array:
-        """Lowest and highest corner (2, 3) in mm of the box around all faces; stray vertices do not count."""
+        """Lowest and highest corner (2, 3) in mm of the box around all faces; unused vertices do not count."""
         if not self.n_faces:
             raise DegenerateGeometry("a mesh without faces has no size")
         used = self.vertices[used_vertices(self)]
@@ -142,7 +142,7 @@ class Mesh:
         return replace(self, vertices=np.asarray(b_from_a @ self.vertices), corner_normals=normals)
 
     def scaled(self, factor: float) -> Mesh:
-        """Return the mesh made `factor` times as large about the origin; the factor is positive and finite."""
+        """Return the mesh scaled by `factor` about the origin; the factor is positive and finite."""
         if not (np.isfinite(factor) and factor > 0):
             raise BadValue("scale factor", factor, "a positive number")
         return replace(self, vertices=self.vertices * factor)
@@ -220,7 +220,7 @@ def _merged_face_colors(meshes: Sequence[Mesh]) -> npt.NDArray[Any] | None:
 
 
 def unique_names(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names with " #2", " #3" ... behind repeated ones, so that each names one part."""
+    """Return the names with " #2", " #3" ... appended to repeated ones, so that each names one part."""
     taken: set[str] = set()
     counts: dict[str, int] = {}
     result = []

@@ -1,4 +1,4 @@
-"""Faces without height: three corners on one line, where a mesher split one side of an edge and not the other."""
+"""Faces without height: three collinear corners, where a mesher split one side of an edge and not the other."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import HalfEdges, weld_tolerance
 from cadcam.errors import DegenerateGeometry
 
-# A face lower than this share of the weld tolerance has a normal made of rounding errors.
+# The normal of a face lower than this share of the weld tolerance consists of rounding errors.
 LOW = 0.1
 
 
@@ -30,9 +30,10 @@ def without_needles(mesh: Mesh) -> Mesh:
     """Return the mesh without faces that have no height.
 
     The middle corner of such a face lies on its longest side. The neighbour across that side is split there and takes
-    the face's place, so that no gap opens; where there is no single neighbour the face goes. Faces that were split keep
+    the face's place, so that no gap opens; without a single neighbour the face is removed. Faces that were split keep
     the part and surface of the neighbour. The mesh must be wound consistently. Raises `DegenerateGeometry` when nothing
     is left.
+
     """
     before = mesh.n_faces + 1
     while True:
@@ -52,7 +53,7 @@ def without_needles(mesh: Mesh) -> Mesh:
 def _pairs(mesh: Mesh, low: Mask) -> tuple[Longs, Longs, Longs]:
     """Return needles, the corner before their longest side, and the side (3 face + corner) of the neighbour across it.
 
-    Each neighbour appears once; needles that want the same one wait for the next round.
+    Each neighbour appears once; other needles with the same one wait for the next round.
     """
     half = HalfEdges.of(mesh.faces.astype(np.int64))
     corner = mesh.vertices[mesh.faces]

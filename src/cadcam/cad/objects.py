@@ -1,4 +1,4 @@
-"""Meshes of other packages (trimesh, pyvista, Open3D) as ours, by what they look like: none of them is imported."""
+"""Meshes of other packages (trimesh, pyvista, Open3D) as ours, recognised by their attributes, without imports."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ _KNOWN = "a mesh of trimesh (Trimesh, Scene), pyvista (PolyData or what has extr
 
 
 def mesh_of(thing: Any, *, unit: str | None = None, name: str = "part") -> Mesh:
-    """Return the mesh in mm, mended as a loaded one is; a trimesh Scene gives a part for each of its objects.
+    """Return the mesh in mm, mended as a loaded one is; each object of a trimesh Scene becomes a part.
 
-    unit: that of the object's numbers (mm, m, in ...); needed unless the object states its own (trimesh' `units`).
-    Raises `BadValue` where the unit is missing or contradicts, or the object is no mesh that is known.
+    unit: that of the object's numbers (mm, m, in ...); required unless the object states its own (trimesh' `units`).
+    Raises `BadValue` where the unit is missing or contradictory, or the object is not a known kind of mesh.
     """
     found = _parts(thing, name)
     factor = MM[_unit(thing, unit)]
@@ -74,7 +74,7 @@ def _scene(scene: Any) -> list[_Part]:
 def _polydata(thing: Any) -> tuple[npt.ArrayLike, npt.NDArray[np.integer]]:
     """Return points and triangles of a pyvista data set: its faces are a flat list (n, i, j, k, n, ...)."""
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # pyvista announces another default: any surface will do
+        warnings.simplefilter("ignore")  # pyvista announces a changed default: any surface will do
         surface = thing if hasattr(thing, "faces") else thing.extract_surface()
     surface = surface.triangulate() if not getattr(surface, "is_all_triangles", False) else surface
     flat = np.asarray(surface.faces)
@@ -84,7 +84,7 @@ def _polydata(thing: Any) -> tuple[npt.ArrayLike, npt.NDArray[np.integer]]:
 
 
 def _main_color(mesh: Any) -> npt.ArrayLike | None:
-    """Return a trimesh' main colour, RGB in [0, 1], if it was given one."""
+    """Return a trimesh's main colour, RGB in [0, 1], if it has one."""
     visual = getattr(mesh, "visual", None)
     if visual is None or not getattr(visual, "defined", False) or not hasattr(visual, "main_color"):
         return None

@@ -1,4 +1,4 @@
-"""Load a CAD file of any known format: a `Mesh` in mm, mended, with a report of what was understood."""
+"""Load a CAD file of any known format: a `Mesh` in mm, mended, with a report of how it was read."""
 
 from __future__ import annotations
 
@@ -36,17 +36,17 @@ _READERS: dict[str, Callable[[Path, bytes], Model]] = {
 _BREP_READERS = {".step": read_step, ".stp": read_step, ".iges": read_iges, ".igs": read_iges}
 SUFFIXES = tuple(sorted({*_READERS, *_BREP_READERS}))
 
-_SMALL_MM, _LARGE_MM = 1.0, 100_000.0  # beyond these a mistaken unit is likelier than such a part
+_SMALL_MM, _LARGE_MM = 1.0, 100_000.0  # outside these limits a mistaken unit is likelier than such a part
 _ABSURD_MM = 1e12
 
 
 @dataclass(frozen=True, slots=True)
 class LoadReport:
-    """What a file was understood to hold.
+    """How a file was read, and what it holds.
 
-    `unit` is the unit of length its numbers were read in and `unit_source` why ("argument", "file", "format" or
-    "assumed"); `size_mm` the extent along x, y, z; `sha256` of the bytes read; `repairs` what mending took; `warnings`
-    sentences for the user.
+    `unit` is the unit of length its numbers were read in and `unit_source` where that comes from ("argument", "file",
+    "format" or "assumed"); `size_mm` the extent along x, y, z; `sha256` of the bytes read; `repairs` made by mending;
+    `warnings` sentences for the user.
     """
 
     path: str
@@ -196,7 +196,7 @@ def _torn(mesh: Mesh, repairs: Repairs) -> list[str]:
 
 
 def _doubts(mesh: Mesh, model: Model, unit: str, source: str) -> list[str]:
-    """Return what the user should look at twice."""
+    """Return what the user should check."""
     doubts = []
     largest = float(mesh.size_mm.max())
     if not _SMALL_MM <= largest <= _LARGE_MM:

@@ -1,4 +1,4 @@
-"""Faces that stand in the same place as others of their part."""
+"""Faces that coincide with others of their part."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def repeats(corners: Longs) -> Mask:
 
 
 def _same_corners(corners: Longs) -> tuple[Longs, Longs]:
-    """Return a number (F,) that faces with the same corners share, and 0 or 1 for the sense they are wound in."""
+    """Return a number (F,) shared by faces with the same corners, and 0 or 1 for their winding."""
     low, high = corners.min(axis=1, initial=2**62), corners.max(axis=1, initial=-1)
     middle = corners.sum(axis=1) - low - high
     order = np.lexsort((high, middle, low))

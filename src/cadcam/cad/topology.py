@@ -1,4 +1,4 @@
-"""Which vertices are one point, and which faces meet along which edge."""
+"""Coincident vertices, and the faces that meet at each edge."""
 
 from __future__ import annotations
 
@@ -10,14 +10,14 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.mesh import Mesh
 
-# Two vertices of a part closer than this share of its diagonal are one point: a part of 1 m is welded at 1 µm. The
-# second figure is four times the rounding of a float32 coordinate, which STL, GLB and many OBJ writers went through.
+# Vertices of a part closer than this share of its diagonal are one point: a part of 1 m is welded at 1 µm. The second
+# figure is four times the rounding of a float32 coordinate, as in STL, GLB and many OBJ files.
 WELD_SHARE = 1e-6
 FLOAT32_SHARE = 2.5e-7
 # Gaps between open edges are sewn up to this share of the part's diagonal, a tenth of a pixel where the part is 500 px
 # large, and up to this share of the shortest edge there, so that no face is lost.
 SEAM_SHARE, SEAM_OF_EDGE = 2e-4, 0.25
-_ASKEW = np.array([0.4386, 0.5720, 0.6930])  # a direction that no part is drawn along, of length just below 1
+_ASKEW = np.array([0.4386, 0.5720, 0.6930])  # a direction that no part is aligned with, of length just below 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -42,7 +42,7 @@ class EdgeTable:
 def edge_table(mesh: Mesh, points: Longs | None = None) -> EdgeTable:
     """Return all edges of the mesh; faces of one part meet where their vertices coincide, whatever their indices.
 
-    points: what `corner_points` returns for the mesh, where it is known already.
+    points: the result of `corner_points` for the mesh, if already known.
     """
     return _edge_table(mesh, corner_points(mesh) if points is None else points)
 
@@ -100,7 +100,7 @@ class HalfEdges:
 def is_solid(mesh: Mesh, points: Longs | None = None) -> bool:
     """Return whether each part is closed round a volume > 0, its sides in pairs that run against each other.
 
-    points: what `corner_points` returns for the mesh, where it is known already.
+    points: the result of `corner_points` for the mesh, if already known.
     """
     half = HalfEdges.of(corner_points(mesh) if points is None else points)
     ways = np.where(half.forward[half.order], 1, -1)
@@ -215,7 +215,7 @@ def weld_tolerance(points: Array, group: Longs) -> Array:
 def _near_pairs(points: Array, group: Longs) -> Longs:
     """Return pairs (N, 2) of points of one group nearer than its tolerance.
 
-    What is near is near along any line: of the points in order along one, each meets those that follow within reach.
+    Near points are near along any line: of the points in order along one, each is compared with those within reach.
     """
     tolerance = weld_tolerance(points, group)[group]
     if not len(points) or not (tolerance > 0).all():
@@ -247,7 +247,7 @@ def same_rows(points: Array, group: Longs) -> Longs:
     first[order] = order[np.flatnonzero(begins)[np.cumsum(begins) - 1]] if len(order) else order
     if (points[first] == points).all() and (group[first] == group).all():
         return first
-    rows = np.column_stack([points + 0.0, group.astype(float)])  # two rows share a hash: sort in earnest
+    rows = np.column_stack([points + 0.0, group.astype(float)])  # a hash collision: compare the rows themselves
     _, index, inverse = np.unique(rows, axis=0, return_index=True, return_inverse=True)
     return np.asarray(index[inverse.ravel()], np.int64)
 
@@ -268,5 +268,5 @@ def _dihedral(mesh: Mesh, faces: Longs, start: Longs, side: Array, second: Longs
     opposite = mesh.vertices[mesh.faces[second // 3, (second + 2) % 3]] - mesh.vertices[start]
     convex = np.einsum("ij,ij->i", one, opposite) < 0
     paired = faces[:, 1] >= 0
-    flat = (one == 0).all(axis=1) | (other == 0).all(axis=1)  # a face without area bends nothing
+    flat = (one == 0).all(axis=1) | (other == 0).all(axis=1)  # a face without area defines no bend
     return np.where(paired & ~flat, np.arctan2(sine, cosine), 0.0), convex & paired

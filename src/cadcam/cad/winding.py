@@ -1,4 +1,4 @@
-"""How often a closed surface winds round a point: once for what it holds, not at all for what is outside."""
+"""The winding number of a closed surface about a point: one inside, zero outside."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from cadcam.arrays import Array
 
 
 def winding_number(corners: Array, point: Array) -> float:
-    """Return how often triangles (F, 3, 3) wind round a point (3,): 1 inside a closed surface wound outwards, else 0.
+    """Return the winding number of triangles (F, 3, 3) about a point (3,): 1 inside a closed outward surface, else 0.
 
     The sum of their signed solid angles over 4 pi, after Van Oosterom and Strackee, "The solid angle of a plane
     triangle" (1983). -1 inside a surface wound inwards; an open surface gives a fraction.

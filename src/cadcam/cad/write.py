@@ -102,14 +102,14 @@ def _groups(
 
 
 class _Materials:
-    """The materials of a GLB while it grows."""
+    """The materials of a GLB under construction."""
 
     def __init__(self) -> None:
         self.all: list[dict[str, Any]] = []
         self._number: dict[bytes, int] = {}
 
     def of(self, color: npt.NDArray[np.float32]) -> dict[str, int]:
-        """Return what a primitive of an sRGB colour says; nothing where the colour is not known."""
+        """Return the material index of a primitive of an sRGB colour; nothing where the colour is not known."""
         if np.isnan(color).any():
             return {}
         if color.tobytes() not in self._number:
@@ -122,7 +122,7 @@ class _Materials:
 
 
 class _Buffer:
-    """The binary chunk of a GLB while it grows."""
+    """The binary chunk of a GLB under construction."""
 
     def __init__(self) -> None:
         self.data = bytearray()

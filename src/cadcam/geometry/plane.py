@@ -1,4 +1,4 @@
-"""Planes in space: distances, feet, and where rays meet them."""
+"""Planes in space: distances, feet, and intersections with rays."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.ray import Ray
 from cadcam.geometry.rotation import hat
 
-_COLLINEAR = 1e-9  # width by length below which points give no plane
-_GRAZING = 1e-12  # sine of the angle between ray and plane below which they do not meet
+_COLLINEAR = 1e-9  # width over length below which points determine no plane
+_GRAZING = 1e-12  # sine of the angle between ray and plane below which they count as parallel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,7 +62,7 @@ class Plane:
         return np.asarray(p - self.distance(p)[..., None] * self.normal)
 
     def meet(self, rays: Ray) -> Array:
-        """Return where rays in space meet the planes, (..., 3) mm; NaN where parallel or behind the rays."""
+        """Return the intersections (..., 3) mm of rays in space with planes; NaN where parallel or behind the rays."""
         towards = np.sum(rays.direction * self.normal, axis=-1)
         with np.errstate(all="ignore"):
             t = -self.distance(rays.origin) / np.where(np.abs(towards) > _GRAZING, towards, np.nan)
@@ -75,7 +75,7 @@ class Plane:
 
 
 def axes_across(normal: Array) -> tuple[Array, Array]:
-    """Return two unit vectors (..., 3) across unit normals (..., 3) and each other; zero where a normal is."""
+    """Return two unit vectors (..., 3) perpendicular to unit normals (..., 3) and each other; 0 for a zero normal."""
     crossed = hat(normal)
     axis = np.eye(3)[np.abs(normal).argmin(axis=-1)]
     first = crossed @ axis[..., None]

@@ -1,4 +1,4 @@
-"""Rays, and where they come nearest to each other: two of them, or all of many.
+"""Rays and their closest points: of two rays, or of many to one point.
 
 Everything here works in the plane (d = 2) and in space (d = 3) alike.
 """
@@ -17,7 +17,7 @@ from cadcam.errors import BadValue
 class Ray:
     """Half-lines origin + t direction, t >= 0: origins (..., d) in mm, unit directions (..., d); d is 2 or 3.
 
-    Directions of any length are made unit, so that t is a distance in mm.
+    Directions of any length are normalised, so that t is a distance in mm.
     """
 
     origin: Array
@@ -40,7 +40,7 @@ class Ray:
         return self.origin + np.asarray(t, dtype=np.float64)[..., None] * self.direction
 
     def along(self, p: Floats) -> Array:
-        """Return how far along the rays (...) mm the feet of the points p (..., d) lie; negative behind the origin."""
+        """Return the distance (...) mm along the rays of the feet of points p (..., d); negative behind the origin."""
         return np.asarray(np.sum((np.asarray(p, dtype=np.float64) - self.origin) * self.direction, axis=-1))
 
     def foot(self, p: Floats) -> Array:
@@ -52,11 +52,11 @@ class Ray:
         return np.asarray(np.linalg.norm(np.asarray(p, dtype=np.float64) - self.foot(p), axis=-1))
 
     def approach(self, other: Ray) -> Approach:
-        """Return where these rays and the others come nearest to each other; NaN where they are parallel.
+        """Return the closest points of these rays and the others; NaN where they are parallel.
 
         For n = V1 x V2 the feet lie at t1 = ((F2-F1) x V2).n/|n|^2 and t2 = ((F2-F1) x V1).n/|n|^2 (EQ 2.164 with its
-        signs and indices put right); here the same by the part of one direction across the other, so that nearly
-        parallel rays lose no digits.
+        signs and indices corrected); here the same is computed from the component of one direction perpendicular to the
+        other, so that nearly parallel rays lose no digits.
         """
         t = np.stack([_along_to(self, other), _along_to(other, self)], axis=-1)
         feet = np.stack(np.broadcast_arrays(self.at(t[..., 0]), other.at(t[..., 1])), axis=-2)
@@ -65,7 +65,7 @@ class Ray:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Approach:
-    """Where two rays come nearest: along (..., 2) mm on each, feet (..., 2, d) on each, the angle (...) rad between."""
+    """Closest points of two rays: along (..., 2) mm on each, feet (..., 2, d) on each, the angle (...) rad between."""
 
     along: Array
     feet: Array
@@ -102,7 +102,7 @@ def nearest_to_all(rays: Ray) -> Array:
 
 
 def _along_to(ray: Ray, other: Ray) -> Array:
-    """Return t of `ray` where it is nearest to `other`: its direction across the other sees the other's origin."""
+    """Return t of `ray` at its closest point to `other`."""
     v, w = ray.direction, other.direction
     across = v - np.sum(v * w, axis=-1, keepdims=True) * w
     size = np.sum(across * across, axis=-1)
@@ -117,7 +117,7 @@ def _angle(v: Array, w: Array) -> Array:
 
 
 def _solved(R: Array, b: Array) -> Array:
-    """Return R^-1 b for upper triangles (..., n, n); NaN goes through."""
+    """Return R^-1 b for upper triangular (..., n, n); NaN propagates."""
     n = R.shape[-1]
     x = np.zeros_like(b)
     for i in reversed(range(n)):

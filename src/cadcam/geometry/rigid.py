@@ -35,7 +35,7 @@ class Rigid:
 
     @classmethod
     def _made(cls, rotation: Array, translation: Array) -> Rigid:
-        """Return the motion of new arrays that come out of motions: right because those were, nothing is checked."""
+        """Return the motion of arrays computed from valid motions, without checks."""
         motion = object.__new__(cls)
         for name, array in (("rotation", rotation), ("translation", translation)):
             array.setflags(write=False)
@@ -96,7 +96,7 @@ class Rigid:
 
     @property
     def origin(self) -> Array:
-        """Return where frame b's origin lies in frame a, (..., 3) mm: the camera centre of a camera_from_world."""
+        """Return the position of frame b's origin in frame a, (..., 3) mm: the camera centre of a camera_from_world."""
         return -_apply(np.swapaxes(self.rotation, -1, -2), self.translation)
 
     def adjoint(self) -> Array:
@@ -131,7 +131,7 @@ class Rigid:
 
     @property
     def each(self) -> list[Rigid]:
-        """Return the motions of a batch (N,) as so many single ones."""
+        """Return the motions of a batch (N,) as a list of single ones."""
         return [Rigid._made(R, t) for R, t in zip(self.rotation, self.translation, strict=True)]
 
     def __repr__(self) -> str:
@@ -143,7 +143,7 @@ class Rigid:
 
 
 def by_twist(p: Array, by_point: Array) -> Array:
-    """Return d/dxi (..., 6) of what changes by by_point (..., 3) with points p (..., 3) that Rigid.exp(xi) moves.
+    """Return d/dxi (..., 6) of a quantity with derivative by_point (..., 3) by points p (..., 3) moved by exp(xi).
 
     dp = v + w x p; p broadcasts against by_point, and both are in the axes of xi: those of a in b_from_a @ exp(xi).
     """

@@ -13,8 +13,8 @@ import numpy as np
 from cadcam.arrays import Array, Floats
 from cadcam.errors import BadValue
 
-EXACT = 1e-6  # how far R R^T of a rotation may be off the identity
-_ROUNDED = 2e-3  # ... of one with three decimals: 2 sqrt(3) 0.0005 at most
+EXACT = 1e-6  # largest deviation of R R^T from the identity for a rotation
+_ROUNDED = 2e-3  # the same for one with three decimals: 2 sqrt(3) 0.0005 at most
 
 
 def hat(w: Floats) -> Array:
@@ -27,7 +27,7 @@ def hat(w: Floats) -> Array:
 
 
 def cross(v: Array, w: Array) -> Array:
-    """Return v x w of two vectors (3,), to the bit that of `numpy.cross`, which takes twenty times as long for two."""
+    """Return v x w of two vectors (3,), bit by bit as `numpy.cross`, which takes twenty times as long for two."""
     (a, b, c), (x, y, z) = v.tolist(), w.tolist()
     return np.array([b * z - c * y, c * x - a * z, a * y - b * x])
 
@@ -63,7 +63,7 @@ def left_jacobian(w: Floats) -> Array:
 
 
 def exp_and_left_jacobian(w: Floats) -> tuple[Array, Array]:
-    """Return `exp(w)` and `left_jacobian(w)`, both (..., 3, 3), which have most of their terms in common."""
+    """Return `exp(w)` and `left_jacobian(w)`, both (..., 3, 3), which share most of their terms."""
     w = np.asarray(w, dtype=np.float64)
     sine, versine, rest = _of_one(w) if w.ndim == 1 else _of_many(w)
     W = hat(w)
@@ -114,10 +114,10 @@ def from_quaternion(q: Floats) -> Array:
 
 
 def written(R: Floats, *, exact: float = EXACT) -> Array:
-    """Return rotations (..., 3, 3) that somebody wrote with three decimals or more, made orthonormal.
+    """Return rotations (..., 3, 3) given to three decimals or more, made orthonormal.
 
-    One that is so to within `exact` comes back as it is, bit by bit. Raises `BadValue` on what no rounding explains: a
-    scale, a reflection, a matrix that is none.
+    One that is orthonormal to within `exact` is returned unchanged, bit by bit. Raises `BadValue` for deviations that
+    rounding does not explain: a scale, a reflection, a singular matrix.
     """
     R = np.asarray(R, dtype=np.float64)
     off = np.abs(R @ np.swapaxes(R, -1, -2) - np.eye(3)).max(axis=(-2, -1))
@@ -134,7 +134,7 @@ def written(R: Floats, *, exact: float = EXACT) -> Array:
 
 
 def misfit(off: float, *, exact: float = _ROUNDED) -> str:
-    """Return what a matrix is that is no rotation: off one by `off`, or, if that is nothing, mirrored."""
+    """Return the description of a matrix that is no rotation: off by `off`, or, if that is nothing, mirrored."""
     return f"off a rotation by {off:.2g}" if off > exact else "mirrored (its determinant is negative)"
 
 
@@ -170,7 +170,7 @@ def _of_many(w: Array) -> tuple[Array, Array, Array]:
 
 
 def _of_one(w: Array) -> tuple[float, float, float]:
-    """Return the same numbers of one vector: motions are made one at a time in inner loops."""
+    """Return the same numbers for a single vector: motions are made one at a time in inner loops."""
     t = math.hypot(*w.tolist())
     if t < 1e-2:  # series, as above
         t2 = t * t

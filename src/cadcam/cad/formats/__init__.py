@@ -1,1 +1,1 @@
-"""One reader for each family of files; every one returns a `Model` in the units of its file."""
+"""One reader for each family of formats; every one returns a `Model` in the units of its file."""

@@ -28,14 +28,14 @@ SURFACES = "cadcam:surfaces"
 
 
 def read_gltf(path: Path, data: bytes) -> Model:
-    """Return the triangles of the default scene; every node with a mesh is a part, points and lines are passed over.
+    """Return the triangles of the default scene; every node with a mesh is a part, points and lines are ignored.
 
-    The colour of a face is the base colour of its material times the mean of its vertices' colours, turned from linear
-    light to sRGB; textures are passed over.
-    Files that this package wrote with surfaces say so, and give them back.
+    The colour of a face is the base colour of its material times the mean of its vertices' colours, converted from
+    linear light to sRGB; textures are ignored. Files that this package wrote with surfaces are marked, and keep them.
+
     """
     scene = GltfDocument(path, data)
-    extras = scene.json["asset"].get("extras")  # anything at all
+    extras = scene.json["asset"].get("extras")  # of any type
     brep = isinstance(extras, dict) and extras.get(SURFACES) == "primitives"
     return Model(collected(path, list(scene.shapes()), brep=brep), unit="m")
 
@@ -95,7 +95,7 @@ def collected(path: Path, shapes: list[Shape], *, brep: bool) -> Mesh:
 
 
 def _label(shape: Shape, fallback: str) -> str:
-    """Return the name of the node, or of the nearest one above it that a person gave a name."""
+    """Return the name of the node, or of its nearest named ancestor."""
     for name in (shape.names[-1], shape.mesh_name, *reversed(shape.names)):
         if name and not name.startswith("=>[") and name not in ("SOLID", "COMPOUND", "SHELL", "COMPSOLID", "FACE"):
             return name
@@ -103,14 +103,14 @@ def _label(shape: Shape, fallback: str) -> str:
 
 
 def _corner_normals(normals: Array, triangles: npt.NDArray[np.int64], turn: Array) -> Array:
-    """Return the normals at the corners of triangles, turned as planes are: by cofactors, which scales of 0 have."""
+    """Return the normals at the corners of triangles, transformed as planes: by cofactors, which exist for scale 0."""
     turned = normals @ (np.cross(turn[[1, 2, 0]], turn[[2, 0, 1]]).T * np.copysign(1.0, np.linalg.det(turn)))
     length = np.linalg.norm(turned, axis=1, keepdims=True)
     return np.asarray((turned / np.where(length > 0, length, 1))[triangles])
 
 
 class GltfDocument:
-    """The JSON of a file and the bytes that it describes; every reference is checked before it is followed."""
+    """The JSON of a file and the bytes it refers to; every reference is checked before it is followed."""
 
     def __init__(self, path: Path, data: bytes) -> None:
         self.path = path
@@ -154,7 +154,7 @@ class GltfDocument:
         return text
 
     def shapes(self) -> Iterator[Shape]:
-        """Yield every node that carries triangles, with its place in the world."""
+        """Yield every node that has triangles, with its pose in the world."""
         try:
             nodes = self.json.get("nodes", [])
             scenes = self.json.get("scenes", [])

@@ -1,4 +1,4 @@
-"""What every reader returns, and the checks that all of them owe the caller."""
+"""The result of all readers, and the checks that they share."""
 
 from __future__ import annotations
 
@@ -20,8 +20,8 @@ Place = Callable[[int], str]
 class Model:
     """A mesh in the length unit of its file.
 
-    `unit` is that unit, or None where the format has none; `declared` tells whether the file itself names the unit
-    (3MF, STEP) rather than the rules of its format (glTF); `notes` say what was left out.
+    `unit` is that unit, or None where the format has none; `declared`: whether the file itself names the unit (3MF,
+    STEP) and not only the specification of its format (glTF); `notes` list what was left out.
     """
 
     mesh: Mesh
@@ -45,8 +45,8 @@ def assembled(
 ) -> Mesh:
     """Return the mesh of a file, or raise `UnreadableFile` with the place of the first thing wrong with it.
 
-    Parts that own no face are left out; without `names` there is one part, named like the file. A part whose faces all
-    have one colour of their own takes that colour.
+    Parts without faces are left out; without `names` there is one part, named like the file. A part whose faces all
+    have one colour of their own gets that colour.
     """
     if not len(faces):
         what = f"{len(vertices)} vertices but no faces" if len(vertices) else "no geometry"
@@ -76,7 +76,7 @@ def assembled(
 def _shared(
     of_faces: npt.NDArray[np.float32], part: npt.NDArray[np.integer], n_parts: int
 ) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.float32] | None]:
-    """Return the colour (P, 3) that all faces of a part share, and those (F, 3) of the other faces, None without any.
+    """Return the colour (P, 3) shared by all faces of a part, and those (F, 3) of the other faces, None without any.
 
     NaN where there is no such colour.
     """
@@ -117,7 +117,7 @@ def check_finite(path: Path, vertices: npt.NDArray[np.floating], place: Place) -
 
 
 def check_indices(path: Path, faces: npt.NDArray[np.integer], n_vertices: int, place: Place) -> None:
-    """Raise `UnreadableFile` naming the first face that refers to a vertex which is not there (rows or a flat list)."""
+    """Raise `UnreadableFile` naming the first face that refers to a missing vertex (rows or a flat list)."""
     bad = (faces < 0) | (faces >= n_vertices)
     if bad.any():
         at = tuple(int(i) for i in np.argwhere(bad)[0])
@@ -129,7 +129,7 @@ def check_indices(path: Path, faces: npt.NDArray[np.integer], n_vertices: int, p
 
 
 def refuse_binary(path: Path, data: bytes, form: str) -> None:
-    """Raise `UnreadableFile` if what should be text holds a zero byte, as every other kind of file soon does."""
+    """Raise `UnreadableFile` if text holds a zero byte, as binary files soon do."""
     at = data.find(b"\0")
     if at >= 0:
         raise UnreadableFile(

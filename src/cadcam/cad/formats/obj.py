@@ -1,4 +1,4 @@
-"""Wavefront OBJ: polygons, no unit; objects and groups, or failing those materials, become parts."""
+"""Wavefront OBJ: polygons, no unit; objects and groups, or without those materials, become parts."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ _REMEDY = "check the line, or export the model again"
 
 @dataclass(slots=True)
 class _ObjLines:
-    """The lines that matter: vertices and faces with their line numbers, and what each face belongs to."""
+    """The relevant lines: vertices and faces with their line numbers, and the group of each face."""
 
     vertices: list[bytes] = field(default_factory=list)
     vertex_line: list[int] = field(default_factory=list)
@@ -32,11 +32,11 @@ class _ObjLines:
 
 
 def read_obj(path: Path, data: bytes) -> Model:
-    """Return the faces of an OBJ file; normals, texture coordinates, lines and free-form curves are passed over.
+    """Return the faces of an OBJ file; normals, texture coordinates, lines and free-form curves are ignored.
 
     A part is named after its object or group ("object/group" where both differ), or its material in a file that has
-    neither. The colour of a face is the diffuse colour of its material, if the material library lies beside the file,
-    else the mean of its vertices' colours (three numbers behind their positions).
+    neither. The colour of a face is the diffuse colour of its material, if the material library is beside the file,
+    else the mean of its vertices' colours (three numbers after their positions).
     """
     refuse_binary(path, data, "OBJ")
     lines = _sorted_out(data)
@@ -90,7 +90,7 @@ def _sorted_out(data: bytes) -> _ObjLines:
 
 
 def _relabelled(line: bytes, label: list[str], found: _ObjLines, owner: int) -> int:
-    """Take note of a line that names something; return -1 where the faces that follow belong elsewhere."""
+    """Process a line that names something; return -1 where the faces that follow belong elsewhere."""
     word, _, rest = line.partition(b" ")
     value = rest.decode("utf-8", "replace").strip()
     if word == b"mtllib":
@@ -103,7 +103,7 @@ def _relabelled(line: bytes, label: list[str], found: _ObjLines, owner: int) -> 
 
 
 def _vertices(path: Path, lines: _ObjLines) -> npt.NDArray[np.float64]:
-    """Return positions (V, 3); further numbers on a line (weight, colour) are passed over."""
+    """Return positions (V, 3); further numbers on a line (weight, colour) are ignored."""
 
     def complaint(k: int) -> UnreadableFile:
         text = lines.vertices[k].decode("utf-8", "replace").strip()
@@ -158,7 +158,7 @@ def _colors(path: Path, lines: _ObjLines) -> npt.NDArray[np.float64]:
 
 
 def _vertex_colors(lines: _ObjLines) -> list[list[float]]:
-    """Return the colours in [0, 1] behind all positions; nothing unless every vertex has three numbers more."""
+    """Return the colours in [0, 1] after all positions; nothing unless every vertex has three more numbers."""
     if not lines.vertices or len(lines.vertices[0].split()) != 6:
         return []
     try:
@@ -175,7 +175,7 @@ def _diffuse(path: Path, libraries: list[str]) -> dict[str, tuple[float, float, 
         try:
             text = (path.parent / library).read_text("utf-8", "replace")
         except OSError:
-            continue  # a colour is not worth refusing a model for
+            continue  # a missing colour is no reason to reject a model
         material = ""
         for line in text.splitlines():
             words = line.split()

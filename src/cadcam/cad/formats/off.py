@@ -17,7 +17,7 @@ Line = tuple[int, list[bytes]]  # its number in the file, its words
 
 
 def read_off(path: Path, data: bytes) -> Model:
-    """Return the polygons of an ASCII OFF file; colours, normals and texture coordinates are passed over."""
+    """Return the polygons of an ASCII OFF file; colours, normals and texture coordinates are ignored."""
     refuse_binary(path, data, "OFF")
     lines = _lines(path, data)
     n_vertices, n_faces = (_whole(path, lines[0] if lines else (0, []), k) for k in (0, 1))
@@ -39,7 +39,7 @@ def read_off(path: Path, data: bytes) -> Model:
 
 
 def _lines(path: Path, data: bytes) -> list[Line]:
-    """Return the lines that hold something, from the numbers of vertices and faces on."""
+    """Return the lines that are not empty, from the counts of vertices and faces on."""
     lines = [
         (number, text.split())
         for number, line in enumerate(data.splitlines(), 1)
@@ -52,7 +52,7 @@ def _lines(path: Path, data: bytes) -> list[Line]:
 
 
 def _polygon(path: Path, line: Line) -> list[int]:
-    """Return the vertices of a face: as many as its first number says."""
+    """Return the vertices of a face: as many as its first number states."""
     count = _whole(path, line, 0)
     if count < 0:
         raise UnreadableFile(path, f"line {line[0]}: a face with {count} corners", _REMEDY)

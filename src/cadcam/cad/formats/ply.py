@@ -235,7 +235,7 @@ class _Ascii:
         self.at = 0
 
     def read(self, element: _Element) -> tuple[Columns, Lists]:
-        """Return the scalar columns and the lists (lengths, values) of the next element, one line an entry."""
+        """Return the scalar columns and the lists (lengths, values) of the next element, one line per entry."""
         rows: list[list[bytes]] = []
         first = self.at
         while len(rows) < element.size and self.at < len(self.lines):
@@ -255,7 +255,7 @@ class _Ascii:
         return {p.name: table[:, k] for k, p in enumerate(element.properties)}, {}
 
     def _complaint(self, row: int, words: list[bytes], wanted: str) -> UnreadableFile:
-        """Return the error that a row of the body is not what is wanted."""
+        """Return the error for a row of the body that is not as expected."""
         shown = b" ".join(words).decode("utf-8", "replace")
         return UnreadableFile(self.path, f"line {self.line + row}: {shown!r} is not {wanted}", "check the line")
 

@@ -1,4 +1,4 @@
-"""Polygons into triangles."""
+"""Triangulation of polygons."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ import numpy as np
 from cadcam.arrays import Array, Longs
 
 
-@np.errstate(over="ignore", invalid="ignore")  # coordinates that no model has are refused next, with their place
+@np.errstate(over="ignore", invalid="ignore")  # implausible coordinates are refused later, with their place
 def triangulated(vertices: Array, counts: Longs, corners: Longs) -> tuple[Longs, Longs]:
     """Return triangles (T, 3) and the polygon (T,) each comes from.
 
     `corners` lists the vertex indices of all polygons one after the other, `counts` how many each has (polygons with
-    fewer than three give nothing). Quadrangles are cut along the shorter diagonal that stays inside, larger polygons
-    by clipping ears, so concave outlines come out right. Order of the polygons and their sense are kept.
+    fewer than three give nothing). Quadrangles are cut along the shorter interior diagonal, larger polygons by ear
+    clipping, so that concave outlines are correct. The order of the polygons and their orientation are kept.
     """
     start = np.cumsum(counts) - counts
     triangles, owners = [], []
@@ -67,8 +67,8 @@ def _flattened(loop: Array) -> Array:
 def clip_ears(loop: Array) -> Longs:
     """Return triangles (N - 2, 3) as indices into the simple counter-clockwise polygon (N, 2).
 
-    Among the ears, the one with the widest smallest angle goes first, which avoids most needles. A polygon that crosses
-    itself has no proper ears at some point; it is then fanned, as good as any other choice.
+    Among the ears, the one with the largest smallest angle is cut first, which avoids most needles. A polygon that
+    crosses itself has no proper ears at some point; it is then cut into a fan, as good as any other choice.
     """
     left = list(range(len(loop)))
     triangles = []

@@ -32,10 +32,11 @@ _AGAIN = "export it again, as AP214 or AP242"
 def read_step(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = None) -> Model:
     """Return the faces of the solids of a STEP file as triangles in metres; every face is a surface of its own.
 
-    Wires and points (drawing notes in AP203) are passed over, and so are loose surfaces beside a solid in the same
-    product (datum planes of notes); a product of surfaces only keeps them. `chordal_tolerance_mm` bounds the distance
-    between triangles and surface; by default `CHORD_SHARE` of the diagonal of the file's points. Raises `MissingExtra`
-    without cascadio.
+    Wires and points (drawing notes in AP203) are ignored, and so are loose surfaces beside a solid in the same product
+    (datum planes of notes); a product of surfaces only keeps them. `chordal_tolerance_mm` bounds the distance between
+    triangles and surface; by default `CHORD_SHARE` of the diagonal of the file's points. Raises `MissingExtra` without
+    cascadio.
+
     """
     if data[:13].lstrip()[:12] != b"ISO-10303-21" and b"ISO-10303-21" not in data[:1000]:
         raise UnreadableFile(path, "does not begin with ISO-10303-21: not a STEP file", "check the suffix")
@@ -77,7 +78,7 @@ def _positive(tolerance: float | None) -> float | None:
 
 
 def _tolerance(data: bytes, mm: float, wanted: float | None) -> float:
-    """Return the chordal tolerance in mm: as wanted, or by the spread of the points in the file."""
+    """Return the chordal tolerance in mm: as given, or from the spread of the points in the file."""
     if _positive(wanted) is not None:
         return float(wanted or 0.0)
     number = rb"\s*([-+.\dEe]+)\s*"
@@ -95,7 +96,7 @@ def _tolerance(data: bytes, mm: float, wanted: float | None) -> float:
 def _converted(path: Path, kind: str, tolerance: float) -> bytes:
     """Return the GLB that Open CASCADE makes of the file.
 
-    `tolerance` is in mm whatever the unit of the file: the reader turns the model into mm before it is meshed.
+    `tolerance` is in mm whatever the unit of the file: the reader converts the model to mm before it is meshed.
     """
     if find_spec("cascadio") is None:
         raise MissingExtra(f"reading {path.name}", "step", "cascadio")
@@ -132,7 +133,7 @@ def _model(path: Path, glb: bytes, unit: str) -> Model:
 
 
 def _without_loose(shapes: list[Shape]) -> tuple[list[Shape], int]:
-    """Leave out the shells that stand, directly or one level down, beside a solid of the same product."""
+    """Leave out the shells that are, directly or one level down, beside a solid of the same product."""
     with_solid = {shape.names[:1] for shape in shapes if shape.mesh_name == "SOLID"}
     kept = [s for s in shapes if not (s.mesh_name == "SHELL" and s.names[:1] in with_solid)]
     return kept, len(shapes) - len(kept)

@@ -17,7 +17,7 @@ _AGAIN = "export it again as binary STL"
 
 
 def read_stl(path: Path, data: bytes) -> Model:
-    """Return the triangles of an ASCII or binary STL; the file's length tells which, not its first word."""
+    """Return the triangles of an ASCII or binary STL, recognised by the file's length, not by its first word."""
     if len(data) >= _HEADER and len(data) == _HEADER + _RECORD.itemsize * _claimed(data):
         return _binary(path, data)
     if re.match(rb"\s*solid\b", data[:512].lower()) and re.search(rb"facet|endsolid", data[:4096].lower()):

@@ -24,7 +24,7 @@ _UNIT = {
     "foot": "ft",
     "meter": "m",
 }
-# what zipfile raises on damaged archives, by experience
+# what zipfile raises on damaged archives, empirically
 _BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError, ValueError)
 _LARGEST = 4 << 30  # bytes of XML: more is a decompression bomb, not a model
 
@@ -83,7 +83,7 @@ class _Package:
                     if target in names:
                         return target
         except (KeyError, ElementTree.ParseError, *_BROKEN):
-            pass  # the relations are a convenience; the model itself decides
+            pass  # the relations are optional; the model itself decides
         return next((n for n in names if n.lower() == "3d/3dmodel.model"), names[0])
 
     def start_of(self, attributes: dict[str, str], current: str) -> str:

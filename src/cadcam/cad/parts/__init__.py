@@ -1,4 +1,4 @@
-"""Parametric sample parts: what examples, tests and benchmarks measure on, without any file."""
+"""Parametric sample parts for examples, tests and benchmarks, without any file."""
 
 from cadcam.cad.parts.bench import BENCH_POINTS, calibration_bench
 from cadcam.cad.parts.bracket import machined_bracket

@@ -1,4 +1,4 @@
-"""What sample parts are made of: outlines, plates with holes, strips, tubes; all closed, surfaces numbered."""
+"""Building blocks of sample parts: outlines, plates with holes, strips, tubes; all closed, surfaces numbered."""
 
 from __future__ import annotations
 
@@ -65,7 +65,7 @@ def _bridged(points: Array, path: Longs, hole: Longs) -> Longs:
     for i in order:
         if points[path[i], 0] >= start[0] and _sees(start, points[path[i]], points[path], points[ends]):
             return np.concatenate([path[: i + 1], hole[h:], hole[: h + 1], path[i:]])
-    raise AssertionError("a hole outside its outline")  # a mistake in a part of this package, not of a caller
+    raise AssertionError("a hole outside its outline")  # an error in this package, not of a caller
 
 
 def _sees(a: Array, b: Array, p: Array, q: Array) -> bool:

@@ -26,7 +26,7 @@ from cadcam.cad.parts.shape import (
 )
 from cadcam.errors import BadValue
 
-# Thicknesses and heights in mm, as rule books and yards have them for a block of this size.
+# Thicknesses and heights in mm, typical of rule books and yards for a block of this size.
 TANK_TOP, FLOOR, GIRDER, SHELL, BAR = 12.0, 10.0, 14.0, 14.0, 10.0
 WEB_HEIGHT, FLANGE_WIDTH = 200.0, 90.0
 SLOT_HEIGHT, SLOT_WIDTH, SLOT_RADIUS = 240.0, 120.0, 30.0
@@ -40,20 +40,20 @@ LEAST, MOST = 5_000, 2_000_000
 STEEL_SHARE = 0.65
 _CHOICES = ((30_000, (3, 2)), (300_000, (5, 3)), (600_000, (7, 4)), (MOST + 1, (14, 4)))  # floors, columns of a panel
 NARROWEST = 320.0  # between longitudinals: room for the hole of the pipe
-SHORTEST = 1.0  # mm, about: sides of arcs are not made shorter
+SHORTEST = 1.0  # mm: approximate lower limit for the sides of arcs
 Cell = tuple[Array, Longs]
 
 
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """The choices that settle a block: its size, how many floors and longitudinals, how round its cut-outs."""
+    """The parameters of a block: its size, the number of floors and longitudinals, the resolution of its cut-outs."""
 
     length: float
     breadth: float
     height: float
     floors: int
     columns: int
-    q: int  # sides to a quarter circle
+    q: int  # sides per quarter circle
 
     def arc_sides(self, radius: float) -> int:
         """Return the number of sides to a quarter circle of this radius."""
@@ -61,12 +61,12 @@ class _Plan:
 
     @property
     def stations(self) -> Array:
-        """Where the middle of each floor stands along x."""
+        """The x of the middle of each floor."""
         return np.asarray(self.length * (np.arange(self.floors) + 0.5) / self.floors)
 
     @property
     def panels(self) -> tuple[tuple[float, float], tuple[float, float]]:
-        """Where along y the floors begin and end, on the port (open) and the starboard side."""
+        """The y range of the floors, on the port (open) and the starboard side."""
         middle = self.breadth / 2
         return (0.0, middle - GIRDER / 2), (middle + GIRDER / 2, self.breadth - GIRDER)
 
@@ -82,7 +82,7 @@ class _Plan:
 
 
 def ship_block(*, triangles: int = 10_000, size: tuple[float, float, float] = (4000.0, 3000.0, 2000.0)) -> Mesh:
-    """Return a double-bottom block of `size` (x, y, z) mm with about as many triangles as asked for (within 10 %).
+    """Return a double-bottom block of `size` (x, y, z) mm with about the given number of triangles (within 10 %).
 
     It stands on its tank top, as built: floors across, two girders along, the shell over the starboard half only, so
     that one sees inside. Every plate is a closed solid of 10 to 14 mm; longitudinals (angle bars) run through slots
@@ -114,7 +114,7 @@ def _plan(triangles: int, size: tuple[float, float, float]) -> _Plan:
     wanted = STEEL_SHARE * triangles
     low, high = 3, 4
     at_low, at_high = count(low), count(high)
-    for _ in range(4):  # the count grows with q, ever more slowly as small radii stop growing finer
+    for _ in range(4):  # the count grows with q, ever more slowly as small radii reach the lower limit
         guess = max(int(low + (wanted - at_low) * (high - low) / max(at_high - at_low, 1)), 3)
         if guess in (low, high):
             break
@@ -141,7 +141,7 @@ def _steel(plan: _Plan) -> list[Mesh]:
 
 
 def _panel(plan: _Plan, side: str, start: float, end: float) -> list[Mesh]:
-    """Return the floors of one side with all that stands on them, and the longitudinals that run through."""
+    """Return the floors of one side with everything on them, and the longitudinals that run through."""
     pitch = (end - start) / plan.columns
     floor = _floor(plan, end - start, upper_slots=side == "starboard", pipe=side == "port")
     bar, bracket = _flat_bar(plan), _bracket(plan)
@@ -261,7 +261,7 @@ def _bracket(plan: _Plan) -> Mesh:
 
 
 def _piping(plan: _Plan, triangles: int) -> list[Mesh]:
-    """Return the pipe and its flanges, the pipe as round as the triangles left allow."""
+    """Return the pipe and its flanges, the pipe as round as the remaining triangles allow."""
     start, end = plan.panels[0]
     y = start + (end - start) / plan.columns / 2
     z = TANK_TOP + plan.depth / 2
