@@ -1,14 +1,15 @@
-"""Our camera file: JSON, versioned, units in its key names, and with it all that the camera was estimated from.
+"""Our camera file: JSON, versioned, units in its key names, with all the data that the camera was estimated from.
 
-The least that is accepted, written by hand:
+The minimum that is accepted, written by hand:
     {"size_px": [768, 576], "fx_px": 805.9, "fy_px": 805.9, "cx_px": 383.5, "cy_px": 287.5}
-or "K_px": [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] in place of the four numbers. Optional: "skew_px"; "lens": {"model":
+or "K_px": [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] instead of the four numbers. Optional: "skew_px"; "lens": {"model":
 "brown-conrady", "k1": -0.2, ...}; "camera_from_world": {"rotation": 3x3, "translation_mm": 3}. Pixels are (column, row)
 with (0, 0) at the centre of the top-left pixel.
 
-`write_camera` adds "estimate": the free parameters, the cofactor matrix and the observations, from which all else
-follows. Parameters with sigmas, covariance and residuals are written too, for people and other programs; reading
-checks that the residual still is that of the camera, so a file edited by hand cannot carry a stale covariance.
+`write_camera` adds "estimate": the free parameters, the cofactor matrix and the observations, from which everything
+else follows. Parameters with sigmas, covariance and residuals are written too, for people and other programs; the
+reader checks that the residual is still that of the camera, so that a file edited by hand cannot keep a stale
+covariance.
 """
 
 from __future__ import annotations
@@ -42,7 +43,7 @@ _KEYS = ("format", "version", "written_by", "size_px", "K_px", *_FOCAL, "lens", 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraFile:
-    """What a camera file holds: the camera, where it stands and the estimate behind it, as far as they are known."""
+    """The contents of a camera file: the camera, its pose and its estimate, as far as they are known."""
 
     camera: Camera
     camera_from_world: Rigid | None = None
@@ -50,7 +51,7 @@ class CameraFile:
 
 
 def read_camera(path: str | os.PathLike[str]) -> CameraFile:
-    """Return what a camera file (layout: see this module) holds.
+    """Return the contents of a camera file (layout: see this module).
 
     Raises `UnreadableFile` naming the key: unknown keys, models and versions are refused with the nearest known one.
     """
@@ -58,7 +59,7 @@ def read_camera(path: str | os.PathLike[str]) -> CameraFile:
 
 
 def camera_file_of(file: TextFile) -> CameraFile:
-    """Return what the text of a camera file holds, as `read_camera`."""
+    """Return the contents of a camera file's text, as `read_camera`."""
     place = parsed(file)
     place.check_head(FORMAT, VERSION, stated=False)  # first: a newer version may well have other keys
     if place.object and not set(_KEYS) & set(place.object):
@@ -82,7 +83,7 @@ def write_camera(
 ) -> None:
     """Write a camera (with its pose if given), or an estimate with all that belongs to it, whole or not at all.
 
-    Floats keep every bit: `read_camera` gives the same values back. An estimate carries its own pose.
+    Floats keep every bit: `read_camera` returns the same values. An estimate has its own pose.
     """
     if isinstance(camera, CameraEstimate) and camera_from_world is not None:
         raise BadValue("camera_from_world", "given beside an estimate", "none: the estimate has its own")
@@ -123,7 +124,7 @@ def key_of(name: str) -> str:
 
 
 def bare_camera_as_json(camera: Camera, camera_from_world: Rigid | None = None) -> dict[str, Any]:
-    """Return size, camera matrix and lens, and the pose if given, without a document's head; `camera_at` reads it."""
+    """Return size, camera matrix and lens, and the pose if given, without a document's head; read by `camera_at`."""
     lens = {"model": camera.lens.name, **camera.lens.parameters}
     out: dict[str, Any] = {"size_px": list(camera.size), "K_px": camera.K.tolist(), "lens": lens}
     return out if camera_from_world is None else out | {"camera_from_world": pose_as_json(camera_from_world)}
@@ -214,9 +215,9 @@ def observations_at(place: Place) -> Observations:
 
 
 def check_residual(place: Place, actual: float, size: tuple[int, int], what: str) -> None:
-    """Refuse a stated residual that is not the one of what the file holds: it was edited by hand."""
+    """Refuse a stated residual that does not follow from the file's contents: the file was edited by hand."""
     stated = place.at("residual_px").number()
-    scale = 1e-9 * max(size)  # px: rounding of pixels and of the projection, with room
+    scale = 1e-9 * max(size)  # px: rounding of pixels and of the projection, with a margin
     if not abs(stated - actual) <= max(scale, 1e-6 * stated):
         raise place.error(
             f"states a residual of {stated:.6g} px but its {what} and points give {actual:.6g} px",

@@ -1,4 +1,4 @@
-"""JSON with a place: every error names the file and the key where it stands."""
+"""JSON with positions for errors: every error names the file and the key."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """A value inside a JSON file, and the way to it."""
+    """A value inside a JSON file, and the path to it."""
 
     path: str
     keys: tuple[str, ...]
@@ -39,7 +39,7 @@ class Place:
         return UnreadableFile(self.path, where + reason, remedy)
 
     def at(self, key: str) -> Place:
-        """Return the place behind a key; an error if there is none."""
+        """Return the place under a key; an error if there is none."""
         if key not in self.object:
             raise self.error(f"has no {key!r}", f"keys are {', '.join(self.object) or 'none'}")
         return Place(self.path, (*self.keys, key), self.object[key])
@@ -106,9 +106,9 @@ class Place:
         return array
 
     def covariance(self, size: int | None = None) -> Array:
-        """Return a covariance or a cofactor: a square array, symmetric, in which nothing has a negative variance.
+        """Return a covariance or a cofactor: a square array, symmetric, without negative variances.
 
-        Correlations may go beyond 1 by a millionth: those of a covariance without full rank do, by rounding.
+        Correlations may exceed 1 by a millionth: those of a covariance without full rank do, by rounding.
         """
         array = self.array((size, size))
         expected = "a symmetric array without negative variances is expected, as it was written"
@@ -123,7 +123,7 @@ class Place:
         return array
 
     def check_head(self, form: str, version: int, *, stated: bool = True, remedy: str = "") -> None:
-        """Refuse a document of another format or version than these; stated: whether it has to say them."""
+        """Refuse a document of another format or version than these; stated: whether it must state them."""
         given = self.object.get("format", None if stated else form)
         if given != form:
             said = "does not say its format" if given is None else f"says its format is {given!r}"
@@ -177,7 +177,7 @@ def as_json(value: Any) -> bytes:
 
 
 def head_as_json(form: str, version: int) -> dict[str, Any]:
-    """Return the first keys of a document of ours, which `Place.check_head` looks at."""
+    """Return the first keys of our documents, which `Place.check_head` checks."""
     return {"format": form, "version": version, "written_by": f"cadcam {cadcam.__version__}"}
 
 
@@ -194,7 +194,7 @@ def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 
 def or_null(value: float) -> float | None:
-    """Return a number, or None where it is not finite: JSON has no word for that but null."""
+    """Return a number, or None where it is not finite: JSON has only null for that."""
     return float(value) if np.isfinite(value) else None
 
 

@@ -1,4 +1,4 @@
-"""Matrices of numbers in text files, and poses: which frame to which, in which unit, is said or it is refused."""
+"""Matrices of numbers in text files, and poses: these must state their direction and unit."""
 
 from __future__ import annotations
 
@@ -39,7 +39,7 @@ def read_pose(path: str | os.PathLike[str]) -> Rigid:
         1 0 0 0
         0 1 0 0
         0 0 1 500
-    Three decimals of a rotation will do: the nearest exact one is taken.
+    Three decimals of a rotation suffice: the nearest exact one is taken.
     JSON: {"camera_from_world": {"rotation": [[...], ...], "translation_mm": [...]}}, as in a camera file; the name may
     be world_from_camera and the unit any of translation_m, translation_in ... A camera file with a pose serves, too.
     """
@@ -47,7 +47,7 @@ def read_pose(path: str | os.PathLike[str]) -> Rigid:
 
 
 def read_motion(path: str | os.PathLike[str]) -> Rigid:
-    """Return new_from_old (mm) of a motion file: where the motion takes what moves, p_new = new_from_old @ p_old.
+    """Return new_from_old (mm) of a motion file: p_new = new_from_old @ p_old for whatever is moved.
 
     As a pose file, with '# new_from_old, mm' (or old_from_new) on its first line, or the same as a key in JSON.
     """
@@ -59,7 +59,7 @@ def _rigid(path: str | os.PathLike[str], directions: tuple[str, str]) -> Rigid:
 
 
 def rigid_in(file: TextFile, directions: tuple[str, str]) -> Rigid:
-    """Return the first of two directions (mm), said by the file to be this one or the other."""
+    """Return the first of two directions (mm), of which the file may give either."""
     if file.text.lstrip().startswith("{"):
         return pose_in(parsed(file), directions)
     direction, mm = stated(file, directions)
@@ -104,7 +104,7 @@ def same_way(direction: str, other: str) -> bool:
 
 
 def stated(file: TextFile, directions: tuple[str, ...] = _DIRECTIONS) -> tuple[str, float]:
-    """Return direction and millimetres per unit as a comment line says them; `UnreadableFile` where none does."""
+    """Return direction and millimetres per unit stated in a comment line; `UnreadableFile` if there is none."""
     said = re.compile(rf"({'|'.join(directions)})[\s,:]+(?:in\s+)?([A-Za-z]+)\.?")
     remedy = f"add a first line such as '# {directions[0]}, mm' (or {directions[1]}; or m, cm, in ...)"
     found = [m for line in comments_of(file) if (m := said.fullmatch(line))]
@@ -138,11 +138,11 @@ def _text_rows(file: TextFile) -> list[list[float]]:
 
 
 def _cells(line: str) -> list[str]:
-    """Return what blanks, commas, semicolons and brackets separate; commas inside what blanks separate are decimal."""
+    """Return the cells between blanks, commas, semicolons and brackets; commas between blanks are decimal."""
     cells = [c for c in re.split(r"[\s;\[\]]+", line) if c]
     with_commas = [c for c in cells if "," in c]
     if len(cells) > 1 and with_commas and all(_DECIMAL_COMMA.fullmatch(c) for c in with_commas):
-        return cells  # `number_in` says what is wrong with them
+        return cells  # `number_in` reports what is wrong with them
     return [c for cell in cells for c in cell.split(",") if c]
 
 

@@ -1,4 +1,4 @@
-"""Pixels files: what was seen where from which viewpoint, one a line; and measured points on their way out.
+"""Pixels files: the pixels of points by viewpoint, one per line; and the output of measured points.
 
     # anything behind a hash is a comment
     name, view,  x_px,  y_px
@@ -6,7 +6,7 @@
     A,    right, 369.8, 360.0
 
 Columns as in a points file: x_px y_px (column, row) or U V (row, column); name (or id, point, label) of the point, view
-(or camera) that saw it; all others are left alone. A point that a viewpoint did not see has no line for it.
+(or camera) that saw it; all others are ignored. A point that a viewpoint did not see has no line for it.
 """
 
 from __future__ import annotations
@@ -42,7 +42,7 @@ class ListedPixels:
 
 
 def read_pixels(path: str | os.PathLike[str], *, columns: Sequence[str] | None = None) -> ListedPixels:
-    """Return what a pixels file (layout: see this module) holds; columns: the two image columns if there are several.
+    """Return the contents of a pixels file (layout: see this module); columns: the two image columns among several.
 
     Raises `UnreadableFile` naming file, line, column, value and remedy.
     """
@@ -88,8 +88,8 @@ def write_measurement(
 ) -> None:
     """Write measured points whole or not at all: .json with covariances, anything else as CSV.
 
-    joint: into JSON the covariance of all points together too. The CSV has name, X_mm, Y_mm, Z_mm, their sigmas, and
-    gap, angle, chi-square and views beside them.
+    joint: adds the covariance of all points together to the JSON. The CSV has name, X_mm, Y_mm, Z_mm, their sigmas, and
+    gap, angle, chi-square and views.
     """
     if os.fspath(path).lower().endswith(".json"):
         write_whole(path, as_json(measurement_as_json(measured, pixels=pixels, joint=joint)))
@@ -110,9 +110,9 @@ _QUALITY = ("gap_mm", "gap_sigma_mm", "angle_deg", "chi2", "dof")
 def measurement_as_json(
     measured: Measurement, *, pixels: ListedPixels | None = None, joint: bool = False
 ) -> dict[str, Any]:
-    """Return the points, each with covariance, budget and misfit, and where their pixels came from.
+    """Return the points, each with covariance, budget and misfit, and the source of their pixels.
 
-    joint: with the covariance of all points together too, 9 N^2 numbers.
+    joint: with the covariance of all points together, 9 N^2 numbers.
     """
     covariance, p_value, budget = measured.covariance, measured.p_value, measured.budget()
     half_width = measured.half_width()

@@ -1,14 +1,14 @@
-"""Points files: world points and where they were seen, one a line.
+"""Points files: world points and their pixels, one per line.
 
     # anything behind a hash is a comment
     name, X_mm, Y_mm, Z_mm, x_px, y_px
     A1,   0.0,  80.0, -1040.0, 159.0, 187.1
 
 Cells are separated by commas, semicolons, tabs or blanks. The header names the columns:
-X Y Z           the world point, in the unit of `unit=` (mm if nothing is said), or X_mm, X_m, X_in ... which say it;
+X Y Z           the world point, in the unit of `unit=` (default mm), or X_mm, X_m, X_in ... which state it;
 x_px y_px       the pixel (column, row), (0, 0) the centre of the top-left pixel; or
-U V             the same as the thesis writes it: U the row (down), V the column (to the right), same origin;
-name, sigma_px  optional; every other column is left alone.
+U V             the same as in the thesis: U the row (down), V the column (to the right), same origin;
+name, sigma_px  optional; every other column is ignored.
 A lowercase u, v is refused: OpenCV's u is a column and the thesis' U is a row, and a wrong guess is a mirrored camera.
 """
 
@@ -34,7 +34,7 @@ _NAME_COLUMNS = ("name", "id", "point", "label")
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Which column holds what: indices of X Y Z, of (x, y) = (column, row), of name and sigma (-1 for none)."""
+    """The columns of a file: indices of X Y Z, of (x, y) = (column, row), of name and sigma (-1 for none)."""
 
     header: tuple[str, ...]
     world: tuple[int, int, int]
@@ -54,9 +54,9 @@ def read_points(
 ) -> Observations:
     """Return the observations in a points file (layout: see this module), world points in mm, pixels (column, row).
 
-    unit: of X, Y, Z where the header does not say it. columns: the two image columns, such as ("U1", "V1"), where the
+    unit: of X, Y, Z where the header does not state it. columns: the two image columns, such as ("U1", "V1"), where the
     file has several pairs. header: the column names of a file that has no header line. sigma_px: noise of one pixel
-    coordinate, where the file does not say it. Raises `UnreadableFile` naming file, line, column, value and remedy.
+    coordinate, where the file does not state it. Raises `UnreadableFile` naming file, line, column, value and remedy.
     """
     file = read_text(path)
     lines = list(lines_of_cells(file))
@@ -77,7 +77,7 @@ def read_points(
 def write_points(path: str | os.PathLike[str], observations: Observations) -> None:
     """Write the observations as CSV (name, X_mm, Y_mm, Z_mm, x_px, y_px[, sigma_px]), whole or not at all.
 
-    Numbers keep every bit: `read_points` gives the same ones back. Raises `BadValue` for a name that is not one line.
+    Numbers keep every bit: `read_points` returns the same ones. Raises `BadValue` for a name that is not one line.
     """
     sigma = () if observations.sigma_px is None else (repr(observations.sigma_px),)
     header = ("name", "X_mm", "Y_mm", "Z_mm", "x_px", "y_px", *(("sigma_px",) if sigma else ()))
@@ -87,7 +87,7 @@ def write_points(path: str | os.PathLike[str], observations: Observations) -> No
 
 
 def header_line(file: TextFile, lines: list[Line]) -> tuple[str, ...]:
-    """Return the column names on the first line that holds something; an error where it holds numbers."""
+    """Return the column names on the first line that is not empty; an error if it holds numbers."""
     if not lines:
         raise UnreadableFile(file.path, "holds only comments", "add a header such as X,Y,Z,x_px,y_px and the points")
     first = lines[0]

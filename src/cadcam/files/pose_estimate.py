@@ -1,9 +1,9 @@
-"""A located pose in JSON: world_from_part with its covariance, from which it can be read back to the last bit.
+"""A located pose in JSON: world_from_part with its covariance, which can be read back to the last bit.
 
 {"world_from_part": {"rotation": 3x3, "translation_mm": 3}, "sigma_mm": 3, "sigma_deg": 3, "from_noise": 6x6,
 "from_calibration": 6x6, "freedom": 6xk, "degrees_of_freedom": number or null}. The covariances are those of xi =
 (translation mm, rotation rad) in world_from_part @ exp(xi), in the part's axes; sigmas are written for people and other
-programs. No degrees of freedom (null) means that the noise is known.
+programs. degrees_of_freedom null means that the noise is known.
 """
 
 from __future__ import annotations
@@ -56,33 +56,33 @@ def pose_estimate_at(place: Place) -> PoseEstimate:
 
 
 def write_part_pose(path: str | os.PathLike[str], pose: PoseEstimate) -> None:
-    """Write where a part was found, whole or not at all; floats keep every bit."""
+    """Write the located pose of a part, whole or not at all; floats keep every bit."""
     write_whole(path, as_json(pose_estimate_as_json(pose)))
 
 
 def read_part_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | None = None) -> Rigid:
-    """Return world_from_part (mm) of a file that says where a part is: one that was written here, or by hand.
+    """Return world_from_part (mm) of a file that holds the pose of a part: written here, or by hand.
 
     A pose file as for `read_pose`, text or JSON, with world_from_part or camera_from_part (or part_from_world,
-    part_from_camera); or camera_from_world, where the world is the part, as for an overlay. Those of the camera need
-    `camera_from_world`, by default the world is the camera. A result of `cadcam locate --json` serves, too. Raises
-    `UnreadableFile` naming line or key.
+    part_from_camera); or camera_from_world, where the world is the part, as for an overlay. Poses relative to the
+    camera require `camera_from_world`; by default the world is the camera. A result of `cadcam locate --json` is
+    accepted, too. Raises `UnreadableFile` naming line or key.
     """
     said, pose = _said(path, _OF_PART)
     return pose if said is _OF_PART or camera_from_world is None else camera_from_world.inv @ pose
 
 
 def read_view_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | None = None) -> Rigid:
-    """Return camera_from_world (mm) of a camera whose world is the part: what `read_part_pose` reads, for an overlay.
+    """Return camera_from_world (mm) of a camera whose world is the part: for an overlay, as `read_part_pose`.
 
-    world_from_part needs `camera_from_world` of the world that it is said in, by default that world is the camera.
+    world_from_part requires `camera_from_world` of its world; by default that world is the camera.
     """
     said, pose = _said(path, _OF_CAMERA)
     return camera_from_world @ pose if said is _OF_PART and camera_from_world is not None else pose
 
 
 def _said(path: str | os.PathLike[str], usual: tuple[str, str]) -> tuple[tuple[str, str], Rigid]:
-    """Return which motion a pose file says, or its inverse, and that motion; usual: what one that says none is to."""
+    """Return the motion of a pose file with its direction, or its inverse; usual: the direction if none is stated."""
     file = read_text(path)
     said = next((pair for pair in _DIRECTIONS if any(name in file.text for name in pair)), usual)
     if not file.text.lstrip().startswith("{"):

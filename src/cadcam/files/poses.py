@@ -1,4 +1,4 @@
-"""Many poses in one file, each with its name; which frame to which, in which unit, is said or it is refused."""
+"""Several named poses in one file, which must state their direction and unit."""
 
 from __future__ import annotations
 
@@ -26,12 +26,12 @@ _HEADER = "name, r11, r12, r13, r21, ..., r33, tx, ty, tz"
 def read_poses(path: str | os.PathLike[str]) -> dict[str, Rigid]:
     """Return camera_from_world (mm) by name, in the order of a poses file or of the names of the files in a folder.
 
-    Text: a comment line that says direction and unit, a line of column names, then a pose a line. The name may be left
+    Text: a comment line with direction and unit, a line of column names, then one pose per line. The name may be left
     out; poses are then named 0000, 0001 ...
         # camera_from_world, mm
         name, r11, r12, r13, r21, r22, r23, r31, r32, r33, tx, ty, tz
         left, 1, 0, 0, 0, 1, 0, 0, 0, 1, -20, 0, 500
-    camera_from_part says the same of a part whose own axes are the world, and part_from_camera is its inverse.
+    camera_from_part is the same for a part whose own axes are the world, and part_from_camera is its inverse.
     JSON: {"poses": [{"name": "left", "camera_from_world": {"rotation": [[...], ...], "translation_mm": [...]}}, ...]}.
     A folder: each .txt, .json or .csv file in it is a pose file as for `read_pose`, its name that of the pose.
     Raises `UnreadableFile` naming line or key.
@@ -92,7 +92,7 @@ def _in_text(file: TextFile) -> Iterator[tuple[str, Rigid]]:
 
 
 def _columns(file: TextFile, head: Line) -> tuple[str, ...]:
-    """Return the column names, each once, all numbers among them."""
+    """Return the column names, each once, including all numbers."""
     columns = tuple(c.lower() for c in head.cells)
     missing = [c for c in _NUMBERS if c not in columns]
     if len(missing) == len(_NUMBERS):

@@ -1,4 +1,4 @@
-"""The rig file: JSON, versioned, units in its key names, and with it all that the rig was estimated from.
+"""The rig file: JSON, versioned, units in its key names, with all the data that the rig was estimated from.
 
 {"format": "cadcam rig", "version": 1, "cameras": [...], "frames": [...], "covariance": [[...]], ...}. A camera has its
 "name", size_px, K_px and lens as in a camera file, "camera_from_rig" and what was estimated of it; a frame its "name",

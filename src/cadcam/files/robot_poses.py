@@ -1,7 +1,7 @@
-"""Robot poses as controllers write them: each maker's convention by name, read as base_from_flange in mm.
+"""Robot poses as written by controllers: each maker's convention by name, read as base_from_flange in mm.
 
-A file says nowhere whether its six numbers are KUKA's angles or a rotation vector, so the caller names the convention
-(`CONVENTIONS`); `cadcam.calibrate.handeye.conventions` tests which of them a camera's motion allows. Layouts:
+A file does not state whether its six numbers are KUKA's angles or a rotation vector, so the caller names the convention
+(`CONVENTIONS`); `cadcam.calibrate.handeye.conventions` tests which of them agree with a camera's motion. Layouts:
 
 text     one pose a line, cells separated by commas, semicolons, tabs or blanks, # comments; with or without a line of
          column names (the convention's, any case, a unit such as X_mm allowed) and with or without a name in front
@@ -36,7 +36,7 @@ _NAME_COLUMNS = ("name", "id", "pose", "image", "label")
 
 @dataclass(frozen=True, slots=True)
 class Convention:
-    """Columns of a pose, position first; its unit of length ("" where the caller must say it); words; the rotation."""
+    """Columns of a pose, position first; its unit of length ("" if the caller must give it); words; the rotation."""
 
     columns: tuple[str, ...]
     unit: str
@@ -121,7 +121,7 @@ CONVENTIONS: dict[str, Convention] = {
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotNumbers:
-    """Poses as they stand in a file: names ("" where none), numbers (n, k), column names in lower case if any."""
+    """Poses as in a file: names ("" where none), numbers (n, k), column names in lower case if any."""
 
     path: str
     names: tuple[str, ...]
@@ -142,7 +142,7 @@ class RobotNumbers:
         )
 
     def poses(self, convention: str, *, unit: str | None = None) -> Rigid:
-        """Return base_from_flange (n), mm, of a convention; `UnreadableFile` where the file cannot be of it."""
+        """Return base_from_flange (n), mm, of a convention; `UnreadableFile` where the file does not match it."""
         if convention not in CONVENTIONS:
             raise UnknownName("robot pose convention", convention, CONVENTIONS)
         rule, numbers = CONVENTIONS[convention], self.numbers
@@ -167,8 +167,8 @@ def read_robot_poses(
 ) -> dict[str, Rigid]:
     """Return base_from_flange (mm) by name of a file or folder (layouts: see this module), in its order.
 
-    convention: one of `CONVENTIONS`; unit: of the positions, where the convention or the header does not say it, or to
-    overrule the convention. inverted: the file holds flange_from_base. Poses without a name are called "1", "2", ...
+    convention: one of `CONVENTIONS`; unit: of the positions, where the convention or the header does not give it, or to
+    override the convention. inverted: the file holds flange_from_base. Poses without a name are called "1", "2", ...
     Raises `UnreadableFile` naming file, line and value.
     """
     found = read_robot_numbers(path)
@@ -211,7 +211,7 @@ def _one_each(files: Sequence[Path], label: str) -> RobotNumbers:
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sort key that counts numbers in names as numbers: pose_2 before pose_10."""
+    """Sort key that compares digits in names as numbers: pose_2 before pose_10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)]
 
 
@@ -245,7 +245,7 @@ def _from_text(file: TextFile) -> RobotNumbers:
 
 
 def _header(line: Line) -> tuple[tuple[str, ...], str]:
-    """Return the column names in lower case and the unit that x, y, z carry; empty for a line of numbers."""
+    """Return the column names in lower case and the unit of x, y, z; empty for a line of numbers."""
     if sum(is_number(c) for c in line.cells) > len(line.cells) // 2:
         return (), ""
     columns, units = [], set()
@@ -308,7 +308,7 @@ def _without_last_row(path: str, matrices: Array) -> Array:
 
 
 def _from_yaml(file: TextFile) -> RobotNumbers:
-    """Read rows, cols, data; the rest of YAML is not a pose."""
+    """Read rows, cols, data; other YAML is not a pose."""
     found = re.search(r"\bdata:(.*)", file.text, flags=re.DOTALL)
     shape = [re.search(rf"\b{key}:\s*(\d+)", file.text) for key in ("rows", "cols")]
     if found is None or None in shape:

@@ -1,4 +1,4 @@
-"""The sensor file: JSON, an object for each effect with its numbers; what is left out does not happen.
+"""The sensor file: JSON, an object for each effect with its numbers; effects left out do not occur.
 
     {"format": "cadcam sensor", "version": 1, "name": "hall camera",
      "blur": {"sigma_px": 0.8},
@@ -57,7 +57,7 @@ def write_sensor(path: str | os.PathLike[str], sensor: Sensor) -> None:
 
 
 def sensor_as_json(sensor: Sensor) -> dict[str, Any]:
-    """Return the JSON document that `write_sensor` writes: all numbers of every effect that is there."""
+    """Return the JSON document that `write_sensor` writes: all numbers of every effect present."""
     numbers = asdict(sensor)
     effects = {name: _plain(numbers[name]) for name in sensor.effects}
     return {"format": FORMAT, "version": VERSION, "name": sensor.name, **effects}
@@ -76,7 +76,7 @@ def _effect(place: Place, name: str) -> Any:
 
 
 def _value(place: Place, like: object) -> object:
-    """Return the value at a place, read as what the default value is."""
+    """Return the value at a place, read as the type of the default value."""
     if isinstance(like, bool):
         if not isinstance(place.value, bool):
             raise place.error(f"is {place.value!r}", "true or false is expected")

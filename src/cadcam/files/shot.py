@@ -1,4 +1,4 @@
-"""Where the camera was when a picture was taken, and when: in the picture's header, beside it, or in one list.
+"""The position of the camera and the time of a picture: in the picture's header, beside it, or in one list.
 
 PGM and PPM pictures carry it in their header's comments, as the thesis' grabber wrote them (Prog 3):
 
@@ -15,8 +15,8 @@ Any other picture has a sidecar beside it, photo.png.json, or a line in a list o
     picture,   camera, x_mm,   y_mm,    time
     photo.png, 12,     8175.4, 21616.9, 1995-07-21T09:28:08+00:00
 
-Positions are what the controller says, mm. A time without a zone is taken as UTC. Where several of these speak of a
-picture, they have to agree.
+Positions are those reported by the controller, mm. A time without a zone is taken as UTC. Where several of these cover
+a picture, they must agree.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ _COLUMNS = ("picture", "camera", "x_mm", "y_mm", "time")
 
 @dataclass(frozen=True, slots=True)
 class ShotPosition:
-    """The controller's position (x, y) in mm while a picture was taken; which camera took it and when, if known."""
+    """The controller's position (x, y) in mm while a picture was taken; its camera and time, if known."""
 
     x: float
     y: float
@@ -71,10 +71,10 @@ def read_shot(
     *,
     positions_from: str = "positions",
 ) -> ShotPosition:
-    """Return where and when a picture was taken: by its header, its sidecar, and a list of positions by file name.
+    """Return position and time of a picture: by its header, its sidecar, and a list of positions by file name.
 
     positions: of `read_positions`, read from the file `positions_from`. Raises `UnreadableFile` where none of them
-    speaks of the picture, or two of them disagree.
+    covers the picture, or two of them disagree.
     """
     path = Path(picture)
     stated: list[tuple[str, ShotPosition]] = []
@@ -97,7 +97,7 @@ def read_shot(
 
 
 def header_shot(picture: str | os.PathLike[str]) -> ShotPosition | None:
-    """Return what the header of a PGM or PPM picture says of position and time; None for others and without it."""
+    """Return position and time from the header of a PGM or PPM picture; None for others and without it."""
     path = Path(picture)
     try:
         with path.open("rb") as file:
@@ -201,7 +201,7 @@ def _ctime(time: datetime) -> str:
 
 
 def _time(path: str | os.PathLike[str], text: str) -> datetime:
-    """Return the time in a text, ISO 8601 or as C's ctime has it; without a zone it is UTC."""
+    """Return the time in a text, ISO 8601 or in the form of C's ctime; without a zone it is UTC."""
     found = _CTIME.match(text)
     try:
         if found is not None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from cadcam.arrays import LARGEST
 from cadcam.errors import BadValue, UnreadableFile
 
-MAX_BYTES = 64_000_000  # a points file of a million lines; anything longer is a wrong file
+MAX_BYTES = 64_000_000  # a points file of a million lines; anything longer is the wrong file
 _DELIMITERS = ("\t", ";", ",")
 
 
@@ -27,7 +27,7 @@ class TextFile:
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """One line that holds something: its number in the file, counted from 1, and its cells, stripped."""
+    """One line that is not empty: its number in the file, counted from 1, and its cells, stripped."""
 
     number: int
     cells: tuple[str, ...]
@@ -71,7 +71,7 @@ def text_of(path: str | os.PathLike[str], data: bytes) -> TextFile:
 def lines_of_cells(file: TextFile) -> Iterator[Line]:
     """Yield every line that is not blank or a comment (#), cut into cells.
 
-    The first such line decides what separates cells: a tab, a semicolon, a comma, else any blanks. Raises
+    The first such line determines the separator: a tab, a semicolon, a comma, else any blanks. Raises
     `UnreadableFile` for JSON.
     """
     delimiter = None
@@ -92,9 +92,9 @@ def lines_of_cells(file: TextFile) -> Iterator[Line]:
 
 
 def rows_of_cells(header: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
-    """Return a header and rows, each with a name in front, as the CSV that `lines_of_cells` reads back.
+    """Return a header and rows, each starting with a name, as the CSV that `lines_of_cells` reads back.
 
-    Raises `BadValue` for an empty name, and for a cell that would not come back: of several lines, or with blanks
+    Raises `BadValue` for an empty name, and for a cell that could not be read back: of several lines, or with blanks
     around it.
     """
     lines = [header, *rows]

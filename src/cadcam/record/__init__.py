@@ -1,1 +1,1 @@
-"""The product state: what each produced part measured, kept for the next station and later questions."""
+"""The product state: the measurements of each produced part, kept for the next station and later questions."""

@@ -1,6 +1,6 @@
-"""Records as JSON, JSON lines and CSV, units in the names; JSON and JSON lines come back to the last bit.
+"""Records as JSON, JSON lines and CSV, units in the names; JSON and JSON lines are read back to the last bit.
 
-JSON: {"format": "cadcam records", "version": 1, "records": [...]}; JSON lines: one record a line. A record:
+JSON: {"format": "cadcam records", "version": 1, "records": [...]}; JSON lines: one record per line. A record:
 {"id", "time_utc", "part", "serial", "station", "verdict", "reason", "quality", "pose": as `write_part_pose` writes
 it, or null, "deviations": [{"feature", "kind", "verdict", "k", "deviation_mm", "expanded_uncertainty_mm", "lower_mm",
 "upper_mm"}, ...] (_deg for angles), "sources": [{"role", "path", "sha256"}, ...], "software"}. CSV: a line for each
@@ -84,7 +84,7 @@ def record_as_json(record: Record) -> dict[str, Any]:
 
 
 def record_at(place: Place) -> Record:
-    """Return the record at a place of a JSON file; other keys beside those of a record are left alone."""
+    """Return the record at a place of a JSON file; other keys are ignored."""
     given: dict[str, Any] = {name: place.at(name).text() for name in _TEXTS if name in place.object}
     for name in ("part", "deviations"):
         _ = place.at(name)
@@ -174,4 +174,4 @@ def _time(place: Place) -> datetime:
         time = datetime.fromisoformat(place.text())
     except ValueError:
         raise place.error(f"is {place.value!r}", "write 2026-03-02T12:00:00Z") from None
-    return time.replace(tzinfo=UTC) if time.tzinfo is None else time  # the key says that it is UTC
+    return time.replace(tzinfo=UTC) if time.tzinfo is None else time  # the key states UTC

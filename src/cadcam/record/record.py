@@ -1,4 +1,4 @@
-"""What is kept of a measured part: which part, where it was, how far off, how sure, and by what it was found."""
+"""The record of a measured part: its identity, pose, deviations, their uncertainty, and the sources used."""
 
 from __future__ import annotations
 
@@ -22,8 +22,8 @@ _SHA256 = re.compile(r"[0-9a-f]{64}")
 class Deviation:
     """A feature's deviation from its CAD, in `unit` (mm or deg), +- expanded uncertainty (k sigma).
 
-    kind: what deviates, such as "position" or "angle". lower, upper: the tolerance, None where there is none on that
-    side. verdict: PASS, FAIL, UNDECIDED, or nothing where it was not judged.
+    kind: of deviation, such as "position" or "angle". lower, upper: the tolerance, None where there is none on that
+    side. verdict: PASS, FAIL, UNDECIDED, or empty where it was not judged.
     """
 
     feature: str
@@ -50,7 +50,7 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """A file that the result came from: its role ("photo", "cad", "camera", "tolerances" ...), its path, its hash."""
+    """A source of the result: its role ("photo", "cad", "camera", "tolerances" ...), its path, its hash."""
 
     role: str
     path: str
@@ -65,9 +65,9 @@ class Source:
 class Record:
     """One measurement of one part.
 
-    part: which kind of part; serial: which one of them; station: where it was measured; time: when, with its zone.
-    pose: where it was, None where it was not found. quality: of the pose, in [0, 1]. verdict: over all deviations,
-    nothing where nothing was judged; reason: one line for people. software: what measured. id: given by the record.
+    part: the kind of part; serial: the individual; station: where it was measured; time: when, with its zone. pose:
+    None where it was not found. quality: of the pose, in [0, 1]. verdict: over all deviations, empty where nothing was
+    judged; reason: one line for people. software: what measured. id: assigned by the record.
     """
 
     part: str

@@ -57,7 +57,7 @@ def source_rows(record: Record) -> list[Row]:
 def record_of(
     row: Mapping[str, Any], deviations: Iterable[Mapping[str, Any]], sources: Iterable[Mapping[str, Any]]
 ) -> Record:
-    """Return the record of a row of table measurement and the rows that belong to it, in their order."""
+    """Return the record of a row of table measurement and the rows that belong to it, in order."""
     return Record(
         **{name: row[name] for name in _PLAIN},
         time=row["time_utc"].replace(tzinfo=UTC),

@@ -35,14 +35,14 @@ measurement = Table(
 
 
 def _belongs() -> tuple[Column[str], Column[int]]:
-    """Return the columns of what belongs to a measurement: which one, and its place in the order."""
+    """Return the columns shared by tables of a measurement's details: the measurement, and the position in its list."""
     return (
         Column("measurement_id", Text, ForeignKey("measurement.id"), primary_key=True),
         Column("place", Integer, primary_key=True),
     )
 
 
-# lengths stand in the columns _mm, angles in those _deg, the others are null
+# lengths are in the columns _mm, angles in those _deg, the others are null
 deviation = Table(
     "deviation",
     tables,

@@ -1,8 +1,9 @@
 """The store of product state: an SQLite file at a station, a PostgreSQL database for a yard; one code for both.
 
-A record is there as a whole or not at all, and once `add` has returned no crash loses it: SQLite writes its journal and
-its folder to the disk before it goes on (synchronous=EXTRA), PostgreSQL its log (synchronous_commit, its default).
-Several programs may write at once; SQLite lets one after the other.
+A record is stored as a whole or not at all, and once `add` has returned no crash loses it: SQLite writes its journal
+and its folder to the disk first (synchronous=EXTRA), PostgreSQL its log (synchronous_commit, its default). Several
+programs may write at once; SQLite serialises them.
+
 """
 
 from __future__ import annotations
@@ -26,17 +27,17 @@ from cadcam.record import schema
 from cadcam.record.record import VERDICTS, Record
 from cadcam.record.rows import deviation_rows, measurement_row, record_of, source_rows
 
-_WAIT_S = 60  # how long one writer waits for the others
-_LOCK = 0x63616463  # PostgreSQL's advisory lock while tables are made
+_WAIT_S = 60  # timeout of a writer that waits for others
+_LOCK = 0x63616463  # PostgreSQL's advisory lock while tables are created
 _DRIVERS = {"postgresql": "postgresql+pg8000", "postgres": "postgresql+pg8000"}
 
 
 def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
     """Return the store in an SQLite file, or in the database of a URL postgresql://user:password@host:port/name.
 
-    PostgreSQL's driver is pg8000 unless the URL names another (postgresql+psycopg://...). A new store is made where
-    there is none, unless `create` is False. Raises `UnusableStore` where it cannot be opened, is none, or was written
-    by another version's tables, `MissingExtra` without a driver. Use it in a `with` block, or `close` it.
+    PostgreSQL's driver is pg8000 unless the URL names another (postgresql+psycopg://...). A new store is created where
+    there is none, unless `create` is False. Raises `UnusableStore` where it cannot be opened, is not a store, or has
+    another version's tables, `MissingExtra` without a driver. Use it in a `with` block, or `close` it.
     """
     url = _url(os.fspath(where))
     if url.get_backend_name() == "sqlite":
@@ -60,7 +61,7 @@ def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
 
 
 class Store:
-    """An open store; made by `open_store`."""
+    """An open store; created by `open_store`."""
 
     def __init__(self, engine: sql.Engine, name: str) -> None:
         self.name = name
@@ -80,9 +81,9 @@ class Store:
         self._engine.dispose()
 
     def add(self, *records: Record) -> None:
-        """Keep records, all of them or none: once this returns they are on the disk.
+        """Store records, all of them or none: once this returns they are on the disk.
 
-        Raises `UnusableStore` if one with the id of one of them is there already.
+        Raises `UnusableStore` if a record of the same id exists already.
         """
         with self._transaction(self._writing) as connection:
             for record in records:
@@ -107,10 +108,10 @@ class Store:
         feature: str | None = None,
         newest: int | None = None,
     ) -> list[Record]:
-        """Return the records that are all of what is asked for, oldest first; without arguments all of them.
+        """Return the records that match all arguments, oldest first; without arguments all of them.
 
         since, until: times with their zone, both included. verdict "" means: not judged. feature: only those with a
-        deviation of this name. newest: no more than this many, the latest of them.
+        deviation of this name. newest: at most this many, the latest of them.
         """
         equal = {"part": part, "serial": serial, "station": station, "verdict": verdict}
         if verdict:
@@ -127,7 +128,7 @@ class Store:
         return self._records(chosen)
 
     def reach(self) -> None:
-        """Connect once. Raises `UnusableStore`, also where the driver knows nothing of what the address asks for."""
+        """Connect once. Raises `UnusableStore`, also where the driver does not know an option in the address."""
         try:
             with self._transaction(self._engine):
                 pass
@@ -136,9 +137,9 @@ class Store:
             raise UnusableStore(self.name, f"its driver does not take all of the address ({error})", remedy) from None
 
     def prepare(self, *, create: bool) -> None:
-        """Make the tables where there are none; refuse those of another version."""
+        """Create the tables where there are none; refuse those of another version."""
         with self._transaction(self._writing if create else self._engine) as connection:
-            if connection.dialect.name == "postgresql":  # two programs that make the tables at once
+            if connection.dialect.name == "postgresql":  # two programs that create the tables at once
                 connection.execute(sql.select(sql.func.pg_advisory_xact_lock(_LOCK)))
             there = set(sql.inspect(connection).get_table_names())
             if schema.store.name in there:
@@ -174,7 +175,7 @@ class Store:
 
     @contextmanager
     def _transaction(self, engine: sql.Engine) -> Iterator[sql.Connection]:
-        """Yield a connection whose work is committed together; what the database says becomes one clear error."""
+        """Yield a connection whose work is committed as one transaction; database errors become one clear error."""
         try:
             with engine.begin() as connection:
                 yield connection
@@ -183,7 +184,7 @@ class Store:
 
 
 def _belonging(connection: sql.Connection, table: sql.Table, chosen: sql.Select[Any]) -> Mapping[str, list[Any]]:
-    """Return the rows of a table by the measurement that they belong to, in their order."""
+    """Return the rows of a table by the measurement that they belong to, in order."""
     rows = sql.select(table).where(table.c.measurement_id.in_(chosen)).order_by(table.c.measurement_id, table.c.place)
     out: dict[str, list[Any]] = defaultdict(list)
     for row in connection.execute(rows).mappings():
@@ -209,7 +210,7 @@ def _url(where: str) -> sql.URL:
 
 def _engine(url: sql.URL) -> sql.Engine:
     if url.get_backend_name() != "sqlite":
-        return sql.create_engine(url, pool_pre_ping=True)  # a connection that the network dropped is made anew
+        return sql.create_engine(url, pool_pre_ping=True)  # a connection dropped by the network is opened again
     engine = sql.create_engine(url, connect_args={"timeout": _WAIT_S})
     event.listen(engine, "connect", _sqlite_connected)
     event.listen(engine, "begin", _sqlite_begins)
@@ -217,13 +218,13 @@ def _engine(url: sql.URL) -> sql.Engine:
 
 
 def _sqlite_connected(connection: Any, _: Any) -> None:
-    connection.isolation_level = None  # transactions are begun below: the module's own leave out the making of tables
+    connection.isolation_level = None  # transactions begin below: the module's own exclude the creation of tables
     for pragma in ("foreign_keys=ON", "synchronous=EXTRA"):
         connection.execute(f"PRAGMA {pragma}")
 
 
 def _sqlite_begins(connection: sql.Connection) -> None:
-    """Take the writers' lock at once: two that read first and then both want to write would wait for each other."""
+    """Take the writers' lock at once: two that read first and then both want to write would deadlock."""
     writing = connection.get_execution_options().get("writing")
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writing else "BEGIN")
 
@@ -239,7 +240,7 @@ def _check_file(path: str, create: bool) -> None:
 
 
 def _explained(error: exc.DBAPIError) -> tuple[str, str]:
-    """Return reason and remedy of what a database said."""
+    """Return reason and remedy of a database error."""
     said = error.orig.args[0] if error.orig is not None and error.orig.args else error
     reason = str(said.get("M", said) if isinstance(said, dict) else said).splitlines()[0]
     if "not a database" in reason:

@@ -1,4 +1,4 @@
-"""How one feature comes out over many parts: mean, scatter, and how much of that is the measurement's own."""
+"""One feature over many parts: mean, scatter, and the measurement's own share of it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cadcam.record.record import Deviation, Record
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """The deviations of one feature, oldest first, each with the record that it stands in; all in `unit`."""
+    """The deviations of one feature, oldest first, each with its record; all in `unit`."""
 
     feature: str
     unit: str
@@ -34,7 +34,7 @@ class Trend:
 
     @property
     def measured_sigma(self) -> float:
-        """Return the standard uncertainty of one deviation, root mean square over all: part of `sigma` is this."""
+        """Return the standard uncertainty of one deviation, root mean square over all: it is part of `sigma`."""
         return float(np.sqrt(np.mean([(d.expanded_uncertainty / d.k) ** 2 if d.k else 0.0 for _, d in self.points])))
 
     @property
@@ -43,9 +43,9 @@ class Trend:
 
 
 def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -> Trend:
-    """Return how a feature came out in records, in their order; kind: which of its deviations, where it has several.
+    """Return the deviations of a feature in records, in their order; kind: of deviation, where it has several.
 
-    Raises `UnknownName` where no record has the feature or kind, `BadValue` where the feature's kinds are several and
+    Raises `UnknownName` where no record has the feature or kind, `BadValue` where the feature has several kinds and
     none was named, or where lengths and angles would be mixed.
     """
     named = [(r, d) for r in records for d in r.deviations if d.feature == feature]

@@ -1,4 +1,4 @@
-"""Blender: a Python snippet that sets the camera up, its values in one dict literal that is read back (never run).
+"""Blender: a Python snippet that sets up the camera, its values in one dict literal that is read back (never run).
 
 With sensor_fit HORIZONTAL: fx = lens W / sensor_width, fy = fx pixel_aspect_x / pixel_aspect_y, and for our pixels
 shift_x = -(cx - (W - 1)/2) / W, shift_y = (cy - (H - 1)/2) / W pixel_aspect_y / pixel_aspect_x. matrix_world is world
@@ -27,7 +27,7 @@ from cadcam.files.text import TextFile
 from cadcam.geometry.rigid import Rigid
 
 _MM = 1000.0
-_SENSOR_MM = 36.0  # Blender's own default: the width written where no pixel pitch is known
+_SENSOR_MM = 36.0  # Blender's own default, written where no pixel pitch is known
 _DICT = re.compile(r"^CAMERA\s*=\s*(?=\{)", re.MULTILINE)
 
 _SNIPPET = """\
@@ -98,7 +98,7 @@ def blender_values(camera: Camera, camera_from_world: Rigid | None, *, sensor_mm
         "sensor_width": float(sensor_mm),
         "shift_x": -(cx - (W - 1) / 2) / W,
         "shift_y": (cy - (H - 1) / 2) / W * ratio,
-        "pixel_aspect": (1.0, ratio) if ratio >= 1 else (1 / ratio, 1.0),  # Blender takes none below 1
+        "pixel_aspect": (1.0, ratio) if ratio >= 1 else (1 / ratio, 1.0),  # Blender accepts none below 1
         "resolution": (W, H),
         "matrix_world": None if camera_from_world is None else world_from_eye(camera_from_world, _MM).tolist(),
     }

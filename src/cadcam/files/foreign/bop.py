@@ -1,7 +1,7 @@
 """BOP data sets: camera.json beside scene_camera.json in a folder.
 
-Pixels and axes as here where a data set says nothing else (rendered training pictures may have cx = W/2); millimetres.
-camera.json has fx, fy, cx, cy and the size; scene_camera.json, a camera an image, the whole 3x3 cam_K and the pose
+Pixels and axes as here unless a data set states otherwise (rendered training pictures may have cx = W/2); millimetres.
+camera.json has fx, fy, cx, cy and the size; scene_camera.json, one camera per image, the whole 3x3 cam_K and the pose
 cam_R_w2c, cam_t_w2c. Source: bop_toolkit `docs/bop_datasets_format.md`.
 """
 
@@ -58,7 +58,7 @@ def read(source: ForeignFile) -> Foreign:
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
-    """Write both files; images are numbered 0, 1 ... as BOP wants them."""
+    """Write both files; images are numbered 0, 1 ... as BOP requires."""
     first = cameras[0].camera
     for named in cameras:
         if named.camera.size != first.size:

@@ -213,7 +213,7 @@ def _whole(file: TextFile, line: int, word: str) -> int:
 
 
 class _RecordReader:
-    """Little-endian records, each read checked against the file's end."""
+    """Little-endian records, each read checked against the end of the file."""
 
     def __init__(self, path: str, data: bytes) -> None:
         self.path, self.data, self.at = path, data, 0

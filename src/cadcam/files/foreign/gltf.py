@@ -58,7 +58,7 @@ def read(source: ForeignFile) -> Foreign:
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
-    """Write a camera and a node for each; near and far are 1 mm and none."""
+    """Write a camera and a node for each; near is 1 mm, and there is no far plane."""
     models, nodes = [], []
     for i, named in enumerate(cameras):
         camera = named.camera

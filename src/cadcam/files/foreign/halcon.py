@@ -27,7 +27,7 @@ from cadcam.files.text import TextFile, number_in
 from cadcam.geometry.rigid import Rigid
 
 _MM = 1000.0
-_PIXEL_MM = 0.005  # the pitch written where nothing is known: no pixel depends on it
+_PIXEL_MM = 0.005  # the pitch written where none is known: no pixel depends on it
 _ENTRY = re.compile(r"^[ \t]*(\w+)[ \t]*:[ \t]*\w*[ \t]*:\s*([^;]*);", re.MULTILINE)
 _DIVISION = ("Focus", "Kappa", "Sx", "Sy", "Cx", "Cy", "ImageWidth", "ImageHeight")
 _POLY = ("Poly1", "Poly2", "Poly3", "Poly4", "Poly5")

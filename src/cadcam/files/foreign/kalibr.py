@@ -1,4 +1,4 @@
-"""Kalibr's camchain: cam0, cam1 ... with intrinsics, distortion and the places of the cameras among each other.
+"""Kalibr's camchain: cam0, cam1 ... with intrinsics, distortion and the relative poses of the cameras.
 
 Pixel centres at integers; metres. T_cn_cnm1 takes points of camera n-1 to camera n; T_cam_imu points of the IMU frame
 to the camera. Models: pinhole with radtan, equidistant, fov or none; omni, eucm and ds with none.
@@ -47,7 +47,7 @@ def read(source: ForeignFile) -> Foreign:
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
-    """Write the chain; names become cam0, cam1 ... as Kalibr wants them."""
+    """Write the chain; names become cam0, cam1 ... as Kalibr requires."""
     lines: list[str] = []
     for i, named in enumerate(cameras):
         model = _written(named.camera)

@@ -1,4 +1,4 @@
-"""What of a camera a format cannot hold: found before anything is written, in words and in pixels."""
+"""What a format cannot hold of a camera: found before anything is written, in words and in pixels."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class RefusedLoss(CadcamError):
 
 
 def prepared(named: NamedCamera, form: Holder, *, fit: bool) -> tuple[NamedCamera, list[ConversionLoss]]:
-    """Return the camera as the format can hold it, and what that changed; the losses are not judged here."""
+    """Return the camera as the format can hold it, and the losses; these are not judged here."""
     camera, losses = _with_lens(named.camera, form.holds, fit=fit)
     for what, step, said in _STEPS:
         after = step(camera, form.holds)
@@ -63,7 +63,7 @@ def refuse(losses: Collection[ConversionLoss], allowed: Collection[str], title: 
 
 
 def fits(lens: Lens, holds: Holds) -> bool:
-    """Return whether a format has a place for every coefficient of this lens that is not zero."""
+    """Return whether a format can hold every coefficient of this lens that is not zero."""
     terms = holds.lenses.get(lens.name)
     return terms is not None and all(not value or name in terms for name, value in lens.parameters.items())
 
@@ -93,13 +93,13 @@ def _words(lens: Lens) -> str:
 
 
 def _less(lens: Lens, holds: Holds) -> Lens:
-    """Return what is left of a lens when the terms without a place are dropped."""
+    """Return the lens without the terms that the format cannot hold."""
     terms = holds.lenses.get(lens.name, ())
     kept = {name: value for name, value in lens.parameters.items() if name in terms}
     return LENSES[lens.name](**kept) if any(kept.values()) else Ideal()
 
 
-# left at zero: they are there for prisms and tilts, not to imitate other lenses with
+# kept at zero: they are meant for prisms and tilts, not to imitate other lenses
 _NOT_FITTED = ("s1", "s2", "s3", "s4", "tau_x", "tau_y")
 
 

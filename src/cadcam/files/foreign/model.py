@@ -1,4 +1,4 @@
-"""What a foreign format is: what it holds, how it is recognised, its reader and its writer."""
+"""The definition of a foreign format: what it holds, how it is recognised, its reader and its writer."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from cadcam.errors import UnknownName
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.geometry.rigid import Rigid
 
-Files: TypeAlias = Mapping[str, bytes]  # what a writer makes: content by name; "" is the path asked for
+Files: TypeAlias = Mapping[str, bytes]  # a writer's result: content by name; "" is the requested path
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NamedCamera:
-    """A camera with its name in a file, its pose if the file says it, and from our own files the estimate behind it."""
+    """A camera with its name in a file, its pose if the file gives one, and from our own files its estimate."""
 
     name: str
     camera: Camera
@@ -31,7 +31,7 @@ class NamedCamera:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Foreign:
-    """What a file was understood to hold: its cameras in our conventions, and sentences for the user.
+    """The contents of a file: its cameras in our conventions, and sentences for the user.
 
     format: the name in the table of formats.
     """
@@ -41,7 +41,7 @@ class Foreign:
     notes: tuple[str, ...] = ()
 
     def named(self, name: str | None) -> Foreign:
-        """Return the same with one camera only, chosen by its name or its number from 0; all of them for None."""
+        """Return the same with one camera only, chosen by its name or its index from 0; all of them for None."""
         if name is None:
             return self
         by_name = {camera.name: camera for camera in self.cameras}
@@ -53,7 +53,7 @@ class Foreign:
 
 @dataclass(frozen=True, slots=True)
 class ConversionLoss:
-    """Something that a format has no place for: `what` names it, `text` says it, `px` how far it moves pixels."""
+    """Something that a format cannot hold: `what` names it, `text` describes it, `px` how far it moves pixels."""
 
     what: str
     text: str
@@ -61,7 +61,7 @@ class ConversionLoss:
 
     @property
     def moves_pixels(self) -> bool:
-        """Return whether the written camera is another one: then it takes the user's word (`allow_loss`)."""
+        """Return whether the written camera differs: then the user's consent is required (`allow_loss`)."""
         return self.what in PIXEL_LOSSES
 
     def __str__(self) -> str:
@@ -73,11 +73,11 @@ PIXEL_LOSSES = ("lens", "skew", "aspect", "principal-point")
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """What a format has a place for.
+    """What a format can hold.
 
     lenses: for each lens model the coefficients it can have; others must be zero. skew: "ignored" where the file keeps
-    it but the format's own programs do not look at it. aspect: fx other than fy. pose: "relative" where only the
-    cameras' places among each other are kept. several: more than one camera. estimate: covariance and observations.
+    it but the format's own programs do not use it. aspect: fx other than fy. pose: "relative" where only the cameras'
+    relative poses are kept. several: more than one camera. estimate: covariance and observations.
     """
 
     lenses: Mapping[str, tuple[str, ...]]
@@ -92,7 +92,7 @@ class Holds:
 
 @dataclass(frozen=True, slots=True)
 class WriteOptions:
-    """How to write: the name asked for, millimetres per unit of length, pixel pitch in mm (None: not known)."""
+    """Options of a writer: the requested name, millimetres per unit of length, pixel pitch in mm (None: not known)."""
 
     name: str
     mm: float = 1.0
@@ -100,7 +100,7 @@ class WriteOptions:
 
 
 class Holder(Protocol):
-    """What `losses.prepared` asks of a target: its name for people, what it holds, and losses of its own."""
+    """The interface of a target for `losses.prepared`: its name for people, what it holds, and losses of its own."""
 
     @property
     def title(self) -> str:
@@ -109,17 +109,17 @@ class Holder(Protocol):
 
     @property
     def holds(self) -> Holds:
-        """Return what it has a place for."""
+        """Return what it can hold."""
         ...
 
     def extra_losses(self, named: NamedCamera, /) -> Sequence[ConversionLoss]:
-        """Return what else is lost of a camera that fits."""
+        """Return further losses of a camera that fits."""
         ...
 
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """One foreign format. unit is that of its lengths, None where it has none of its own; folder: it is written so."""
+    """One foreign format. unit is that of its lengths, None without one of its own; folder: written as a folder."""
 
     name: str
     title: str

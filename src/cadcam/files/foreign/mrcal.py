@@ -60,7 +60,7 @@ def read(source: ForeignFile) -> Foreign:
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
-    """Write one camera; without a pose it stands at the reference."""
+    """Write one camera; without a pose it is at the reference."""
     named = cameras[0]
     camera = named.camera
     model, terms = _model(camera.lens)
@@ -82,10 +82,10 @@ def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
 
 
 def literal(file: TextFile) -> Any:
-    """Return the dict literal in a file, its tuples as lists; `UnreadableFile` where it is none. Nothing is run."""
+    """Return the dict literal in a file, its tuples as lists; `UnreadableFile` without one. Nothing is executed."""
     try:
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # odd escapes in a string are no concern of the reader's
+            warnings.simplefilter("ignore")  # odd escapes in a string do not concern the reader
             value = ast.literal_eval(file.text.strip())
     except SyntaxError as error:
         raise UnreadableFile(
@@ -97,7 +97,7 @@ def literal(file: TextFile) -> Any:
 
 
 def plain(value: Any) -> Any:
-    """Return a literal in JSON's types; what has no such type becomes its text."""
+    """Return a literal in JSON's types; values without such a type become text."""
     if isinstance(value, dict):
         return {str(k): plain(v) for k, v in value.items()}
     if isinstance(value, (list, tuple)):

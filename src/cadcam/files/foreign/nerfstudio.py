@@ -33,7 +33,7 @@ def recognises(source: ForeignFile) -> bool:
 
 
 def read(source: ForeignFile) -> Foreign:
-    """Return a camera for each frame; what a frame does not say is that of the file."""
+    """Return a camera for each frame; values missing in a frame are those of the file."""
     root = parsed(source.text())
     frames = root.at("frames")
     if not isinstance(frames.value, list):
@@ -61,7 +61,7 @@ def read(source: ForeignFile) -> Foreign:
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
-    """Write a frame for each camera that has a pose, each with its own intrinsics; one camera's stand at the top."""
+    """Write a frame for each camera that has a pose, each with its own intrinsics; a single camera's are at the top."""
     same = all(named.camera is cameras[0].camera for named in cameras)
     for named in cameras:
         if named.camera_from_world is None and len(cameras) > 1:

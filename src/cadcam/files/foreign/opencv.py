@@ -1,4 +1,4 @@
-"""OpenCV's FileStorage: YAML, XML or JSON as its calibration samples write them.
+"""OpenCV's FileStorage: YAML, XML or JSON as written by its calibration samples.
 
 Pixel centres at integers, x right, y down, z forward: as here. Distortion k1 k2 p1 p2 [k3 [k4 k5 k6 [s1..s4 [tx ty]]]],
 or k1..k4 of cv::fisheye where fisheye_model is set. extrinsic_parameters: one row (rotation vector, translation) a
@@ -26,7 +26,7 @@ from cadcam.files.yamltext import parsed_yaml
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-# names of the matrix and of the distortion as samples and common programs write them; a pair a camera
+# names of the matrix and of the distortion in samples and common programs; one pair per camera
 _NAMES = (
     ("camera_matrix", "distortion_coefficients"),
     ("Camera_Matrix", "Distortion_Coefficients"),
@@ -70,7 +70,7 @@ def read(source: ForeignFile) -> Foreign:
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
-    """Write one camera, YAML or (by the name's end) XML; its pose as the one view."""
+    """Write one camera, YAML or (by the name's suffix) XML; its pose as the one view."""
     named = cameras[0]
     camera = named.camera
     values: dict[str, Any] = {"image_width": camera.width, "image_height": camera.height}

@@ -1,4 +1,4 @@
-"""Our own camera file among the others, so that it converts to them and from them."""
+"""Our own camera file among the foreign formats, so that it converts to them and from them."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from cadcam.files.jsontext import as_json
 
 
 def recognises(source: ForeignFile) -> bool:
-    """Return whether this is a camera file of ours, or written by hand after its rules."""
+    """Return whether this is a camera file of ours, or one written by hand in its format."""
     head = source.head()
     return bool(re.search(rf'"format"\s*:\s*"{OWN}"', head)) or (
         head.lstrip().startswith("{") and '"size_px"' in head and ('"K_px"' in head or '"fx_px"' in head)
@@ -28,7 +28,7 @@ def read(source: ForeignFile) -> Foreign:
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
-    """Write one camera with its pose, or its estimate with all that belongs to it."""
+    """Write one camera with its pose, or its estimate with all its data."""
     named = cameras[0]
     if named.estimate is not None:
         return {"": as_json(camera_as_json(named.estimate))}

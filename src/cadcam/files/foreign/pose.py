@@ -1,4 +1,4 @@
-"""Poses as foreign files have them: rotations of few digits, OpenGL's eye axes, units of length."""
+"""Poses in foreign files: rotations of few digits, OpenGL's eye axes, units of length."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All formats: which one a file is, reading any, writing any with a report of what is lost."""
+"""All formats: recognising a file, reading any, writing any with a report of what is lost."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ from cadcam.files.foreign.source import ForeignFile
 from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
 
-# name: module and the format in it; in the order in which they are asked whether a file is theirs
+# name: module and the format in it; in the order in which a file is tested for them
 _HOME = {
     "cadcam": ("own", "FORMAT"),
     "metashape": ("metashape", "FORMAT"),
@@ -51,16 +51,16 @@ _SUFFIX = {
     ".usda": "usd",
 }
 
-_WRONG_PX = 1e-6  # far above rounding, far below anything seen: more is a bug of ours, and nothing is written
+_WRONG_PX = 1e-6  # far above rounding, far below anything visible: more is a bug of ours, and nothing is written
 
 T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Written:
-    """What was written: the files, what the format could not hold, and how far it is off when read back, px.
+    """The result of writing: the files, what the format could not hold, and the error when read back, px.
 
-    read_back_px compares with the camera that was to be written after its losses: rounding, or it is a bug.
+    read_back_px is relative to the camera after its losses: rounding, or a bug.
     """
 
     format: str
@@ -80,7 +80,7 @@ def format_named(name: str) -> Format:
 
 
 def format_of(source: ForeignFile) -> Format:
-    """Return the format that a file's content shows; `UnreadableFile` if none does."""
+    """Return the format recognised from a file's content; `UnreadableFile` if none matches."""
     if not source.is_folder and not source.data():
         raise UnreadableFile(source.path, "is empty", "copy it again from its source")
     for name in NAMES:
@@ -108,8 +108,8 @@ def read_cameras(
 ) -> Foreign:
     """Return the cameras of a file or folder of any known format, in our conventions.
 
-    format_name: one of `NAMES`, else the content decides. size: the picture's, for formats that have none. unit: of the
-    file's lengths where its format has none; mm if not said, and a note says so. Raises `UnreadableFile`.
+    format_name: one of `NAMES`, else recognised from the content. size: the picture's, for formats that have none.
+    unit: of the file's lengths where its format has none; mm by default, with a note. Raises `UnreadableFile`.
     """
     mm = MM[unit_name(unit)] if unit is not None else 1.0
     source = ForeignFile(os.fspath(path), size=size, mm=mm)
@@ -138,13 +138,13 @@ def write_cameras(
     allow_loss: Collection[str] = (),
     fit: bool = False,
 ) -> Written:
-    """Write a camera, or all that was read from a file, in the format named, else the one that the suffix decides.
+    """Write a camera, or all contents of a file, in the named format, else the one that the suffix determines.
 
     Nothing is dropped silently: `Written.losses` lists it, and what moves pixels (lens, skew, aspect, principal-point)
-    is refused with `RefusedLoss` unless it is named in allow_loss ("all": any). fit: a lens without a place gives way
-    to the nearest that has one, its largest error in px told. unit: of the lengths written, where the format has none
-    of its own (mm). pixel_mm: the pixel pitch, where the format wants a sensor in mm. The files are read back before
-    they are written to disk.
+    is refused with `RefusedLoss` unless it is named in allow_loss ("all": any). fit: a lens that the format cannot hold
+    is replaced by the nearest that it can, and its largest error in px is reported. unit: of the lengths written, where
+    the format has none of its own (mm). pixel_mm: the pixel pitch, where the format requires a sensor in mm. The files
+    are read back before they are written to disk.
     """
     form = format_for(path) if format_name is None else format_named(format_name)
     target = WriteOptions(os.fspath(path), _mm_written(form, unit), pixel_mm)
@@ -183,7 +183,7 @@ def _as_named(cameras: Camera | NamedCamera | Foreign, pose: Rigid | None) -> li
 
 
 def _chosen(named: list[NamedCamera], form: Format) -> tuple[list[NamedCamera], list[str]]:
-    """Return what a format for one camera can take of several: the camera itself where all are the same."""
+    """Return what a format for one camera can hold of several: the camera itself where all are the same."""
     if not named:
         raise BadValue("cameras", "none", "at least one")
     if form.holds.several or len(named) == 1:
@@ -228,7 +228,7 @@ def _poses_agree(meant: Sequence[NamedCamera], found: Sequence[NamedCamera], for
 
 
 def _renamed(meant: Sequence[NamedCamera], found: Sequence[NamedCamera]) -> list[ConversionLoss]:
-    """Return the loss of names, which only several cameras need."""
+    """Return the loss of names, which matters only for several cameras."""
     pairs = [f"{a.name} is now {b.name}" for a, b in zip(meant, found, strict=True) if a.name != b.name]
     return (
         [ConversionLoss("names", ", ".join(pairs[:6]) + (", ..." if len(pairs) > 6 else ""))]
@@ -242,7 +242,7 @@ def _read(form: Format, source: ForeignFile) -> Foreign:
 
 
 def _guarded(path: str, job: Callable[[], T]) -> T:
-    """Run a reader: what its values cannot be becomes an error that names the file."""
+    """Run a reader: invalid values become an error that names the file."""
     try:
         with np.errstate(all="ignore"):
             return job()

@@ -15,10 +15,10 @@ MAX_BYTES = 256_000_000
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ForeignFile:
-    """Where a reader reads: `path` as given, with what the caller says that the file does not.
+    """The input of a reader: `path` as given, with the caller's values for what the file does not state.
 
     size: the picture's (width, height) for formats without one. mm: millimetres per unit of length for formats without
-    a unit. memory: the files' content by name in place of the disk's ("" is `path` itself).
+    a unit. memory: the files' content by name instead of the disk's ("" is `path` itself).
     """
 
     path: str
@@ -58,14 +58,14 @@ class ForeignFile:
         return text_of(self.at(name), self.data(name))
 
     def head(self, name: str = "") -> str:
-        """Return the first 64 kB as text to tell the format from, whatever the bytes are; "" for a folder."""
+        """Return the first 64 kB as text to recognise the format from, whatever the bytes are; "" for a folder."""
         if self.is_folder and not name:
             return ""
         data = self.data(name)[:65536]
         return data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig", errors="replace")
 
     def needed_size(self, what: str) -> tuple[int, int]:
-        """Return the picture's size that the caller gave; an error if it is needed and missing."""
+        """Return the picture's size given by the caller; an error if it is required and missing."""
         if self.size is None:
             raise UnreadableFile(self.path, f"{what} has no picture size", "say it: --size WIDTHxHEIGHT")
         return self.size

@@ -30,11 +30,11 @@ from cadcam.files.jsontext import Place
 from cadcam.geometry import rotation as so3
 
 _UNIT_MM = 10.0  # a scene unit of 1 cm, USD's default: focal lengths are then in mm
-_APERTURE_MM = 36.0  # the width written where no pixel pitch is known: no pixel depends on it
+_APERTURE_MM = 36.0  # written where no pixel pitch is known: no pixel depends on it
 
 
 def recognises(source: ForeignFile) -> bool:
-    """Return whether this is USD, in text or not."""
+    """Return whether this is USD, in its text form or another."""
     if source.is_folder:
         return False
     return source.data()[:8] == b"PXR-USDC" or source.head().lstrip().startswith("#usda")
@@ -183,7 +183,7 @@ def _is_size(value: Any) -> bool:
 
 
 def _identifiers(cameras: Sequence[NamedCamera]) -> list[str]:
-    """Return names that USD takes: letters, digits and underscores, each once."""
+    """Return names that are valid in USD: letters, digits and underscores, each once."""
     out: list[str] = []
     for named in cameras:
         name = re.sub(r"\W", "_", named.name, flags=re.ASCII)
@@ -193,7 +193,7 @@ def _identifiers(cameras: Sequence[NamedCamera]) -> list[str]:
 
 
 def _losses(named: NamedCamera) -> list[ConversionLoss]:
-    """Return what USD's own rounding of the five numbers to floats does."""
+    """Return the loss from USD's own rounding of the five numbers to floats."""
     camera = named.camera
     rounded = {key: float(np.float32(value)) for key, value in _values(camera, _APERTURE_MM).items()}
     place = Place("", (), rounded)

@@ -1,4 +1,4 @@
-"""The part of USD's text form that places cameras: prims, their attributes and children, nothing composed."""
+"""The part of USD's text form needed for cameras: prims, their attributes and children, without composition."""
 
 from __future__ import annotations
 
@@ -109,7 +109,7 @@ class _Parser:
         return prim
 
     def attribute(self, into: dict[str, Any], depth: int) -> None:
-        """Take words up to "=" and a value; without a value nothing is kept."""
+        """Consume words up to "=" and a value; without a value nothing is kept."""
         name = ""
         while (kind := self.take())[0] == "word":
             name = kind[1]

@@ -1,8 +1,8 @@
-"""Cameras as the parameters that viewers and renderers want: pyvista, pyrender, Open3D, trimesh, Blender.
+"""Cameras as the parameters of viewers and renderers: pyvista, pyrender, Open3D, trimesh, Blender.
 
 Plain numbers for the packages' own calls; none of them is imported. All but Open3D's pictures from depth count pixels
-from the corner of the picture, half a pixel from ours, and all but Open3D look along -z with y up. None distorts: a
-lens is refused unless its loss is allowed (render the ideal camera, then distort the picture).
+from the corner of the picture, half a pixel from ours, and all but Open3D look along -z with y up. None has distortion:
+a lens is refused unless its loss is allowed (render the ideal camera, then distort the picture).
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def viewer_parameters(
     far_mm: float = 100_000.0,
     allow_loss: Collection[str] = (),
 ) -> dict[str, Any]:
-    """Return what `package` ("pyvista", "pyrender", "open3d", "trimesh", "blender") wants of a camera, by name.
+    """Return the parameters of a camera for `package` ("pyvista", "pyrender", "open3d", "trimesh", "blender"), by name.
 
     Lengths in `unit`, that of the viewer's scene. What the keys are for, each as the package takes it:
     pyvista: position, focal_point, up, view_angle (vertical, deg), clipping_range, window_size; window_center for

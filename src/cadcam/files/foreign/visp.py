@@ -106,14 +106,14 @@ def _model(camera: Camera) -> tuple[str, dict[str, float]]:
 
 
 def _fitted_kdu(camera: Camera) -> float:
-    """Return the kdu with which m (1 + kdu |m|^2) comes nearest to the ideal point, over the picture."""
+    """Return the kdu for which m (1 + kdu |m|^2) is nearest to the ideal point, over the picture."""
     m, u = _planes(camera)
     cubed = m * np.sum(m * m, axis=-1, keepdims=True)
     return float(np.sum(cubed * (u - m)) / np.sum(cubed * cubed))
 
 
 def _inverse_error(camera: Camera, kdu: float) -> float:
-    """Return how far, in px of the ideal picture, ViSP's inverse is from the true one at most."""
+    """Return the largest error, in px of the ideal picture, of ViSP's inverse."""
     m, u = _planes(camera)
     off = m * (1 + kdu * np.sum(m * m, axis=-1, keepdims=True)) - u
     return float(np.abs(off * [camera.fx, camera.fy]).max(initial=0.0))

@@ -1,4 +1,4 @@
-"""XML with a place, hardened: no document type, hence no entities that grow or reach out."""
+"""XML with positions for errors, hardened: no document type, hence no entities that expand or load other files."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from cadcam.files.text import TextFile
 
 @dataclass(frozen=True, slots=True)
 class Node:
-    """An XML element and the file it stands in."""
+    """An XML element and the file it is in."""
 
     path: str
     element: ElementTree.Element
