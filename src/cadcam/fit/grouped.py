@@ -1,17 +1,18 @@
-"""Linear regression on data that err in groups: noise of each datum, scatter within groups, an offset for each group.
+"""Linear regression on grouped data: noise of each datum, scatter within groups, an offset for each group.
 
     y_i = J_i x + e_group(i) + a_family(group(i)) + n_i
     var n_i = (1 + excess) variance_i + within^2
     var e_g = share expected_g + relative_g own^2,   var a_f = relative_f alike^2,   between^2 = own^2 + alike^2
 
-The noise of measuring is known but for a factor: what else acts on the brightness beside an edge, grain and texture,
-shifts faint edges more than clear ones, as noise does; what a model lacks shifts all alike. Groups of one family, such
-as the pieces of one line, have an offset in common as well as their own. By what groups are off for a reason that they
-do not share alike is expected, but may not be there: share is 0 or 1. The other variances are estimated with x: those
-within groups by moments, those between groups and families by restricted likelihood (Patterson and Thompson, Biometrika
-58, 1971). With few of them a large variance explains a wrong x as well, and a maximum says little: x and its covariance
-are averaged over the whole range of both and both shares, each with its likelihood and half-Cauchy priors of usual size
-(Gelman, Bayesian Analysis 1, 2006). Data far off their group and groups far off the rest count less or not at all.
+The measurement noise is known up to a factor: other influences on the brightness beside an edge, such as grain and
+texture, shift faint edges more than clear ones, as noise does; a deficient model shifts all alike. Groups of one
+family, such as the pieces of one line, share an offset besides their own. Groups may have an expected variance of
+offsets, for a reason that they do not share, which may be absent: share is 0 or 1. The other variances are estimated
+with x: those within groups by moments, those between groups and families by restricted likelihood (Patterson and
+Thompson, Biometrika 58, 1971). With few groups a large variance explains a wrong x as well, and the maximum is not
+informative: x and its covariance are averaged over the whole range of both and both shares, weighted by likelihood and
+half-Cauchy priors of the usual scale (Gelman, Bayesian Analysis 1, 2006). Data far off their group and groups far off
+the rest are downweighted or rejected.
 """
 
 from __future__ import annotations
@@ -25,19 +26,19 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.native.grouped import Tried, reweighted_fit
 
-# Variances between groups, roots, in usual ones, and how much of the range each stands for: half-Cauchy.
+# Grid of standard deviations between groups, in units of the usual one, and quadrature weights of the half-Cauchy.
 _RANGE, _OF_FAMILIES = (np.concatenate([[0.0], np.geomspace(0.05, 60.0, n)]) for n in (17, 9))
 _PRIOR, _FAMILY_PRIOR = (np.log(np.gradient(r)) - np.log1p(r**2) for r in (_RANGE, _OF_FAMILIES))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Groups:
-    """Which of G groups each datum is of (n,), ascending numbers, none left out; and what is known of how groups err.
+    """The group of each datum (n,), ascending from 0 to G - 1 without gaps; and prior knowledge of the groups' offsets.
 
-    relative (G,): how the variances of their offsets compare, default all 1. expected (G,): variance between them that
-    is to be expected, default none. exact (G,): groups without an offset or scatter of their own, believed as they are;
-    whole families are. family (G,): ascending numbers of what groups belong to, default none to anything;
-    family_relative (F,): how the variances of what these have in common compare, default all 1.
+    relative (G,): relative variances of their offsets, default all 1. expected (G,): expected variance between them,
+    default none. exact (G,): groups without an offset or scatter of their own, taken as exact; whole families are.
+    family (G,): ascending indices of the groups' families, default each on its own; family_relative (F,): relative
+    variances of the families' common offsets, default all 1.
     """
 
     of: Longs
@@ -50,13 +51,13 @@ class Groups:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GroupedFit:
-    """The parameters x (k,), their covariance (k, k), and what the data say about themselves.
+    """The parameters x (k,), their covariance (k, k), and the estimated variances and weights of the data.
 
     excess: share by which variances within groups exceed the known ones; within, between: standard deviations beyond
     that, within groups and of the offset of a group of relative variance 1, of which alike is common to its family.
-    weight (n,) in [0, 1]: how far each datum counts by itself; of_group (G,) the same of each group; offset (G,) each
-    group's mean residual, sd_offset (G,) its noise, off (G,) the sd that the offset itself is taken to have. group
-    (n,): of each datum, family (G,): of each group. gain (k, n): dx/dy, by which what shifts the data shifts x.
+    weight (n,) in [0, 1]: of each datum by itself; of_group (G,) the same of each group; offset (G,) each group's mean
+    residual, sd_offset (G,) its noise, off (G,) the standard deviation assumed for the offset itself. group (n,): of
+    each datum, family (G,): of each group. gain (k, n): dx/dy, the response of x to shifts of the data.
     """
 
     x: Array
@@ -78,7 +79,7 @@ class GroupedFit:
     def dof(self) -> float:
         """Return the degrees of freedom of the scatter between groups, at least 1.
 
-        Of its two parts together, as B. L. Welch adds them (Biometrika 34, 1947).
+        For the sum of its two parts, after B. L. Welch (Biometrika 34, 1947).
         """
         counts = np.maximum.reduceat(self.of_group, np.flatnonzero(np.diff(self.family, prepend=-1)))
         groups, families = (max(float(a.sum()) - len(self.x), 1.0) for a in (self.of_group, counts))
@@ -99,9 +100,9 @@ def grouped_fit(
 ) -> GroupedFit:
     """Return the fit of y (n,) by J (n, k) with known variances (n,) of data that err in groups.
 
-    usual: a usual standard deviation between groups. uneven: groups that are off are so unevenly: within is at least
+    usual: a usual standard deviation between groups. uneven: groups with an offset are also uneven: within is at least
     this share of between. Robust fits start from x = 0, near which half of the other data must lie. Raises
-    `DegenerateGeometry` where the data leave a parameter open.
+    `DegenerateGeometry` where the data do not determine a parameter.
     """
     if len(y) < J.shape[1]:
         raise DegenerateGeometry("too few edges were found to determine the pose")
@@ -124,7 +125,7 @@ def grouped_fit(
 
 
 def _tried(groups: Groups, scatter: Array, usual: float) -> Tried:
-    """Return what variances between groups are tried: of all sizes, with what is expected and without."""
+    """Return the grid of variances between groups: of all sizes, with the expected ones and without."""
     n = len(scatter)
     expected = np.zeros(n) if groups.expected is None else groups.expected * scatter
     shares = (0.0, 1.0) if expected.any() else (0.0,)

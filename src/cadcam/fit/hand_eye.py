@@ -1,7 +1,7 @@
 """Closed forms of the hand-eye equations A X = X B (motions between poses) and R X = Z S (poses), without a guess.
 
-Throughout, `base_from_flange` (n) are a robot's poses, `flange_from_held` = X is where something held by the flange
-sits on it, and `held_from_fixed` (n) is how that thing and one that stands still see each other:
+Throughout, `base_from_flange` (n) are a robot's poses, `flange_from_held` = X is the pose of the object held by the
+flange, and `held_from_fixed` (n) is the pose of a fixed object in the frame of the held one:
 
     base_from_flange[i] @ flange_from_held @ held_from_fixed[i] = base_from_fixed = Z      for every i.
 
@@ -9,7 +9,7 @@ Eye-in-hand: the camera is held and the target stands still; eye-to-hand: the ta
 still. One equation serves both. Eliminating Z between two poses gives A X = X B (EQ 3.192 of the thesis) with
 A = inv(base_from_flange[j]) @ base_from_flange[i] and B = held_from_fixed[j] @ inv(held_from_fixed[i]).
 
-Weights are one positive number a motion or pose, the inverse of its variance up to a common factor.
+Weights are one positive number per motion or pose, the inverse of its variance up to a common factor.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ from cadcam.errors import DegenerateGeometry, TooFewPoints
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_PAIRS = 20_000  # beyond about 200 poses a regular part of the pairs is as good as all
-_HALF_TURN = np.radians(172.0)  # above it the axis of a noisy rotation may come out reversed
+_PAIRS = 20_000  # beyond about 200 poses a regular subset of the pairs is as good as all
+_HALF_TURN = np.radians(172.0)  # above it the axis of a noisy rotation may be reversed
 _RANK = 1e-9
 
 _HALF_TURNS = np.stack([np.eye(3), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])])

@@ -61,8 +61,8 @@ def minimise(problem: Problem[State], start: State, options: Options | None = No
 def cofactor(jacobian: Array, names: Sequence[str], *, rank_tolerance: float = 1e-10) -> Array:
     """Return (J^T J)^-1 (n, n): the covariance of the parameters for residuals of unit noise.
 
-    Raises `DegenerateGeometry` naming the combination of parameters that the residuals do not see: a singular value of
-    J (columns scaled to one) below `rank_tolerance` of the largest.
+    Raises `DegenerateGeometry` naming the combination of parameters that the residuals do not determine: a singular
+    value of J (columns scaled to one) below `rank_tolerance` of the largest.
     """
     scale = column_norms(jacobian)
     enough = np.zeros((max(0, len(names) - len(jacobian)), len(names)))  # rows at least as many as columns: Vt is whole
@@ -94,7 +94,7 @@ class _Linearised:
         return np.asarray(-(self.Vt.T @ (self._filter(damping) * self.along)) / self.scale)
 
     def promise(self, damping: float) -> float:
-        """Return by how much the linear model says that the sum of squares falls."""
+        """Return the decrease of the sum of squares predicted by the linear model."""
         left = 1 - self._filter(damping) * self.s
         return float(np.sum((1 - left**2) * self.along**2))
 
@@ -120,7 +120,7 @@ def column_norms(J: Array) -> Array:
 
 
 def combination(weights: Array, direction: Array, names: Sequence[str]) -> str:
-    """Return words for a direction (n,): the parameters that carry at least a tenth of it by weight (n,)."""
+    """Return a description of a direction (n,): the parameters that have at least a tenth of it by weight (n,)."""
     order = [i for i in np.argsort(-np.abs(weights)) if abs(weights[i]) >= 0.1 * np.abs(weights).max()]
     if len(order) == 1:
         return f"{names[order[0]]}"

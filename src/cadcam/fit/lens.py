@@ -1,4 +1,4 @@
-"""One camera's picture by another lens: the coefficients and intrinsics of a given model that come nearest."""
+"""A camera with one lens approximated by another: the nearest coefficients and intrinsics of a given model."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from cadcam.fit.least_squares import minimise
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refit:
-    """A camera with another lens, and how far it is from the one it stands for: largest and rms distance in px."""
+    """A camera with another lens, and its difference from the original: largest and rms distance in px."""
 
     camera: Camera
     max_px: float
@@ -25,7 +25,7 @@ class Refit:
 
 
 def refitted(camera: Camera, model: str, terms: Sequence[str]) -> Refit:
-    """Return the camera with lens `model`, of which only `terms` are free, that images every direction most alike.
+    """Return the camera with lens `model`, of which only `terms` are free, that is nearest to the given one.
 
     Least squares of pixel distances over 21 x 15 pixels of the picture, in fx, fy, cx, cy and the terms; skew is kept.
     Raises `NotConverged` where the model cannot image the picture at all.
@@ -58,7 +58,7 @@ class _Problem:
         return np.array([c.fx, c.fy, *c.principal_point, *(first[term] for term in self.terms)])
 
     def residuals_and_jacobian(self, state: Array) -> tuple[Array, Array]:
-        """Return the distances (2 N,) px in x and y and their Jacobian; not finite where the state is no camera."""
+        """Return the distances (2 N,) px in x and y and their Jacobian; not finite where the state is not a camera."""
         try:
             camera = self.camera(state)
         except BadValue:

@@ -1,7 +1,7 @@
-"""The one loop behind every fit: Levenberg-Marquardt down to rounding, on states that it never looks into.
+"""The loop behind every fit: Levenberg-Marquardt down to rounding, on opaque states.
 
-Whoever brings the linear algebra (`fit.least_squares` dense, `fit.block_least_squares` with blocks eliminated) gives a
-linearisation that knows its cost, the step for a damping, and by how much that step should lower the cost. Sources:
+The callers' linear algebra (`fit.least_squares` dense, `fit.block_least_squares` with blocks eliminated) provides a
+linearisation with its cost, the step for a damping, and the decrease of the cost predicted for that step. Sources:
 Marquardt (1963); the column scaling of More, "The Levenberg-Marquardt algorithm: implementation and theory" (1978); the
 gain ratio of Madsen, Nielsen, Tingleff (2004).
 """
@@ -18,7 +18,7 @@ from cadcam.errors import NotConverged
 
 
 class Linearised(Protocol):
-    """A least-squares problem at one state, made linear."""
+    """A least-squares problem linearised at one state."""
 
     @property
     def cost(self) -> float:
@@ -26,11 +26,11 @@ class Linearised(Protocol):
         ...
 
     def step(self, damping: float) -> Any:
-        """Return the step of the damped linear problem, in whatever form `retract` takes."""
+        """Return the step of the damped linear problem, in the form that `retract` takes."""
         ...
 
     def promise(self, damping: float) -> float:
-        """Return by how much the linear problem says that this step lowers the cost."""
+        """Return the decrease of the cost that the linear problem predicts for this step."""
         ...
 
 
@@ -40,11 +40,11 @@ Model = TypeVar("Model", bound=Linearised)
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """When to stop.
+    """Stopping criteria.
 
-    settled: a step that promises less than this share of the cost ends the damped iterations; full steps follow until
-    one promises less than `enough`, 0 for down to rounding. floor: residual changes below this (in the residuals' unit)
-    are rounding, whatever the sum of squares is.
+    settled: a step with a predicted relative decrease below this ends the damped iterations; full steps follow until
+    one is below `enough`, 0 for down to rounding. floor: residual changes below this (in the residuals' unit) are
+    rounding, whatever the sum of squares is.
     """
 
     max_iterations: int = 200
@@ -56,7 +56,7 @@ class Options:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum(Generic[State, Model]):
-    """Where the loop ended: the state, the problem made linear there, and the iterations taken."""
+    """The end of the loop: the state, the problem linearised there, and the number of iterations."""
 
     state: State
     model: Model
@@ -64,7 +64,7 @@ class Minimum(Generic[State, Model]):
 
 
 class Stalled(NotConverged):
-    """The iterations ran out on a slope: often towards a limit that is no state at all. Carries where it stood."""
+    """The iterations ran out on a slope: often towards a limit that is not a state. Carries the last state."""
 
     def __init__(self, iterations: int, sum_of_squares: float, promised: float) -> None:
         super().__init__(
@@ -82,9 +82,9 @@ def levenberg_marquardt(
 ) -> Minimum[State, Model]:
     """Return the local minimum reached from `start`.
 
-    linearise(state, earlier) makes the problem linear; from `earlier`, where it is given, it takes over the column
-    scale, which only grows. Converges quadratically for small residuals; the last steps are undamped and end where
-    rounding does. Raises `NotConverged` if the start is forbidden, `Stalled` if the iterations run out.
+    linearise(state, earlier) linearises the problem; from `earlier`, if given, it takes over the column scale, which
+    only grows. Converges quadratically for small residuals; the last steps are undamped and end at rounding. Raises
+    `NotConverged` if the start is forbidden, `Stalled` if the iterations run out.
     """
     options = Options() if options is None else options
     state, now = start, linearise(start, None)

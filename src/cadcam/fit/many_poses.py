@@ -116,7 +116,7 @@ def _starts(camera: Camera, p: Array, q: Array) -> tuple[Array, Array]:
 
 
 def _spread(p: Array, seen: Array, count: int) -> Longs:
-    """Return `count` indices of spread points; views of fewer points give padding in place of the rest."""
+    """Return `count` indices of spread points; views of fewer points give padding instead of the rest."""
     chosen = np.flatnonzero(seen > 0)[spread_subset(p[seen > 0], count)]
     padding = np.flatnonzero(seen == 0)[: count - len(chosen)]
     return np.concatenate([chosen, padding])
@@ -139,7 +139,7 @@ def _flipped(p: Array, R: Array, t: Array) -> tuple[Array, Array]:
 def _descended(
     camera: Camera, views: PaddedViews, owner: Longs, R: Array, t: Array, iterations: int
 ) -> tuple[Array, Array, Array]:
-    """Levenberg-Marquardt on each pose by itself, all that still move as one batch."""
+    """Levenberg-Marquardt on each pose by itself, all unconverged ones as one batch."""
     R, t, damping = R.copy(), t.copy(), np.full(len(R), 1e-4)
     cost, A, g = _normal_equations(camera, R, t, views, owner)
     moving = np.flatnonzero(np.isfinite(cost))
@@ -175,7 +175,7 @@ def _normal_equations(
 
 
 def _two_lowest(owner: Longs, n: int, R: Array, cost: Array) -> tuple[Longs, Longs]:
-    """Return for each view the lowest minimum and the lowest that is another one, -1 where there is none."""
+    """Return for each view the lowest minimum and the lowest distinct one, -1 where there is none."""
     first, second = np.full(n, -1), np.full(n, -1)
     for i in np.argsort(cost, kind="stable")[: np.count_nonzero(np.isfinite(cost))]:
         view = owner[i]
@@ -187,7 +187,7 @@ def _two_lowest(owner: Longs, n: int, R: Array, cost: Array) -> tuple[Longs, Lon
 
 
 def _ordered(R: Array, t: Array, cost: Array) -> TwoPoses:
-    """Return both poses of every view, the lower first, two that became one counted once."""
+    """Return both poses of every view, the lower first; two that converged to one count once."""
     same = np.linalg.norm(R[:, 0] - R[:, 1], axis=(1, 2)) <= _APART
     cost[same, 1] = np.inf
     order = np.argsort(cost, axis=1, kind="stable")

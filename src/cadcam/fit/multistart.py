@@ -1,4 +1,4 @@
-"""Many starts at once: which basins there are, found by descending from all starts together as one batch of arrays."""
+"""Many starts at once: the basins of a cost, found by minimising from all starts together as one batch of arrays."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.fit.camera_model import CameraModel
 
-_SETTLED = 1e-10  # a step that promises less than this share of the cost tells no basins apart
+_SETTLED = 1e-10  # steps with a smaller predicted relative decrease do not separate basins
 
 
 def descend(model: CameraModel, states: Array, iterations: int = 20) -> tuple[Array, Array]:
     """Return the states (B, k) after at most `iterations` of Levenberg-Marquardt each, and their sums of squares (B,).
 
-    Normal equations with scaled columns: good to about 1e-8, enough to tell basins apart; the winner is then polished
-    by `least_squares.minimise`. States that image nothing stay as they are, with cost inf.
+    Normal equations with scaled columns: good to about 1e-8, enough to separate basins; the best is then refined by
+    `least_squares.minimise`. States that image nothing are unchanged, with cost inf.
     """
     states = states.copy()
     r, J = model.residuals_and_jacobian(states)

@@ -10,11 +10,12 @@ from cadcam.arrays import Array, Longs
 def p3p(p_world: Array, rays: Array) -> tuple[Array, Array]:
     """Return focal centres (S, 3) mm and rotations (S, 3, 3) camera_from_world of a batch of triples, up to 4 each.
 
-    p_world (B, 3, 3): three points a row; rays (B, 3, 3): unit directions in the camera frame. Solves for the distances
-    s_i along the rays, s_i^2 + s_j^2 - 2 s_i s_j cos_ij = |p_i - p_j|^2, by Grunert's quartic in s_3/s_1 (1841;
-    reviewed by Haralick et al., IJCV 1994). Complex roots count with their real part: with noisy rays a pair of poses
-    may just miss being real, and what comes back is refined anyway. Triples without area or behind the camera give
+    p_world (B, 3, 3): three points per row; rays (B, 3, 3): unit directions in the camera frame. Solves for the
+    distances s_i along the rays, s_i^2 + s_j^2 - 2 s_i s_j cos_ij = |p_i - p_j|^2, by Grunert's quartic in s_3/s_1
+    (1841; reviewed by Haralick et al., IJCV 1994). Complex roots count with their real part: with noisy rays a pair of
+    poses may just miss being real, and the results are refined anyway. Triples without area or behind the camera give
     nothing.
+
     """
     v, owner = _ratio_roots(p_world, rays)
     s, owner = _distances(v, owner, p_world, rays)

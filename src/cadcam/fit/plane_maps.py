@@ -1,6 +1,6 @@
-"""Maps of a plane on a plane from weighted points, many at a time: similarity, affine map, perspective.
+"""Maps from plane to plane from weighted points, many at a time: similarity, affine map, perspective.
 
-One call fits B maps: p and q are (B, k, 2), w (B, k), and what comes back are matrices H (B, 3, 3) with
+One call fits B maps: p and q are (B, k, 2), w (B, k), and the results are matrices H (B, 3, 3) with
 (q, 1) ~ H (p, 1), scaled so that the third coordinate is positive at the points' centre. Points of weight 0 do not
 count, so that batches may mix numbers of points. For one map with its covariance see `calibrate.points.flat`.
 """
@@ -19,7 +19,7 @@ _TINY = 1e-12
 
 
 def similarities(p: Array, q: Array, w: Array) -> Array:
-    """Return scale, turn, shift, and a mirror image where that fits better: least sum of w |q - H p|^2."""
+    """Return scale, rotation, shift, and a reflection where that fits better: least sum of w |q - H p|^2."""
     pc, qc, pm, qm = _centred(p, q, w)
     zp, zq = pc[..., 0] + 1j * pc[..., 1], qc[..., 0] + 1j * qc[..., 1]
     size = np.maximum((w * np.abs(zp) ** 2).sum(axis=1), _TINY)
@@ -64,14 +64,14 @@ FITTERS: Final[dict[str, tuple[Fitter, int]]] = {
 
 
 def mapped(H: Array, p: Array) -> Array:
-    """Return the points (..., k, 2) that maps (..., 3, 3) make of points (..., k, 2); NaN beyond the horizon."""
+    """Return the images (..., k, 2) of points (..., k, 2) under maps (..., 3, 3); NaN beyond the horizon."""
     u = p @ np.swapaxes(H[..., :2], -1, -2) + H[..., None, :, 2]
     with np.errstate(all="ignore"):
         return np.asarray(u[..., :2] / np.where(u[..., 2:] > 0, u[..., 2:], np.nan))
 
 
 def depths(H: Array, p: Array) -> Array:
-    """Return the third coordinate (..., k) at points (..., k, 2): in proportion to their distance from the camera."""
+    """Return the third coordinate (..., k) at points (..., k, 2): proportional to their distance from the camera."""
     return np.asarray((p @ H[..., 2, :2, None])[..., 0] + H[..., 2, 2, None])
 
 

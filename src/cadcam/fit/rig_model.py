@@ -1,9 +1,9 @@
-"""Frames of a field of points seen by several cameras that are rigidly mounted together.
+"""Frames of a point field seen by several cameras that are rigidly mounted together.
 
-Each camera brings its own `JointModel`; what it says by the pose of one of its views becomes what the rig says by its
-pose in that frame and by the camera's mount: with camera_from_world = camera_from_rig @ rig_from_world, a step d of the
-rig's pose, exp(d) rig_from_world, is the step Ad(camera_from_rig) d of the camera's, and a step of the mount is one of
-the camera's pose as it stands. The rig's frame is that of its first camera, whose mount is no parameter.
+Each camera has its own `JointModel`; its derivatives by the pose of one of its views become those by the rig's pose in
+that frame and by the camera's mount: with camera_from_world = camera_from_rig @ rig_from_world, a step d of the rig's
+pose, exp(d) rig_from_world, is the step Ad(camera_from_rig) d of the camera's, and a step of the mount is one of the
+camera's pose unchanged. The rig's frame is that of its first camera, whose mount is not a parameter.
 """
 
 from __future__ import annotations
@@ -54,12 +54,12 @@ class RigModel:
         )
 
     def columns(self, c: int) -> slice:
-        """Return where the internals and lens of a camera stand among the shared parameters."""
+        """Return the indices of a camera's internals and lens among the shared parameters."""
         start = sum(len(m.free) + _POSE for m in self.cameras[:c]) - (_POSE if c else 0)
         return slice(start, start + len(self.cameras[c].free))
 
     def mount_columns(self, c: int) -> slice:
-        """Return where a camera's mount stands among the shared parameters; empty for the first camera."""
+        """Return the indices of a camera's mount among the shared parameters; empty for the first camera."""
         stop = self.columns(c).stop
         return slice(stop, stop + (_POSE if c else 0))
 
@@ -70,7 +70,7 @@ class RigModel:
         return JointState(state.internals[c], state.lens[c], np.zeros(2), np.zeros((0, 3)), M @ R, t @ M.T + m)
 
     def blocks(self, state: RigState) -> Blocks:
-        """Return residuals and Jacobians by unit of noise, a block a frame: the cameras' rows one after the other."""
+        """Return residuals and Jacobians in units of the noise, one block per frame with the rows of all cameras."""
         parts = [m.blocks(self.of_camera(state, c)) for c, m in enumerate(self.cameras)]
         rows, n = sum(part.r.shape[1] for part in parts), len(self.shared)
         if not all(np.isfinite(part.r).all() for part in parts):
@@ -86,13 +86,13 @@ class RigModel:
             by_own[these, here] = part.by_own @ _adjoint(state.mount_rotation[c], state.mount_translation[c])
             if c:
                 by_shared[these, here, self.mount_columns(c)] = part.by_own
-            assert part.pairs is not None  # a `JointModel` says them
+            assert part.pairs is not None  # set by `JointModel`
             pairs.append(part.pairs + first)
             first = here.stop
         return Blocks.of(r, by_shared, by_own, measured, pairs=np.concatenate(pairs))
 
     def retract(self, state: RigState, step: Step) -> RigState:
-        """Return the state moved by `step`: poses and mounts by turns and shifts in the frames that they lead to."""
+        """Return the state moved by `step`: poses and mounts are rotated and moved in their target frames."""
         mounts = np.zeros((len(self.cameras), _POSE))
         moved = []
         for c, camera in enumerate(self.cameras):
@@ -124,7 +124,7 @@ def _moved(R: Array, t: Array, twists: Array) -> tuple[Array, Array]:
 
 
 def _adjoint(R: Array, t: Array) -> Array:
-    """Return Ad (6, 6) of the motion R, t: by what a twist before it equals one after it."""
+    """Return Ad (6, 6) of the motion R, t: maps a twist before it to the equal one after it."""
     out = np.zeros((_POSE, _POSE))
     out[:3, :3] = out[3:, 3:] = R
     out[:3, 3:] = so3.hat(t) @ R

@@ -1,8 +1,8 @@
-"""Robust losses on the residual vector of an image point, and the noise of the points that are no outliers.
+"""Robust losses on the residual vector of an image point, and the noise of the inliers.
 
 A loss replaces d^2, the squared distance of a point, by scale^2 rho((d/(c scale))^2) c^2 with rho(s) = s for small s:
 in the limit of small distances nothing changes. Each loss has the constant c at which it keeps 95 % efficiency on
-two-dimensional normal noise of standard deviation `scale` a coordinate. Source of the losses: Huber, "Robust
+two-dimensional normal noise of standard deviation `scale` per coordinate. Source of the losses: Huber, "Robust
 Statistics" (1981); Zhang, "Parameter estimation techniques" (1997), table 1.
 """
 
@@ -19,16 +19,16 @@ from cadcam.errors import BadValue, UnknownName
 LossName = Literal["squared", "huber", "cauchy", "tukey"]
 
 _TUNING: dict[LossName, float] = {"squared": 1.0, "huber": 1.501141, "cauchy": 2.548638, "tukey": 5.122986}
-_MEDIAN_DISTANCE = float(np.sqrt(2 * np.log(2)))  # of a two-dimensional normal distribution, by sigma a coordinate
+_MEDIAN_DISTANCE = float(np.sqrt(2 * np.log(2)))  # of a two-dimensional normal distribution, over sigma per coordinate
 
 
 @dataclass(frozen=True, slots=True)
 class Loss:
-    """How much a point of a distance counts.
+    """The weight of a point by its distance.
 
-    name: "squared", "huber" (outliers pull with constant force), "cauchy" (ever less), "tukey" (beyond 5.1 scales not
-    at all). scale: the standard deviation of one coordinate of a good point, in the residuals' unit; None estimates it
-    with the fit, from the median distance of all points.
+    name: "squared", "huber" (outliers act with constant force), "cauchy" (ever less), "tukey" (beyond 5.1 scales none).
+    scale: the standard deviation of one coordinate of a good point, in the residuals' unit; None estimates it with the
+    fit, from the median distance of all points.
     """
 
     name: LossName = "squared"
@@ -68,7 +68,7 @@ class Loss:
         return np.ones_like(d2)
 
     def stiffness(self, d2: Array, scale: float) -> Array:
-        """Return by how much the weighted residual vector grows with the residual, averaged over its two directions.
+        """Return the mean derivative of the weighted residual vector by the residual, over its two directions.
 
         rho'(s) + s rho''(s): what enters the covariance of an M-estimator.
         """
@@ -88,8 +88,8 @@ class Loss:
 
 
 def noise_of_the_good(distances: Array) -> float:
-    """Return the standard deviation of one coordinate by the median of the points' distances (N,): half may be wrong.
+    """Return the standard deviation of one coordinate from the median of the points' distances (N,): half may be wrong.
 
-    The median absolute deviation carried over to two dimensions; 0 if half of the points fit exactly.
+    The median absolute deviation in two dimensions; 0 if half of the points fit exactly.
     """
     return float(np.median(distances)) / _MEDIAN_DISTANCE

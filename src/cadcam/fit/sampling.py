@@ -20,12 +20,12 @@ LogDensity = Callable[[Array], Array]  # (C, n) -> (C,), -inf where impossible
 Progress = Callable[[], None]
 
 BEST_ACCEPTANCE = 0.234  # of a random walk in many dimensions
-BEST_SCALE = 2.38  # by sqrt(dimensions), for a normal density walked with its own covariance
+BEST_SCALE = 2.38  # over sqrt(dimensions), for a normal density sampled with steps of its own covariance
 R_HAT_USELESS, R_HAT_GOOD = 1.1, 1.01
 
 
 class NotMixed(NotConverged):
-    """The chains do not agree on what they sample: their numbers would be those of where each began."""
+    """The chains do not agree on the distribution: their results would depend on their starts."""
 
     def __init__(self, name: str, r_hat: float, effective: float) -> None:
         super().__init__(
@@ -38,7 +38,7 @@ class NotMixed(NotConverged):
 
 @dataclass(frozen=True, slots=True)
 class Walk:
-    """How the chains step. thin: one state in so many is kept; scale: of the first steps, in sigmas per dimension^1/2.
+    """Parameters of the chains. thin: one state in so many is kept; scale: of first steps, in sigmas per dimension^1/2.
 
     Without burn-in nothing is adapted.
     """
@@ -51,7 +51,7 @@ class Walk:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Chains:
-    """What was kept of C chains: draws (C, M, n), the share of proposals accepted, and the scale of the kept steps."""
+    """The kept states of C chains: draws (C, M, n), the share of accepted proposals, and the scale of these steps."""
 
     draws: Array
     acceptance: float
@@ -70,7 +70,7 @@ def metropolis(
     rng: np.random.Generator,
     progress: Progress | None = None,
 ) -> Chains:
-    """Return what chains from `starts` (C, n) keep; factor (n, n) with factor @ factor.T the covariance of the steps.
+    """Return the kept states of chains from `starts` (C, n); factor (n, n): factor @ factor.T is the steps' covariance.
 
     `progress` is called after every kept state of the chains.
     """
@@ -107,9 +107,9 @@ def refuse_unmixed(draws: Array, names: Sequence[str]) -> tuple[Array, Array]:
 
 
 def split_r_hat(draws: Array) -> Array:
-    """Return the rank-normalised split R-hat (n,) of draws (C, M, n), the larger of that of place and that of spread.
+    """Return the rank-normalised split R-hat (n,) of draws (C, M, n), the larger of those of location and of spread.
 
-    1 for chains that sample the same; NaN for draws that never move.
+    1 for chains that sample the same distribution; NaN for draws that never move.
     """
     halves = _halves(draws)
     folded = np.abs(halves - np.median(halves, axis=(0, 1)))
@@ -117,7 +117,7 @@ def split_r_hat(draws: Array) -> Array:
 
 
 def effective_size(draws: Array) -> Array:
-    """Return how many independent draws (n,) would know the means of draws (C, M, n) as well; 0 if they never move."""
+    """Return the effective sample size (n,) of the means of draws (C, M, n); 0 if they never move."""
     halves = _halves(draws)
     count = halves.shape[0] * halves.shape[1]
     within, total = _within_and_total(halves)
@@ -133,7 +133,7 @@ def _halves(draws: Array) -> Array:
 
 
 def _within_and_total(draws: Array) -> tuple[Array, Array]:
-    """Return the mean variance within chains and the estimate of the whole variance, (n,) each."""
+    """Return the mean variance within chains and the estimate of the total variance, (n,) each."""
     M = draws.shape[1]
     within = draws.var(axis=1, ddof=1).mean(axis=0)
     between = draws.mean(axis=1).var(axis=0, ddof=1)

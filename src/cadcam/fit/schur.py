@@ -3,7 +3,7 @@
 The normal equations of k blocks, shared parameters a and own parameters b_j, are an arrow; eliminating b_j leaves
 (H_aa - sum_j H_ab H_bb^-1 H_ba) a = ..., as small as the shared part (Brown 1958; Triggs et al., "Bundle adjustment: a
 modern synthesis" (2000), section 6.1). Columns are scaled to length one, so units do not matter; squaring still costs
-half of the digits, which repeated steps win back: the rank and the covariance come from `fit.square_root`. Products are
+half of the digits, which repeated steps recover: the rank and the covariance come from `fit.square_root`. Products are
 batches of small ones, for which no library starts threads that then spin.
 """
 
@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask
 
-_RIDGE = 1e-13  # of a column's length squared: keeps what the data do not see solvable, and still
+_RIDGE = 1e-13  # of a column's squared length: keeps unobservable directions solvable, and at rest
 _EMPTY = np.zeros(0)
 
 
@@ -32,12 +32,12 @@ class Step:
 class Blocks:
     """Residuals and Jacobians of k blocks of m rows, in the unit of their noise: n shared and l own parameters.
 
-    stacked (k, l + n + 1, m): the derivatives by the l own parameters, by the shared ones, and the residuals, a column
-    after the other: elimination and factorisation take them as one matrix. Blocks of fewer rows are filled with rows of
-    zeros, and `measured` (k, m) tells which rows are real (None: all). Rows on shared parameters alone (priors, known
-    distances) stand in alone_r (p,), alone_by_shared (p, n). A prior on own parameters is a row of its block. pairs
-    (c, 2): the rows of the two coordinates of each image point, on whose distance a robust loss acts (None: rows 0 1,
-    2 3, ...). n or l may be 0. A residual that is not finite forbids the state.
+    stacked (k, l + n + 1, m): the derivatives by the l own parameters, by the shared ones, and the residuals, one
+    column after the other: elimination and factorisation take them as one matrix. Blocks of fewer rows are padded with
+    rows of zeros, and `measured` (k, m) marks the real rows (None: all). Rows on shared parameters alone (priors, known
+    distances) are in alone_r (p,), alone_by_shared (p, n). A prior on own parameters is a row of its block. pairs (c,
+    2): the rows of the two coordinates of each image point, on whose distance a robust loss acts (None: rows 0 1, 2 3,
+    ...). n or l may be 0. A residual that is not finite forbids the state.
     """
 
     stacked: Array
@@ -65,7 +65,7 @@ class Blocks:
 
     @classmethod
     def forbidden(cls, k: int, m: int) -> Blocks:
-        """Return the blocks of a state that cannot be."""
+        """Return the blocks of a forbidden state."""
         return cls(np.full((k, 1, m), np.nan), 0)
 
     @property
@@ -155,7 +155,7 @@ class NormalEquations:
         return self._solution(damping)[0]
 
     def promise(self, damping: float) -> float:
-        """Return by how much the linear problem says that this step lowers the sum of squares."""
+        """Return the decrease of the sum of squares that the linear problem predicts for this step."""
         return self._solution(damping)[1]
 
     def _solution(self, damping: float) -> tuple[Step, float]:

@@ -1,9 +1,9 @@
 """Screws of rigid motions, and what motions with common screws leave undetermined.
 
-A motion turns by an angle about an axis and slides along it. Both numbers stay when the motion is seen from another
-frame, A = X B X^-1 (Chen, CVPR 1991): they test whether two lists of motions can belong together before X is known.
-Both also stay when all poses are inverted, which turns each motion into one like its inverse: a wrong direction shows
-in how the axes of different motions lie to each other, not in any pair of poses.
+A motion rotates by an angle about an axis and slides along it. Both numbers are the same in every frame, A = X B X^-1
+(Chen, CVPR 1991): they test whether two lists of motions can belong together before X is known. Both are also the same
+when all poses are inverted, which maps each motion to one like its inverse: a wrong direction shows in the relative
+directions of the axes of different motions, not in any pair of poses.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from cadcam.arrays import Array
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
-_TURNS = 0.05  # a twist about a line farther off than this many lengths^-1 is a slide
+_TURNS = 0.05  # a twist about a line farther off than the inverse of this, in lengths, counts as a slide
 
 
 def angles_and_slides(T: Rigid) -> tuple[Array, Array]:
@@ -32,10 +32,10 @@ def angles_and_slides(T: Rigid) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Undetermined:
-    """What motions leave open of the place of what they carry.
+    """What motions leave undetermined about the pose of what they carry.
 
     slides (s, 3): orthonormal directions along which it may move; turns (k, 6): other twists, translation mm and
-    rotation of unit length, in right angles to the slides. strength: the largest response among them, 0 if exact.
+    rotation of unit length, perpendicular to the slides. strength: the largest response among them, 0 if exact.
     """
 
     slides: Array
@@ -44,17 +44,17 @@ class Undetermined:
 
     @property
     def any(self) -> bool:
-        """Return whether anything is open."""
+        """Return whether anything is undetermined."""
         return bool(len(self.slides) + len(self.turns))
 
 
 def freedom(A: Rigid, *, length: float, floor: float) -> Undetermined:
-    """Return the changes X <- exp(xi) X that motions A (m) answer to by less than `floor` in A X = X B.
+    """Return the changes X <- exp(xi) X to which motions A (m) respond by less than `floor` in A X = X B.
 
-    The answer is (Ad(A) - I) xi, rms over the motions, for a unit change of `length` mm or 1 rad: dimensionless. It is
-    zero if and only if exp(xi) commutes with every A: a slide along an axis that all rotations share, a turn about it
-    where they share the very line, every slide where nothing turns. Slides are looked at first and by themselves: noise
-    would mix them with turns about lines far away.
+    The response is (Ad(A) - I) xi, rms over the motions, for a unit change of `length` mm or 1 rad: dimensionless. It
+    is zero if and only if exp(xi) commutes with every A: a slide along an axis that all rotations share, a rotation
+    about it where they share the same line, every slide where nothing rotates. Slides are examined first and
+    separately: noise would mix them with rotations about distant lines.
     """
     scale = np.repeat([length, 1.0], 3)
     M = (A.adjoint() - np.eye(6)) * scale / scale[:, None]
@@ -79,7 +79,7 @@ def _unit(v: Array) -> Array:
 
 
 def line_of(twist: Array) -> tuple[Array, Array]:
-    """Return the point (3,) mm nearest to the origin and the unit direction (3,) of the axis a twist turns about."""
+    """Return the point (3,) mm nearest to the origin and the unit direction (3,) of the axis of a twist."""
     v, w = twist[:3], twist[3:]
     size = float(np.linalg.norm(w))
     return np.cross(w, v) / size**2, w / size
