@@ -1,4 +1,4 @@
-"""A calibration from pictures of a board as tables: the camera, what became of each picture, coverage, what to add."""
+"""A calibration from pictures of a board as tables: the camera, the outcome for each picture, coverage, next views."""
 
 from __future__ import annotations
 
@@ -19,14 +19,14 @@ from cadcam.report.camera import camera_table
 from cadcam.report.joint import advice_table, parameter_table
 from cadcam.report.table import Table
 
-_MODEL = 3.0  # times the predicted noise that the residuals may be before it is said
-_GOOD_GAIN = 0.9  # of the worst sigma: advice that leaves more is not worth a picture
+_MODEL = 3.0  # ratio of residuals to predicted noise above which they are mentioned
+_GOOD_GAIN = 0.9  # of the worst sigma: a view that leaves more is not worth taking
 
 
 def board_tables(
     calibration: BoardCalibration, seen: BoardCoverage, views: Sequence[NextView], nested: Advice | None = None
 ) -> list[Table]:
-    """Return all tables of a calibration from pictures of a board; `nested` says which parameters they show."""
+    """Return all tables of a calibration from pictures of a board; `nested`: which parameters the views need."""
     tables = [
         camera_of_board_table(calibration),
         camera_table(calibration.estimate.camera),
@@ -38,7 +38,7 @@ def board_tables(
 
 
 def camera_of_board_table(calibration: BoardCalibration) -> Table:
-    """Return the shared parameters with their standard deviations, and what is to be said of the board."""
+    """Return the shared parameters with their standard deviations, and notes on the board."""
     table = parameter_table(calibration.estimate)
     used, all_pictures = len(calibration.used), len(calibration.pictures)
     title = f"{table.title} in {used} of {all_pictures} pictures of {calibration.pattern}"
@@ -71,7 +71,7 @@ def _board_notes(calibration: BoardCalibration) -> list[str]:
 
 
 def pictures_table(calibration: BoardCalibration) -> Table:
-    """Return what became of each picture."""
+    """Return the outcome for each picture."""
     estimate = calibration.estimate
     each, tilt, distance = estimate.view_residuals, calibration.tilt_deg, calibration.distance_mm
     view = {i: j for j, i in enumerate(calibration.used)}
@@ -110,7 +110,7 @@ def pictures_table(calibration: BoardCalibration) -> Table:
 
 
 def coverage_table(seen: BoardCoverage) -> Table:
-    """Return how many points fell into each part of the picture, and how sure each part is."""
+    """Return the number of points in each part of the picture, and its uncertainty."""
     columns = tuple(f"{k + 1}" for k in range(seen.counts.shape[1]))
     rows = [
         tuple(f"{int(n)} ({s:.2f})" if n else f"- ({s:.2f})" for n, s in zip(counts, sigmas, strict=True))

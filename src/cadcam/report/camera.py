@@ -1,4 +1,4 @@
-"""Cameras and estimates as tables: mm, px and degrees, sigmas beside the values, what is doubtful said in words."""
+"""Cameras and estimates as tables: mm, px and degrees, sigmas beside the values, doubts in words."""
 
 from __future__ import annotations
 
@@ -18,8 +18,8 @@ from cadcam.report.table import Table, matrix_rows, plain, with_sigma
 
 ANGLES = ("a", "b", "c", "skew")
 STRONG = 0.9  # correlations above it are named
-WEAK = 2.0  # times that the noise may be larger than the residuals say: 5 degrees of freedom and fewer
-SMALL_MM = 1.0  # points that span less were hardly meant in mm
+WEAK = 2.0  # factor by which the noise may exceed its estimate: 5 degrees of freedom and fewer
+SMALL_MM = 1.0  # points with a smaller extent are hardly in mm
 
 MEANING = {
     "X": ("mm", "focal centre in the world"),
@@ -37,7 +37,7 @@ MEANING = {
 
 
 def estimate_tables(estimate: CameraEstimate) -> list[Table]:
-    """Return all that a calibration says: parameters with sigmas, K, residuals by point, strong correlations."""
+    """Return all results of a calibration: parameters with sigmas, K, residuals by point, strong correlations."""
     tables = [parameter_table(estimate), camera_table(estimate.camera), residual_table(estimate)]
     correlated = strong_correlations(estimate)
     if correlated:
@@ -60,7 +60,7 @@ def parameter_table(estimate: CameraEstimate) -> Table:
         scale = shown_scale(name)
         free = name in estimate.free
         if name not in NAMES and not free and not value:
-            continue  # a lens term that is not used
+            continue  # an unused lens term
         shown, sigma = with_sigma(scale * value, scale * estimate.sigma(name) if free else 0.0)
         rows.append((name, shown, f"+- {sigma}" if free else "fixed", unit, meaning))
     return Table(
@@ -73,7 +73,7 @@ def parameter_table(estimate: CameraEstimate) -> Table:
 
 
 def held_words(estimate: CameraEstimate, held: Held) -> str:
-    """Return what points say against values that were held, with what they would be."""
+    """Return what points say against values that were held, with the values that they would give."""
     said = []
     for name in held.names:
         scale, unit = shown_scale(name), MEANING[name][0]
@@ -95,7 +95,7 @@ def pinhole_table(pinhole: ExtendedPinhole) -> Table:
 
 
 def quality_notes(estimate: CameraEstimate) -> tuple[str, ...]:
-    """Return residual, freedom, worst point, noise, size of the points, method and doubts, a sentence each."""
+    """Return residual, freedom, worst point, noise, size of the points, method and doubts, one sentence each."""
     worst, distance = estimate.worst()
     size = " x ".join(f"{v:.4g}" for v in np.ptp(estimate.observations.p_world, axis=0))
     return (
@@ -152,7 +152,7 @@ def _freedom(dof: int) -> str:
 
 
 def camera_words(camera: Camera) -> str:
-    """Return size, internals (px) and lens of a camera, a line."""
+    """Return size, internals (px) and lens of a camera, one line."""
     (cx, cy), skew = camera.principal_point, f", skew {plain(camera.skew, 4)}" if camera.skew else ""
     internals = f"fx {plain(camera.fx)}, fy {plain(camera.fy)}, cx {plain(cx)}, cy {plain(cy)}{skew} px"
     return f"{camera.width} x {camera.height} px, {internals}, {_lens_words(camera)}"
@@ -309,5 +309,5 @@ def against_truth(
 
 
 def shown_scale(name: str) -> float:
-    """Return what turns a parameter into the unit that it is shown in: degrees for angles, else mm and px as it is."""
+    """Return the factor from a parameter to the unit it is shown in: degrees for angles, else mm and px unchanged."""
     return float(np.degrees(1.0)) if name in ANGLES else 1.0

@@ -1,4 +1,4 @@
-"""What a data set holds, as a table."""
+"""The contents of a data set, as a table."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import statistics
 from cadcam.dataset.make import Made
 from cadcam.report.table import Table
 
-_LITTLE = 0.1  # BOP leaves out what is less visible
+_LITTLE = 0.1  # less visible objects are left out of BOP's evaluation
 
 
 def summary(made: Made) -> Table:

@@ -23,7 +23,7 @@ _STRIP = 44  # px below it for the scale and the sentence
 _STOPS = np.array(
     [[0.267, 0.005, 0.329], [0.229, 0.322, 0.546], [0.128, 0.567, 0.551], [0.369, 0.789, 0.383], [0.993, 0.906, 0.144]]
 )
-_STROKES = ((0.0, 2.6), (1.0, 1.2))  # white on black: it shows on any of the colours
+_STROKES = ((0.0, 2.6), (1.0, 1.2))  # white on black: visible on any of the colours
 _UNSEEN = (0.6, 0.6, 0.6)
 
 
@@ -99,7 +99,7 @@ def _colors(value: Array) -> Array:
 
 
 def _arrows(difference: Difference, scale: float) -> tuple[list[Array], float]:
-    """Return arrows in the drawing's pixels, and by how much they are longer than the differences."""
+    """Return arrows in the drawing's pixels, and the factor by which they are longer than the differences."""
     step = 3
     start = ((difference.q + 0.5) * scale - 0.5)[1::step, 1::step].reshape(-1, 2)
     delta = difference.delta[1::step, 1::step].reshape(-1, 2)

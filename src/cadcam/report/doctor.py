@@ -1,4 +1,4 @@
-"""What this installation of cadcam can do on this machine: looked up, never assumed, and never a crash.
+"""The capabilities of this installation of cadcam on this machine: examined, never assumed, and never a crash.
 
 A new check is a function that returns a `Finding`, and its line in `CHECKS`.
 """
@@ -22,7 +22,7 @@ from cadcam.report.table import Table
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was found of one thing: `there` where it works, what it is or why it is not, and what to do for more."""
+    """The finding on one thing: `there` where it works, what it is or why it is not, and what to do for more."""
 
     topic: str
     there: bool
@@ -31,7 +31,7 @@ class Finding:
 
 
 def examine() -> list[Finding]:
-    """Return a finding for each of `CHECKS`; a check that fails itself is one more thing found."""
+    """Return a finding for each of `CHECKS`; a check that fails is a finding, too."""
     return [_guarded(topic, check) for topic, check in CHECKS.items()]
 
 
@@ -47,7 +47,7 @@ def doctor_table(findings: list[Finding]) -> Table:
 def _guarded(topic: str, check: Callable[[str], Finding]) -> Finding:
     try:
         return check(topic)
-    except Exception as error:  # whatever a broken installation raises: to say so is this module's job
+    except Exception as error:  # whatever a broken installation raises: reporting that is this module's task
         return Finding(topic, False, f"fails with {type(error).__name__}: {_one_line(error)}", "reinstall cadcam")
 
 
@@ -72,7 +72,7 @@ def _core(topic: str) -> Finding:
 
 
 def _package(topic: str, *, name: str, module: str, gives: str, remedy: str) -> Finding:
-    """Return whether a package can be imported, not only found: half an installation is none."""
+    """Return whether a package can be imported, not only found: it may be half installed."""
     if find_spec(module) is None:
         return Finding(topic, False, f"{name} is not installed ({gives})", remedy)
     try:
@@ -95,7 +95,7 @@ def _required(name: str, gives: str) -> Callable[[str], Finding]:
 
 
 def _opengl(topic: str) -> Finding:
-    """Return what OpenGL on EGL says of itself, asked in a process of its own."""
+    """Return the description of OpenGL on EGL, queried in a process of its own."""
     from cadcam.render.gl.context import probe
 
     info = probe()

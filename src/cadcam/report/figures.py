@@ -1,4 +1,4 @@
-"""Figures on paper: matplotlib (extra `plots`) without its global state, one look for all, written whole."""
+"""Figures for print: matplotlib (extra `plots`) without its global state, in a common style, written whole."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FORMATS = ("png", "svg", "pdf")
-# Okabe and Ito's colours, told apart by nearly every eye and in grey
+# Okabe and Ito's colours, distinct for nearly everybody and in grey
 BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
 INK = "#222222"
 _LOOK: Any = {
@@ -40,7 +40,7 @@ _LOOK: Any = {
 
 @contextmanager
 def figure(width: float, height: float) -> Iterator[Figure]:
-    """Yield an empty figure of a size in inches; what is drawn within the block has the common look."""
+    """Yield an empty figure of a size in inches; what is drawn within the block has the common style."""
     try:
         from matplotlib import rc_context
         from matplotlib.figure import Figure

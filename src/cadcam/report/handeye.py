@@ -27,7 +27,7 @@ _NAMES = {
 
 
 def hand_eye_tables(estimate: HandEyeEstimate) -> list[Table]:
-    """Return all that a hand-eye calibration says: both motions with sigmas, noise and held-out error, every pose."""
+    """Return all results of a hand-eye calibration: both motions with sigmas, noise and held-out error, every pose."""
     camera, target = _NAMES[estimate.mounting]
     return [
         _motion_table(camera, _camera_pose(estimate), estimate.covariance_of_camera, "camera", quality_notes(estimate)),
@@ -38,7 +38,7 @@ def hand_eye_tables(estimate: HandEyeEstimate) -> list[Table]:
 
 
 def quality_notes(estimate: HandEyeEstimate) -> tuple[str, ...]:
-    """Return noise of robot and pixels, held-out error and doubts, a sentence each."""
+    """Return noise of robot and pixels, held-out error and doubts, one sentence each."""
     noise, held = estimate.robot_noise, estimate.held_out
     pixels = (
         (
@@ -63,7 +63,7 @@ def quality_notes(estimate: HandEyeEstimate) -> tuple[str, ...]:
 
 
 def pose_table(estimate: HandEyeEstimate) -> Table:
-    """Return one row a pose: the flange's offset, what the picture leaves, what the others predict, a mark."""
+    """Return one row per pose: the flange's offset, the picture's residual, the held-out error, a mark."""
     held, pixels = estimate.held_out, estimate.noise_px is not None
     rows = []
     for i, name in enumerate(estimate.names):
@@ -187,7 +187,7 @@ def _shown(value: float, sigma: float) -> tuple[str, str]:
 
 
 def _noise(sigma: float, own: float) -> str:
-    """Return a noise with its sigma, or the bound where it drowns."""
+    """Return a noise with its sigma, or its bound where it is not significant."""
     return f"{sigma:.2g} +- {own:.1g}" if sigma > own else f"not seen (below {2 * max(own, sigma):.1g})"
 
 

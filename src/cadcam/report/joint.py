@@ -11,12 +11,12 @@ from cadcam.report.camera import MEANING, camera_table, shown_scale
 from cadcam.report.table import Table, with_sigma
 
 _BEND = {"bend_x": ("mm", "bow of the board along x"), "bend_y": ("mm", "along y")}
-_ROUGHLY = 1.5  # times the classical sigma that the views' scatter may be before it is spoken of
+_ROUGHLY = 1.5  # ratio of the views' scatter to the classical sigma above which it is mentioned
 _NOT_FEW = 8  # views
 
 
 def joint_tables(estimate: JointEstimate, advice: Advice | None = None) -> list[Table]:
-    """Return parameters, K, views and, if asked, the advice of nested models."""
+    """Return parameters, K, views and, if requested, the advice of nested models."""
     tables = [parameter_table(estimate), camera_table(estimate.camera), view_table(estimate)]
     return tables if advice is None else [*tables, advice_table(advice)]
 
@@ -44,7 +44,7 @@ def parameter_table(estimate: JointEstimate) -> Table:
 
 
 def view_table(estimate: JointEstimate) -> Table:
-    """Return every view: points, residual, where the camera stood; outliers marked."""
+    """Return every view: points, residual, the camera's position; outliers marked."""
     bad = estimate.outlier_views()
     rows = []
     for j, (name, view) in enumerate(zip(estimate.names, estimate.views, strict=True)):
@@ -57,7 +57,7 @@ def view_table(estimate: JointEstimate) -> Table:
 
 
 def advice_table(advice: Advice) -> Table:
-    """Return what nested models say of each parameter, and the recommendation."""
+    """Return the results of nested models for each parameter, and the recommendation."""
     rows = []
     for q in advice.questions:
         held = [f"{e:.4g}" if np.isfinite(e) else "" for e in (q.held_out_without, q.held_out_with)]
@@ -102,7 +102,7 @@ def _chance(p: float) -> str:
 
 
 def _scatter(estimate: JointEstimate) -> float:
-    """Return the median ratio of the sigmas by views and the classical ones."""
+    """Return the median ratio of the sigmas by views to the classical ones."""
     if estimate.by_view is None:
         return float("nan")
     return float(np.median(np.sqrt(np.diag(estimate.by_view) / np.diag(estimate.covariance))))

@@ -22,7 +22,7 @@ _DRAWN_MM = (4.0, 6.0, 8.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0, 100.0)
 
 
 def lens_table(optics: Optics, *, title: str = "") -> Table:
-    """Return what the optics see, and with an f-number and pixels their sharpness."""
+    """Return the field of view of the optics, and with an f-number and pixels their sharpness."""
     width, height = optics.field_mm
     across, down, diagonal = optics.angles_deg
     sensor = optics.sensor
@@ -78,7 +78,7 @@ def lens_as_json(optics: Optics) -> dict[str, Any]:
 
 
 def formats_table() -> Table:
-    """Return the sensors known by name."""
+    """Return the table of sensors known by name."""
     rows = []
     for sensor in _known_sensors():
         size, used = sensor.size_mm, sensor.effective().size_mm
@@ -96,7 +96,7 @@ def formats_table() -> Table:
 
 
 def formats_as_json() -> dict[str, Any]:
-    """Return the sensors known by name: mm, pixels null where the name does not say them."""
+    """Return the sensors known by name: mm, pixels null where the name does not determine them."""
     return {
         "sensors": [
             {
@@ -124,7 +124,7 @@ def write_lens_diagram(
 ) -> None:
     """Draw the dissertation's Fig 5-3 for a sensor: width of the field over the distance, a line for each focal length.
 
-    `chosen` is marked; lines end at `farthest_mm`, or beyond what is chosen. Raises `MissingExtra` without matplotlib.
+    `chosen` is marked; lines end at `farthest_mm`, or beyond the chosen one. Raises `MissingExtra` without matplotlib.
     """
     farthest = max(farthest_mm, 1.2 * chosen.distance_mm if chosen else 0.0)
     with figure(7.2, 5.0) as drawn:
@@ -144,7 +144,7 @@ def write_lens_diagram(
 
 
 def _draw_line(axes: Axes, sensor_width_mm: float, focal_mm: float, farthest_mm: float) -> None:
-    """Draw how wide a lens sees over the distance, from one and a half focal lengths on, named at the end."""
+    """Draw a lens' field of view over the distance, from one and a half focal lengths on, named at the end."""
     distance = np.geomspace(200.0, farthest_mm, 60)
     distance = distance[distance > 1.5 * focal_mm]
     axes.plot(distance / 1000, sensor_width_mm * (distance / focal_mm - 1) / 1000, color=BLUE, lw=1.1)
@@ -160,7 +160,7 @@ def _draw_line(axes: Axes, sensor_width_mm: float, focal_mm: float, farthest_mm:
 
 
 def _mark(axes: Axes, chosen: Optics) -> None:
-    """Mark a lens at its distance and field, with both in words."""
+    """Mark a lens at its distance and field, both labelled."""
     at = chosen.distance_mm / 1000, chosen.field_mm[0] / 1000
     axes.plot(*at, "o", color=ORANGE, ms=7)
     axes.annotate(

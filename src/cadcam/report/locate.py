@@ -1,4 +1,4 @@
-"""A located part in words and tables: where, how sure, by what, and what else it could be."""
+"""A located part in words and tables: pose, uncertainty, evidence, and alternatives."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def location_tables(location: Location, photos: Sequence[Photo], *, radius_mm: f
 
 
 def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
-    """Return where the part is in the world and in the camera, and how sure that is."""
+    """Return the pose of the part in the world and in the camera, and its uncertainty."""
     camera_from_part = photo.viewpoint.camera_from_world @ pose.world_from_part
     sigma = np.sqrt(np.diag(pose.covariance))
     rows = [("part's origin in the camera, mm", _three(camera_from_part.translation, 3))]
@@ -47,7 +47,7 @@ def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
 
 
 def _by_photo(pose: PoseEstimate) -> list[tuple[str, str]]:
-    """Return the sigmas that a perfectly known camera would leave, where the camera has a share in them."""
+    """Return the sigmas for a perfectly known camera, where the camera contributes to them."""
     if not pose.from_calibration.any():
         return []
     sigma = np.sqrt(np.diag(pose.from_noise))
@@ -56,7 +56,7 @@ def _by_photo(pose: PoseEstimate) -> list[tuple[str, str]]:
 
 
 def evidence_table(location: Location) -> Table:
-    """Return the quality and what it rests on."""
+    """Return the quality and its evidence."""
     used, rms = used_samples(location)
     rows = [("quality", f"{location.quality:.3f} (found from {FOUND} on)")]
     rows += [("places on edges", f"{used} of {len(location.matches)} fit")]
@@ -66,7 +66,7 @@ def evidence_table(location: Location) -> Table:
 
 
 def alternatives_table(location: Location) -> Table:
-    """Return the other poses that the photos allow: how they are turned and shifted from this one."""
+    """Return the other poses that the photos allow: their rotations and shifts relative to this one."""
     rows = []
     for other in location.alternatives[:_SHOWN]:
         change = location.pose.world_from_part.inv @ other.pose.world_from_part
@@ -81,9 +81,9 @@ def alternatives_table(location: Location) -> Table:
 
 
 def weakest(pose: PoseEstimate, *, radius_mm: float) -> str:
-    """Return the motion that the photos tell least about, and its standard deviation.
+    """Return the least certain motion, and its standard deviation.
 
-    Turns count by what they move at `radius_mm` from the part's origin, so that they compare with shifts.
+    Rotations count by the displacement at `radius_mm` from the part's origin, so that they compare with shifts.
     """
     scale = np.r_[np.ones(3), np.full(3, radius_mm)]
     values, vectors = np.linalg.eigh(pose.covariance * np.outer(scale, scale))
@@ -96,14 +96,14 @@ def weakest(pose: PoseEstimate, *, radius_mm: float) -> str:
 
 
 def used_samples(location: Location) -> tuple[int, float]:
-    """Return how many samples of edges were believed, and the rms of their distances in px (nan for none)."""
+    """Return the number of edge samples used, and the rms of their distances in px (nan for none)."""
     m = location.matches
     used = (m.weight > 0.5) & np.isfinite(m.offset)
     return int(used.sum()), float(np.sqrt(np.mean(m.offset[used] ** 2))) if used.any() else float("nan")
 
 
 def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, Any]:
-    """Return what was found as JSON: the pose stands under "pose", or under "best" where it is not believed."""
+    """Return the result as JSON: the pose is under "pose", or under "best" where it is not accepted."""
     used, rms = used_samples(location)
     camera_from_part = photos[0].viewpoint.camera_from_world @ location.pose.world_from_part
     pose = pose_estimate_as_json(location.pose)
@@ -125,7 +125,7 @@ def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, A
 
 
 def disagreements_as_json(location: Location) -> list[dict[str, Any]]:
-    """Return which photos do not show the part where all together have it: by how many px, and which was left out."""
+    """Return which photos disagree with the common pose of the part: by how many px, and which was left out."""
     return [
         {"photo": one.photo, "name": one.name, "px": or_null(one.px), "left_out": one.left_out}
         for one in location.disagreements
@@ -133,7 +133,7 @@ def disagreements_as_json(location: Location) -> list[dict[str, Any]]:
 
 
 def track_table(entries: Sequence[Mapping[str, Any]]) -> Table:
-    """Return how a part was followed: frames found by which way, and where it was lost."""
+    """Return the summary of a track: frames found by each method, and where the part was lost."""
     ways = Counter(entry["how"] for entry in entries)
     found = [entry for entry in entries if entry["found"]]
     rows = [("frames", str(len(entries))), ("found", f"{len(found)}")]

@@ -1,4 +1,4 @@
-"""What matching found, as tables and JSON: peaks with the gap to the next (Tables 3.15 and 3.16), features, edges."""
+"""Matching results as tables and JSON: peaks with the gap to the next (Tables 3.15 and 3.16), features, edges."""
 
 from __future__ import annotations
 
@@ -40,7 +40,7 @@ def peaks_table(peaks: Peaks, title: str = "Peaks") -> Table:
 
 
 def feature_table(matches: TemplateMatches) -> Table:
-    """Return a row a feature: where the drawing had it, its best peaks, and which of them the pose agrees with."""
+    """Return one row per feature: its place in the drawing, its best peaks, and which of them agree with the pose."""
     rows = []
     for i, peaks in enumerate(matches.features.peaks):
         chosen = int(matches.features.chosen[i])
@@ -67,7 +67,7 @@ def feature_peaks(features: Features) -> list[Table]:
 
 
 def closeness_table(close: Closeness) -> Table:
-    """Return a row an edge, the longest first: how much of it has the photo's edge near it, and how far off."""
+    """Return one row per edge, the longest first: the share of it near a photo edge, and the distance."""
     rows = tuple(
         (
             str(int(close.chain[i])),
@@ -111,7 +111,7 @@ def peaks_as_json(peaks: Peaks) -> dict[str, Any]:
 
 
 def matches_as_json(matches: TemplateMatches) -> dict[str, Any]:
-    """Return the pose, and every feature with where it was drawn, its peaks and which of them the pose agrees with."""
+    """Return the pose, and every feature with its place in the drawing, its peaks and which agree with the pose."""
     features = matches.features
     pose = matches.pose
     return {
@@ -132,7 +132,7 @@ def matches_as_json(matches: TemplateMatches) -> dict[str, Any]:
 
 
 def closeness_as_json(close: Closeness) -> dict[str, Any]:
-    """Return how close the edges are over all, and each edge by its chain; null where nothing is to be said."""
+    """Return how close the edges are in total, and each edge by its chain; null where there is no result."""
     names = ("length", "share", "chance", "offset", "scatter", "shift", "votes")
     return {
         "total": close.total,

@@ -1,4 +1,4 @@
-"""Pictures of what matching found: a template's peaks, or features and the pose that they agree on, on the photo."""
+"""Pictures of matching results on the photo: a template's peaks, or features and the pose that they agree on."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def with_peaks(photo: Picture, template: Template, peaks: Peaks) -> Picture:
 
 
 def with_features(photo: Photo, part: Part, matches: TemplateMatches) -> Picture:
-    """Return the photo with the lines of the pose found, agreeing features, and the best peaks of the others."""
+    """Return the photo with the lines of the estimated pose, agreeing features, and the best peaks of the others."""
     picture = photo.gray
     if matches.found and matches.pose is not None:
         lines = part.lines.draw(photo.camera, matches.pose.world_from_part).visible.lines

@@ -1,4 +1,4 @@
-"""Measured points as tables: where, how well, by what, and whether their rays agree."""
+"""Measured points as tables: positions, uncertainty by cause, and the agreement of their rays."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ SUSPECT = 1e-3  # a misfit less probable than this is marked
 def measurement_tables(
     measured: Measurement, viewpoints: Sequence[Viewpoint], distances: Sequence[tuple[str, str]] = ()
 ) -> list[Table]:
-    """Return points, distances, what the uncertainty consists of, and what was refused."""
+    """Return points, distances, the contributions to the uncertainty, and what was refused."""
     tables = [points_table(measured), budget_table(measured, viewpoints)]
     if np.isfinite(measured.gap).any() or len(viewpoints) > 1:
         tables.insert(1, rays_table(measured))
@@ -44,7 +44,7 @@ def points_table(measured: Measurement) -> Table:
 
 
 def rays_table(measured: Measurement) -> Table:
-    """Return how the rays of each point agree: gap in mm and in sigmas, largest angle, chance of the misfit, views."""
+    """Return the agreement of each point's rays: gap in mm and in sigmas, largest angle, misfit's chance, views."""
     p_value, rows = measured.p_value, []
     for i, name in enumerate(measured.names):
         gap, sigma, angle = measured.gap[i], measured.gap_sigma[i], measured.angle[i]
@@ -83,7 +83,7 @@ def _notes(measured: Measurement) -> tuple[str, ...]:
 
 
 def distance_table(measured: Measurement, pairs: Sequence[tuple[str, str]]) -> Table:
-    """Return distances with sigmas that know what both points have in common, beside those of independent points."""
+    """Return distances with sigmas that account for correlation, beside those of independent points."""
     rows = []
     for one, other in pairs:
         length = measured.distance(one, other)

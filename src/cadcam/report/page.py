@@ -37,7 +37,7 @@ table.cards td:empty{display:none}
 
 
 def page(title: str, style: str, parts: Sequence[str]) -> str:
-    """Return a whole document of HTML parts, empty ones left out; style: CSS of its own. Nothing in it is fetched."""
+    """Return a whole document of HTML parts, without empty ones; style: its own CSS. The page loads nothing else."""
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
@@ -60,6 +60,6 @@ def cards(heads: Sequence[str], rows: str) -> str:
 
 
 def row(heads: Sequence[str], cells: Sequence[str]) -> str:
-    """Return a row of HTML cells, each of which knows its column's head: a card shows it beside the cell."""
+    """Return a row of HTML cells, each with its column's head as an attribute: a card shows it beside the cell."""
     pairs = zip(heads, cells, strict=True)
     return "<tr>" + "".join(f'<td data-head="{escape(h)}">{c}</td>' for h, c in pairs) + "</tr>"

@@ -1,4 +1,4 @@
-"""A rig as tables: how its cameras stand to each other, each camera's parameters, every frame; mm and degrees."""
+"""A rig as tables: the relative poses of its cameras, each camera's parameters, every frame; mm and degrees."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from cadcam.geometry import rotation as so3
 from cadcam.report.camera import MEANING, shown_scale
 from cadcam.report.table import Table, with_sigma
 
-_ROUGHLY = 1.5  # times the classical sigma that the frames' scatter may be before it is spoken of
+_ROUGHLY = 1.5  # ratio of the frames' scatter to the classical sigma above which it is mentioned
 _ROWS = (
     ("X", "mm", "focal centre of {1} in the axes of {0}"),
     ("Y", "mm", ""),
@@ -33,7 +33,7 @@ def rig_tables(estimate: RigEstimate, alone: Mapping[str, BoardCalibration] | No
 
 
 def mount_table(estimate: RigEstimate) -> Table:
-    """Return where each camera stands in the first one's axes: baseline, place, rotation, with both kinds of sigma."""
+    """Return each camera's pose in the first one's frame: baseline, position, rotation, with both kinds of sigma."""
     first, *others = estimate.names
     rows = []
     for name in others:

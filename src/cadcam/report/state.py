@@ -1,4 +1,4 @@
-"""Kept records as tables: many in a list, one in full, a feature over the parts."""
+"""Stored records as tables: many in a list, one in full, a feature over the parts."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from cadcam.report.table import Table, counted, with_sigma
 
 
 def list_table(records: Sequence[Record], *, of: int) -> Table:
-    """Return a line for each record; `of` is how many there are in all."""
+    """Return one line for each record; `of` is the total number."""
     rows = tuple(
         (_time(r), r.id[:8], r.part, r.serial, r.station, r.verdict or _unjudged(r), _worst(r)) for r in records
     )
@@ -25,7 +25,7 @@ def list_table(records: Sequence[Record], *, of: int) -> Table:
 
 
 def record_tables(record: Record) -> list[Table]:
-    """Return all that a record holds: what and when, where it was, what deviated, what it came from."""
+    """Return all contents of a record: what and when, the pose, the deviations, the sources."""
     said = [
         ("part", record.part),
         ("serial", record.serial),
@@ -51,7 +51,7 @@ def record_tables(record: Record) -> list[Table]:
 
 
 def pose_table(record: Record) -> Table:
-    """Return where the part was, with the sigmas of its pose in the part's own axes."""
+    """Return the pose of the part, with its sigmas in the part's own axes."""
     assert record.pose is not None
     T, sigma = record.pose.world_from_part, np.sqrt(np.diag(record.pose.covariance))
     place = ", ".join(f"{v:.3f}" for v in T.translation)
@@ -64,7 +64,7 @@ def pose_table(record: Record) -> Table:
 
 
 def trend_tables(trend: Trend) -> list[Table]:
-    """Return a line for each part, and mean and scatter over them."""
+    """Return one line for each part, and mean and scatter over them."""
     rows = tuple((_time(r), r.part, r.serial, deviation_text(d), d.verdict) for r, d in trend.points)
     columns = ("time (UTC)", "part", "serial", "deviation", "verdict")
     left = tuple(column for column in columns if column != "deviation")
@@ -96,7 +96,7 @@ def _tolerance(d: Deviation) -> str:
 
 
 def _worst(record: Record) -> str:
-    """Return the feature whose deviation fills most of its tolerance, and how much, in percent."""
+    """Return the feature whose deviation takes up most of its tolerance, and how much, in percent."""
     shares = [(share, d.feature) for d in record.deviations if (share := _share(d)) is not None]
     if not shares:
         return ""

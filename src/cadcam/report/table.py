@@ -22,7 +22,7 @@ class Table:
 
     @property
     def headed(self) -> bool:
-        """Whether the columns' heads are worth a line: they say something, of something."""
+        """Whether the columns have heads that are worth a line."""
         return bool(self.rows) and any(self.columns)
 
     def lines(self) -> list[str]:
@@ -83,7 +83,7 @@ def plain(value: float, digits: int = 6) -> str:
 
 
 def counted(number: int, what: str) -> str:
-    """Return a number of things in words: 1 record, 2 records."""
+    """Return a count in words: 1 record, 2 records."""
     return f"{number} {what}{'s' * (number != 1)}"
 
 

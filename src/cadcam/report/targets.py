@@ -34,7 +34,7 @@ def marks_table(title: str, marks: Sequence[FoundMark]) -> Table:
 
 
 def marks_csv(found: Mapping[str, Sequence[FoundMark]]) -> str:
-    """Return all marks of all pictures, a line each."""
+    """Return all marks of all pictures, one line each."""
     text = io.StringIO()
     lines = csv.writer(text, lineterminator="\n")
     lines.writerow(_COLUMNS)

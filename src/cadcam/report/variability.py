@@ -1,4 +1,4 @@
-"""Variability studies as tables and JSON: mean, sigma, extremes, correlations; what is doubtful said in words."""
+"""Variability studies as tables and JSON: mean, sigma, extremes, correlations; doubts in words."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def first_order_table(first: FirstOrder) -> Table:
 
 
 def alternating_tables(a: Alternating, first: FirstOrder, *, method: str) -> list[Table]:
-    """Return the internals found from poses drawn anew for each estimate (Table 2.17), and how the errors correlate."""
+    """Return the internals estimated with newly drawn poses (Table 2.17), and the correlation of the errors."""
     v = a.errors
     notes = (
         f"{len(v.values)} poses, each with points of its own noise ({v.sigma_px:.4g} px), estimated by {method}",
@@ -93,7 +93,7 @@ def correlation_table(title: str, names: Sequence[str], correlation: Array, *, n
 
 
 def map_table(m: ProjectionMap) -> Table:
-    """Return the projection's sigma at the centre, the corners and where it is best."""
+    """Return the projection's sigma at the centre, at the corners and at its minimum."""
     h, w = m.sigma.shape
     places = {
         "centre": (h // 2, w // 2),
@@ -143,7 +143,7 @@ def first_order_as_json(first: FirstOrder) -> dict[str, Any]:
 
 
 def map_as_json(m: ProjectionMap) -> dict[str, Any]:
-    """Return the map's nodes and sigmas in px; null where the camera sees nothing."""
+    """Return the map's nodes and sigmas in px; null where the camera images nothing of the surface."""
     sigma = [or_nulls(row) for row in m.sigma]
     return {"surface": m.surface, "x_px": m.x.tolist(), "y_px": m.y.tolist(), "sigma_px": sigma}
 
@@ -176,7 +176,7 @@ def _mixing(v: Variability) -> list[str]:
 
 
 def _surprises(v: Variability, first: FirstOrder) -> list[str]:
-    """Return what first order does not say: a biased mean, another spread."""
+    """Return deviations from first order: a biased mean, another spread."""
     shift = (v.mean - v.exact) / v.sigma
     curved = v.sigma / first.sigma - 1
     biased = np.abs(shift) > np.maximum(_BIAS / np.sqrt(v.effective), _BIAS_MATTERS)
@@ -196,7 +196,7 @@ def _worst(said: str, names: Sequence[str], values: Array, which: Mask, text: st
 
 
 def _heavy_tails(v: Variability) -> list[str]:
-    """Return a warning where a few draws make the sigma: it exceeds half the width of the central 68 % by far."""
+    """Return a warning where a few draws dominate the sigma: it far exceeds half the width of the central 68 %."""
     central = (v.quantile(0.8413) - v.quantile(0.1587)) / 2
     heavy = [
         f"{name} {plain(float(shown([name], central[i : i + 1])[0]), 2)}"

@@ -19,7 +19,7 @@ from cadcam.report.variability import shown, unit
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-BINS = 32  # as the thesis has them
+BINS = 32  # as in the thesis
 _STYLES = ((BLUE, True), (ORANGE, False))  # the first study filled, the second as an outline
 _TOGETHER = (("X", "Y", "Z"), ("a", "b", "c"), ("focal", "U0", "V0"))
 _LINES = ((BLUE, "-"), (ORANGE, "--"), (GREEN, "-."))
@@ -35,7 +35,7 @@ def write_plots(
 ) -> list[str]:
     """Write all figures into a folder and return their paths.
 
-    studies: at most two, by the name that the legend gives them. Raises `MissingExtra` without matplotlib.
+    studies: at most two, by their names in the legend. Raises `MissingExtra` without matplotlib.
     """
     names = first.names
     externals, internals = ([n for n in names if (n in EXTERNALS) == outer] for outer in (True, False))
@@ -60,7 +60,7 @@ def write_plots(
 def write_distributions(
     path: str | os.PathLike[str], studies: Mapping[str, Variability], first: FirstOrder, names: Sequence[str]
 ) -> None:
-    """Write one histogram a parameter, with the normal curve of first order (Fig 2-6, 2-7)."""
+    """Write one histogram per parameter, with the normal curve of first order (Fig 2-6, 2-7)."""
     columns = min(3, len(names))
     rows = -(-len(names) // columns)
     with figure(2.5 * columns, 2.0 * rows + 0.4) as drawn:
@@ -75,7 +75,7 @@ def write_distributions(
 
 
 def write_together(path: str | os.PathLike[str], study: Variability) -> None:
-    """Write parameters of one kind on one scale, about their means: which are well known (Fig 2-8, 2-9)."""
+    """Write parameters of one kind on one scale, about their means, to compare their uncertainty (Fig 2-8, 2-9)."""
     groups = [g for g in _TOGETHER if set(g) <= set(study.names)]
     with figure(2.6 * len(groups), 2.4) as drawn:
         for ax, group in zip(drawn.subplots(1, len(groups), squeeze=False).ravel(), groups, strict=True):
@@ -119,7 +119,7 @@ def write_map(path: str | os.PathLike[str], m: ProjectionMap) -> None:
 
         ax = drawn.subplots()
         finite = m.sigma[np.isfinite(m.sigma)]
-        # what lies far outside the points would leave one colour for all that is of interest
+        # values far outside the points would leave a single colour for the region of interest
         top = float(min(finite.max(), 8 * np.median(finite)))
         picture = ax.pcolormesh(m.x, m.y, m.sigma, cmap="viridis", vmin=0, vmax=top, shading="gouraud", rasterized=True)
         levels = _round_levels(float(finite.min()), top)
@@ -167,6 +167,6 @@ def _round_levels(low: float, high: float, about: int = 7) -> Array:
 
 
 def _two_digits(value: float) -> str:
-    """Return a correlation without what all of them share: .97, -.05, 1."""
+    """Return a correlation in its shortest form: .97, -.05, 1."""
     text = f"{value:.2f}"
     return {"1.00": "1", "-1.00": "-1"}.get(text, text.replace("0.", ".", 1).replace("-.00", ".00"))

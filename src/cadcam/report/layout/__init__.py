@@ -1,1 +1,1 @@
-"""Layouts for a person: words, plan, page; and as JSON."""
+"""Layouts as reports: words, plan, page; and as JSON."""

@@ -48,7 +48,7 @@ def layout_as_json(
 
 
 def next_as_json(order: Sequence[tuple[Candidate, Score]]) -> list[dict[str, Any]]:
-    """Return candidates with the scores that they would bring."""
+    """Return candidates with the scores of the set extended by each."""
     return [{"name": c.name, "position_mm": c.eye.tolist(), **score_as_json(score)} for c, score in order]
 
 

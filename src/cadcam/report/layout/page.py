@@ -1,6 +1,6 @@
-"""A layout as one HTML file to sign: the verdict on top, where to mount what, what it will measure, what was assumed.
+"""A layout as one HTML file to sign: the verdict on top, mounting positions, predicted uncertainties, assumptions.
 
-Nothing in it is fetched.
+The page loads nothing else.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ svg.bar{width:150px;height:24px}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LayoutReport:
-    """What a page shows beside the layout: what if, next cameras, what the cameras see, coverage with its pictures."""
+    """The page's sections beside the layout: what if, next cameras, the cameras' views, coverage with its pictures."""
 
     layout: Layout
     changes: Sequence[WhatIf] = ()
@@ -199,7 +199,7 @@ def _coverage(report: LayoutReport) -> str:
 
 
 def _painted(painting: Painting, views: Sequence[tuple[str, Picture]]) -> str:
-    """Return the pictures of a painting with the meaning of its colours."""
+    """Return the pictures of a coverage painting with a legend of its colours."""
     cells = "".join(f"<div><h3>{escape(title)}</h3>{_image(picture, title)}</div>" for title, picture in views)
     keys = []
     for words, color, share in zip(painting.words, painting.colors, painting.shares, strict=True):

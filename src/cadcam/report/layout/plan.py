@@ -18,7 +18,7 @@ _WIDTH, _MARGIN = 560.0, 34.0
 _TALLEST = 520.0
 _HUES = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#7a6500")
 _MOST_LINES = 1500
-NOTHING, WANTED = "#c23b00", "#111111"  # a bar's lines: at 1, where nothing could pass, and at what is wanted
+NOTHING, WANTED = "#c23b00", "#111111"  # a bar's lines: at 1, below which nothing can pass, and at the required ratio
 
 
 def full_bar(wanted: float) -> float:
@@ -27,7 +27,7 @@ def full_bar(wanted: float) -> float:
 
 
 def ratio_bar(ratio: float, wanted: float, color: str) -> str:
-    """Return a bar of a test uncertainty ratio, 0 to twice what is wanted, with lines at 1 and at what is wanted."""
+    """Return a bar of a test uncertainty ratio, 0 to twice the required one, with lines at 1 and at that one."""
     full = full_bar(wanted)
 
     def x(value: float) -> float:
@@ -84,7 +84,7 @@ def _path(lines: Array, at: ToPaper) -> str:
 
 
 def _field(camera: Candidate) -> Array:
-    """Return the corners (4, 3) of what a camera sees at the distance of its aim, in the world."""
+    """Return the corners (4, 3) of a camera's field of view at the distance of its aim, in the world."""
     w, h = camera.camera.size
     corners = np.array([[-0.5, -0.5], [w - 0.5, -0.5], [w - 0.5, h - 0.5], [-0.5, h - 0.5]])
     rays = camera.viewpoint.rays(corners)
@@ -94,7 +94,7 @@ def _field(camera: Candidate) -> Array:
 
 
 def _camera(camera: Candidate, far: Array, eye: Point, at: ToPaper, color: str, number: int) -> str:
-    """Return a camera at `eye` on paper, with the outline of what it sees."""
+    """Return a camera at `eye` in the drawing, with the outline of its field of view."""
     q, (x, y) = [at(p) for p in far], eye
     field = "M" + "L".join(f"{a:.1f} {b:.1f}" for a, b in q) + "Z"
     rays_drawn = "".join(f"M{x:.1f} {y:.1f}L{a:.1f} {b:.1f}" for a, b in q)
@@ -108,7 +108,7 @@ def _camera(camera: Candidate, far: Array, eye: Point, at: ToPaper, color: str, 
 
 
 def _scale_bar(scale: float, height: float) -> str:
-    """Return a bar of a round length, about a fifth of the width."""
+    """Return a scale bar of a round length, about a fifth of the width."""
     wanted = 0.2 * _WIDTH / scale
     power = 10 ** np.floor(np.log10(wanted))
     length = float(max(m * power for m in (1, 2, 5) if m * power <= wanted))

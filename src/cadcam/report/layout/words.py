@@ -1,4 +1,4 @@
-"""A layout in words and tables: what a person reads, on a terminal and in the report."""
+"""A layout in words and tables: for the terminal and the report."""
 
 from __future__ import annotations
 
@@ -52,7 +52,7 @@ def _cameras(layout: Layout) -> str:
 
 
 def camera_table(layout: Layout) -> Table:
-    """Return where to mount each chosen camera, with which lens, and what it is there for."""
+    """Return the mounting position of each chosen camera, its lens, and its purpose."""
     rows = []
     for camera, role, view in zip(layout.cameras, layout.roles, layout.visibility, strict=True):
         pan, tilt = pan_tilt(camera)
@@ -74,7 +74,7 @@ def camera_table(layout: Layout) -> Table:
 
 
 def why(without: Score, only_it: int, camera: Candidate) -> str:
-    """Return what is lost without a camera."""
+    """Return the loss without a camera."""
     if camera.fixed:
         return "is there already"
     if only_it:
@@ -83,7 +83,7 @@ def why(without: Score, only_it: int, camera: Candidate) -> str:
 
 
 def search_words(layout: Layout) -> str:
-    """Return how the set was found."""
+    """Return the method by which the set was found."""
     found, all_of_them = layout.found, layout.all_of_them
     if not found.chosen:
         return "nothing was chosen: the cameras are those that are there"
@@ -99,7 +99,7 @@ def search_words(layout: Layout) -> str:
 
 
 def growth_words(layout: Layout) -> str:
-    """Return what one camera less or more would do."""
+    """Return the effect of one camera less or more."""
     said = [
         f"{n} cameras {tur_words(score.worst)}"
         + (f" ({score.unmeasured} limits not measured)" if score.unmeasured else "")
@@ -109,7 +109,7 @@ def growth_words(layout: Layout) -> str:
 
 
 def limit_table(layout: Layout) -> Table:
-    """Return a line for each limit, in the pose where it is judged worst; the outcome in the title."""
+    """Return one line for each limit, in its worst pose; the outcome in the title."""
     rows = [limit_cells(layout, i) for i in range(len(layout.survey.asked))]
     heads = ("feature", "what", "limit", "U", "TUR", "cameras", "outcome", "mostly by", "direction", "pose")
     left = ("feature", "what", "outcome", "mostly by", "direction", "pose")
@@ -119,7 +119,7 @@ def limit_table(layout: Layout) -> Table:
 
 
 def limit_cells(layout: Layout, i: int) -> tuple[str, ...]:
-    """Return what is said of one limit."""
+    """Return the note on one limit."""
     seen, found = layout.survey, layout.assessment
     limit, pose = seen.asked.limits[i], int(found.worst_pose[i])
     sigma, ratio = float(found.sigma[pose, i]), float(found.ratio[pose, i])
@@ -141,7 +141,7 @@ def limit_cells(layout: Layout, i: int) -> tuple[str, ...]:
 
 
 def sight_table(layout: Layout, *, pose: int = 0) -> Table:
-    """Return what each chosen camera makes of each feature in a pose: scale, slant, blur, sigma; or why it does not."""
+    """Return each chosen camera's view of each feature in a pose: scale, slant, blur, sigma; or why there is none."""
     rows = []
     names = [f.name for f in layout.survey.scene.features]
     for f, name in enumerate(names):
@@ -183,7 +183,7 @@ def what_if_table(changes: Sequence[WhatIf]) -> Table:
 def next_table(
     seen: CandidateSurvey, have: Sequence[int], order: Sequence[tuple[Candidate, Score]], *, most: int = 10
 ) -> Table:
-    """Return the candidates that add most to the cameras there are."""
+    """Return the candidates that add most to the existing cameras."""
     problem = seen.problem
     now = problem.score(have)
     rows = [("(as it is)", "", "", _worst(now), str(now.unmeasured), "")]
@@ -200,7 +200,7 @@ def next_table(
 
 
 def less_uncertain(before: Array, after: Array) -> float | None:
-    """Return by what share the uncertainty of what was measured shrinks, geometric mean; None if nothing was.
+    """Return the share by which the uncertainty of what was measured decreases, geometric mean; None if nothing was.
 
     before, after: the ratios limit/U (n,) of the same limits.
     """
@@ -215,7 +215,7 @@ def _worst(score: Score) -> str:
 
 
 def assumptions(layout: Layout) -> list[str]:
-    """Return what the prediction rests on, a sentence each."""
+    """Return the assumptions of the prediction, one sentence each."""
     scene = layout.survey.scene
     finder, seeing = scene.finder, scene.seeing
     out = []
@@ -254,7 +254,7 @@ def assumptions(layout: Layout) -> list[str]:
 
 
 def calibration_words(assumed: Sigmas | CalibratedFrom) -> str:
-    """Return what is assumed of calibrations."""
+    """Return the assumptions on calibrations."""
     if isinstance(assumed, CalibratedFrom):
         known = f", known to {assumed.points_mm:g} mm each" if assumed.points_mm else ""
         return (
@@ -267,7 +267,7 @@ def calibration_words(assumed: Sigmas | CalibratedFrom) -> str:
 
 
 def rule_words(scene: LayoutScene) -> str:
-    """Return how outcomes are decided."""
+    """Return the decision rules."""
     simple = any(limit.rule is Rule.SIMPLE for f in scene.features for limit in f.limits)
     said = (
         f"U = k sigma of the worst direction, TUR = limit/U. SUITABLE: TUR at least {scene.tur:g} in every pose; "
@@ -283,12 +283,12 @@ def tur_words(ratio: float) -> str:
 
 
 def ratio_words(ratio: float) -> str:
-    """Return a ratio in words."""
+    """Return a ratio as text."""
     return f"TUR {tur_words(ratio)}" if ratio > 0 else "not measured"
 
 
 def lens_words(camera: Candidate) -> str:
-    """Return sensor and lens, short."""
+    """Return a short name of sensor and lens."""
     optics = camera.optics
     if optics is None:
         return camera.type.name
@@ -308,7 +308,7 @@ def in_unit(limit: Limit, value: float) -> str:
 
 
 def vector(v: Array) -> str:
-    """Return a direction; the sign does not matter, its largest number is shown positive."""
+    """Return a direction; its sign is arbitrary: the largest number is shown positive."""
     v = v * np.sign(v[np.argmax(np.abs(v))])
     return "(" + ", ".join(f"{0.0 if abs(x) < 5e-3 else x:.2f}" for x in v) + ")"
 

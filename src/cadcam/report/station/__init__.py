@@ -1,1 +1,1 @@
-"""What a station's calibration and measurements say: tables, plots, page."""
+"""A station's calibration and measurements as reports: tables, plots, page."""

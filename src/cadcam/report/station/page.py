@@ -1,4 +1,4 @@
-"""Stations as one HTML file: map of the mechanics, calibrations, what was measured; nothing in it is fetched."""
+"""Stations as one HTML file: map of the mechanics, calibrations, measurements; the page loads nothing else."""
 
 from __future__ import annotations
 
@@ -26,14 +26,14 @@ h1{font-size:1.5rem}.wide{overflow-x:auto}
 table{width:auto}th,td{text-align:right;padding:4px 12px 4px 0}.left{text-align:left}
 .wide .left:first-child{position:sticky;left:0;background:#fff}
 """
-_WIDTH, _HEIGHT, _MARGIN = 900.0, 620.0, 60.0  # px; the largest
+_WIDTH, _HEIGHT, _MARGIN = 900.0, 620.0, 60.0  # px; upper limits
 _LATEST = 500  # entries of a log that a page shows
-_SIGMAS = 10.0  # by how much the ellipses of uncertainty are drawn larger than the arrows
+_SIGMAS = 10.0  # magnification of the ellipses of uncertainty relative to the arrows
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StationReport:
-    """What a page shows: calibrations by camera, entries of a log, and the trend of distances, where they are known."""
+    """The page's contents: calibrations by camera, entries of a log, and the trend of distances, where available."""
 
     stations: Mapping[str, GantryCalibration]
     log: Sequence[Mapping[str, Any]] = ()
@@ -74,12 +74,12 @@ def arrows(maps: Mapping[str, DeviationMap]) -> str:
     width = px * float(extent[0]) + 2 * _MARGIN
     height = px * float(extent[1]) + 2 * _MARGIN
     most = max(float(np.linalg.norm(m.deviation, axis=1).max()) for m in maps.values()) or 1.0
-    gain = min(0.6 * px * min(_spacing(m.positions) for m in maps.values()), _MARGIN) / most  # px by mm of deviation
+    gain = min(0.6 * px * min(_spacing(m.positions) for m in maps.values()), _MARGIN) / most  # px per mm of deviation
     body = [
         '<defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="6" markerHeight="6" orient="auto">'
     ]
     body.append('<path d="M0 0L6 3L0 6z" fill="#0072b2"/></marker></defs>')
-    over, names = [], []  # arrows may reach beyond their area: names are written over all of them
+    over, names = [], []  # arrows may leave their area: names are drawn above all of them
     for name, seen in maps.items():
         q = np.column_stack([(seen.positions[:, 0] - low[0]) * px, (high[1] - seen.positions[:, 1]) * px]) + _MARGIN
         body.append(_area(q))
@@ -106,7 +106,7 @@ def _area(q: Array) -> str:
 
 
 def _name(q: Array, arrow: Array, name: str) -> str:
-    """Return the name of a camera's area, where the arrows leave it most room; arrow: from each place q (n, 2) on."""
+    """Return the name of a camera's area, placed away from the arrows; arrow: from each place q (n, 2)."""
     along = np.linspace(0, 1, 5)[:, None, None]
     taken = (q + along * arrow).reshape(-1, 2)
     x, y = (np.linspace(low, high, 33)[3:-3] for low, high in zip(q.min(axis=0), q.max(axis=0), strict=True))
@@ -117,7 +117,7 @@ def _name(q: Array, arrow: Array, name: str) -> str:
 
 
 def _caption(maps: Mapping[str, DeviationMap]) -> str:
-    """Return what the arrows mean, how long they are, and where the areas lie."""
+    """Return the legend of the arrows, their scale, and the location of the areas."""
     most = max(float(np.linalg.norm(m.deviation, axis=1).max()) for m in maps.values())
     areas = []
     for name, seen in maps.items():
@@ -165,7 +165,7 @@ def _xy(value: Any) -> tuple[str, str]:
 
 
 def _table(table: Table) -> str:
-    """Return a table that scrolls by itself where the screen is narrower: what is said of it stays where it is."""
+    """Return a table that scrolls separately on a narrow screen, so that its notes stay in place."""
     kinds = ['class="left"' if column in table.left else "" for column in table.columns]
     head = "".join(f"<th {k}>{_said(c.strip())}</th>" for k, c in zip(kinds, table.columns, strict=True))
     head = f"<thead><tr>{head}</tr></thead>" if table.headed else ""
@@ -178,7 +178,7 @@ def _table(table: Table) -> str:
 
 
 def _said(text: str) -> str:
-    """Return what a table for a terminal says, as a page writes it."""
+    """Return the contents of a terminal table as part of a page."""
     return escape(text).replace("+-", "±")
 
 

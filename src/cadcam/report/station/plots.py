@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_LONGEST_M = 1.5  # of an arrow on the floor: the largest deviation in an axis
+_LONGEST_M = 1.5  # of an arrow in the plot: the largest deviation along an axis
 _FINE = 41  # places along each side, between the calibrated positions
 
 
@@ -28,7 +28,7 @@ def deviation_figure(stations: Mapping[str, GantryCalibration]) -> Figure:
         for axis, panel in enumerate(panels):
             for name, (xs, ys, values) in fields.items():
                 half = [float(side[1] - side[0]) / 2 for side in (xs, ys)]
-                shown = panel.imshow(  # shaded triangles would do, but no viewer of SVG mixes their colours rightly
+                shown = panel.imshow(  # not shaded triangles: viewers of SVG do not interpolate their colours correctly
                     values[..., axis],
                     extent=(xs[0] - half[0], xs[-1] + half[0], ys[0] - half[1], ys[-1] + half[1]),
                     origin="lower",
@@ -49,7 +49,7 @@ def deviation_figure(stations: Mapping[str, GantryCalibration]) -> Figure:
 
 
 def _reach(sides: Sequence[Array]) -> tuple[float, float]:
-    """Return from where to where an axis goes, so that no arrow at the border is cut off, m."""
+    """Return the limits of an axis, m, so that no arrow at the border is cut off."""
     return min(float(s[0]) for s in sides) - _LONGEST_M, max(float(s[-1]) for s in sides) + _LONGEST_M
 
 

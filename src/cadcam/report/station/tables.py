@@ -1,4 +1,4 @@
-"""A station as tables: calibrated positions, how the mechanics deviate, what was measured, and the drawing."""
+"""A station as tables: calibrated positions, the mechanics' deviations, measurements, and the drawing."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from cadcam.station.drawing import DifferenceTrend, DistanceCheck
 from cadcam.station.gantry import GantryCalibration, Sighting
 from cadcam.station.measure import PointEstimate
 
-_MOST = 20  # distances that a terminal shows
+_MOST = 20  # distances shown on a terminal
 _DISTANCE = ("marks", "measured mm", "+-", "drawn mm", "drawn - measured mm", "angle deg")
 
 
 def calibration_tables(station: GantryCalibration, *, named: bool = True) -> list[Table]:
-    """Return one row for each calibrated position: fit, survey, and what a pixel is worth there.
+    """Return one row for each calibrated position: fit, survey, and the size of a pixel there.
 
-    named: the title says which camera it is.
+    named: the title names the camera.
     """
     columns = (
         "position",
@@ -59,7 +59,7 @@ def calibration_tables(station: GantryCalibration, *, named: bool = True) -> lis
 
 
 def map_tables(names: Sequence[str], deviations: DeviationMap) -> list[Table]:
-    """Return how the mechanics deviate at each position, and how mechanics and vision share in what is seen."""
+    """Return the mechanics' deviations at each position, and the shares of mechanics and vision in what is observed."""
     columns = ("position", "x mm", "y mm", "deviation x mm", "sigma mm", "deviation y mm", "sigma mm ")
     rows = tuple(
         (name, f"{p[0]:.1f}", f"{p[1]:.1f}", f"{m[0]:+.3f}", f"{s[0]:.3f}", f"{m[1]:+.3f}", f"{s[1]:.3f}")
@@ -71,7 +71,7 @@ def map_tables(names: Sequence[str], deviations: DeviationMap) -> list[Table]:
 
 
 def split_table(deviations: DeviationMap) -> Table:
-    """Return what of the cross-predictions is mechanics and what is vision (Table 6.10)."""
+    """Return the shares of mechanics and vision in the cross-predictions (Table 6.10)."""
     split = deviations.split
     m, seen, predicted = split.mechanics, deviations.vision, deviations.predicted
     rows = (
@@ -87,7 +87,7 @@ def split_table(deviations: DeviationMap) -> Table:
 
 
 def pairs_table(names: Sequence[str], split: Split) -> Table:
-    """Return all cross-predictions as Table 6.11 has them: the row's calibration, applied at the column's position."""
+    """Return all cross-predictions as in Table 6.11: the row's calibration, applied at the column's position."""
     rows = tuple(
         (name, *("" if i == j else f"{x:+.1f},{y:+.1f}" for j, (x, y) in enumerate(split.deviations[i].tolist())))
         for i, name in enumerate(names)
@@ -96,7 +96,7 @@ def pairs_table(names: Sequence[str], split: Split) -> Table:
 
 
 def sighting_tables(measured: Measurement, sightings: Sequence[Sighting]) -> list[Table]:
-    """Return where the marks are, and what makes their uncertainty."""
+    """Return the positions of the marks, and the contributions to their uncertainty."""
     half = measured.half_width()
     columns = ("mark", "camera", "x mm", "+-", "y mm", "+- ")
     rows = tuple(
@@ -115,7 +115,7 @@ def sighting_tables(measured: Measurement, sightings: Sequence[Sighting]) -> lis
 
 
 def estimates_table(name: str, found: Sequence[PointEstimate]) -> Table:
-    """Return what each calibration made of one mark and how much it counted, as program bilinear said it (Prog 6)."""
+    """Return each calibration's result for one mark and its weight, in the form of program bilinear (Prog 6)."""
     rows = tuple(
         (
             e.name,
@@ -134,9 +134,9 @@ def estimates_table(name: str, found: Sequence[PointEstimate]) -> Table:
 
 
 def distance_tables(checks: Sequence[DistanceCheck], seen: DifferenceTrend | None, *, most: int = _MOST) -> list[Table]:
-    """Return distances and angles against the drawing (Table 6.12), and what their differences say together.
+    """Return distances and angles against the drawing (Table 6.12), and the statistics of their differences.
 
-    most: of more distances than these, only those that differ most for their uncertainty.
+    most: of more distances, only those that differ most relative to their uncertainty.
     """
     shown = checks
     notes = ["+-: half of the 95 % interval"]

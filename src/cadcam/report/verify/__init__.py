@@ -1,1 +1,1 @@
-"""Verifications for a person: words, pictures, page; and as JSON."""
+"""Verifications as reports: words, pictures, page; and as JSON."""

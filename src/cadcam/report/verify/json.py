@@ -1,4 +1,4 @@
-"""A verification as one JSON document: a record of `cadcam.record.export` with all that it follows from beside it."""
+"""A verification as one JSON document: a record of `cadcam.record.export` together with its evidence."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ _VERDICTS = {Verdict.PASS: "PASS", Verdict.FAIL: "FAIL"}  # of a record; all els
 
 @dataclass(frozen=True, slots=True)
 class VerificationOrigin:
-    """Which part was verified, where and when, from which files; cameras: a line each."""
+    """The identity of a verification: part, place, time, files; cameras: one line each."""
 
     part: str
     sources: tuple[Source, ...] = ()
@@ -35,7 +35,7 @@ class VerificationOrigin:
 
 
 def record_of(found: Verification, origin: VerificationOrigin) -> Record:
-    """Return what a store of measured parts keeps of a verification."""
+    """Return the record of a verification for a store of measured parts."""
     return Record(
         part=origin.part,
         serial=origin.serial,
@@ -51,7 +51,7 @@ def record_of(found: Verification, origin: VerificationOrigin) -> Record:
 
 
 def verification_as_json(found: Verification, origin: VerificationOrigin) -> dict[str, Any]:
-    """Return the document; its head is that of a record, so that `cadcam state add` takes it."""
+    """Return the document; its head is that of a record, so that `cadcam state add` accepts it."""
     head = record_as_json(record_of(found, origin))
     out = head | {
         "verdict_in_full": found.verdict.value,

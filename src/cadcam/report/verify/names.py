@@ -1,4 +1,4 @@
-"""What of a part can be named in a tolerance file: tables, and a picture with the names."""
+"""The names in a part that a tolerance file may use: tables, and a picture with the names."""
 
 from __future__ import annotations
 
@@ -103,7 +103,7 @@ def _named(under: Picture, wires: Wireframe, scene: Scene, chosen: Selection | N
 
 
 def _labels(lines: Polylines, camera: Camera, scene: Scene, *, chains: bool) -> list[tuple[str, Array]]:
-    """Return the texts and where they belong: the middle of the longest line of each part or chain in the picture."""
+    """Return the texts and their places: the middle of the longest line of each part or chain in the picture."""
     length = lines.length_px
     out = []
     keys = lines.chain if chains else lines.part

@@ -1,4 +1,4 @@
-"""A photo with the deviations of all edges in colour, as inline SVG: embedded, nothing fetched."""
+"""A photo with the deviations of all edges in colour, as self-contained inline SVG."""
 
 from __future__ import annotations
 
@@ -20,11 +20,11 @@ from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement
 from cadcam.whole import write_whole
 
-# Okabe and Ito's hues: blue, pale grey, vermilion; told apart by people with any colour vision
+# Okabe and Ito's hues: blue, pale grey, vermilion; distinct for people with any colour vision
 NEGATIVE, ZERO, POSITIVE = np.array([0.0, 0.45, 0.70]), np.array([0.85, 0.85, 0.85]), np.array([0.84, 0.37, 0.0])
 MISSING, EXTRA, UNSEEN = "#cc2fa0", "#f0e442", "#9a9a9a"
 _CORNER = 0.5  # SVG counts from the corner of the top-left pixel
-_MOST_TIMES, _LEAST_ARROW = 100.0, 40  # arrows are drawn at most so much longer, and not shorter than width / 40
+_MOST_TIMES, _LEAST_ARROW = 100.0, 40  # greatest magnification of arrows; their least length is width / 40
 _ARROW_SHARE = 0.09  # of the photo's width: the longest arrow
 _LABEL_SHARE, _LETTER = 1 / 32, 0.62  # of the photo's width: a label's height; of that: a wide font's letter
 _APART = 8.0  # px from a label to what it names
@@ -38,7 +38,7 @@ def deviation_color(value: float, full: float) -> str:
 
 
 def full_scale(seen: Inspection) -> float:
-    """Return the deviation (mm), a round number, at which colours are full: that of most edges, at least 0.1."""
+    """Return the deviation (mm), a round number, at which colours saturate: above that of most edges, at least 0.1."""
     values = [abs(e.value) for e in seen.edges if np.isfinite(e.value)]
     values += [f.size for f in seen.features if f.state is State.DISPLACED]
     most = max(values, default=0.0)
@@ -54,7 +54,7 @@ def write_overlay_svg(
     judgements: Sequence[Judgement] = (),
     quality: int = 85,
 ) -> None:
-    """Write the <svg> as a picture of its own, whole or not at all."""
+    """Write the <svg> as a separate picture, whole or not at all."""
     alone = overlay_svg(photo, number, seen, judgements=judgements, quality=quality).replace(
         "<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1
     )
@@ -114,7 +114,7 @@ def _dots(q: Array, color: str, title: str) -> str:
 
 
 def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: Sequence[Judgement]) -> list[str]:
-    """Return arrows of displaced features, all drawn longer by one factor, and labels of these and of missing ones."""
+    """Return arrows of displaced features, all magnified by one factor, and labels of these and of missing ones."""
     moves = _moves(photo, seen)
     longest = max((float(np.hypot(*d)) for _, _, d in moves), default=0.0)
     times = min(max(_ARROW_SHARE * width / longest, 1.0), _MOST_TIMES) if longest > 0 else 1.0
@@ -160,7 +160,7 @@ def _spaced(places: Sequence[Array], least: float) -> list[Array]:
 
 
 def _label_text(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
-    """Return a feature's name with what was judged of its position, else with the displacement that the photo shows."""
+    """Return a feature's name with the judgement of its position, else with the displacement that the photo shows."""
     if f.state is State.MISSING:
         return f"{f.name}: missing"
     for j in judgements:
@@ -185,7 +185,7 @@ def _arrow(q: Array, d: Array, width: int) -> str:
 
 
 def _leftwards(q: Array, d: Array, text: str, width: int) -> bool:
-    """Return whether a label at q reaches to the left: away from its arrow, if there is room for it on that side."""
+    """Return whether a label at q extends to the left: away from its arrow, if there is room on that side."""
     length = _label_length(text, width)
     fits_left, fits_right = q[0] > length, width - q[0] > length
     return bool(fits_left and (d[0] > 0 or not fits_right))

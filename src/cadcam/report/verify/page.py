@@ -1,4 +1,4 @@
-"""A verification as one HTML file: the verdict on top, all it follows from below; nothing in it is fetched."""
+"""A verification as one HTML file: the verdict on top, all its evidence below; the page loads nothing else."""
 
 from __future__ import annotations
 
@@ -153,7 +153,7 @@ def _features(found: Verification, seen: Inspection) -> str:
 
 
 def _kept(found: Verification, f: FeatureDeviation) -> bool:
-    """Return whether a position limit of a feature is not exceeded: its displacement is then nothing to mend."""
+    """Return whether a feature's position limit is not exceeded: then its displacement needs no correction."""
     of_position = [j for j in found.judgements if j.feature == f.name and j.limit.quantity is Quantity.POSITION]
     return bool(of_position) and all(j.verdict is not Verdict.FAIL for j in of_position)
 

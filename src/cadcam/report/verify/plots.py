@@ -1,4 +1,4 @@
-"""Plots of a verification as inline SVG: tolerance bars, deviations of all edges, what makes the uncertainty."""
+"""Plots of a verification as inline SVG: tolerance bars, deviations of all edges, contributions to the uncertainty."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ COLORS = {
 }
 CAUSE_COLORS = {"noise": "#56b4e9", "edges": "#e69f00", "pose": "#009e73", "calibration": "#cc79a7"}
 _INK, _FAINT = "#222222", "#cfcfcf"
-_WIDTH = 380.0  # about a phone's width: there, letters keep their size
+_WIDTH = 380.0  # about a phone's width, so that letters keep their size there
 
 
 @dataclass(frozen=True, slots=True)
 class _Frame:
-    """What is plotted over a range of values: from the lowest of the ticks at the bottom to the highest at the top."""
+    """The plot area over a range of values: from the lowest of the ticks at the bottom to the highest at the top."""
 
     height: float
     ticks: Sequence[float]

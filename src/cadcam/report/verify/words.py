@@ -1,4 +1,4 @@
-"""A verification in words and tables: what a person reads, on a terminal and in the report."""
+"""A verification in words and tables: for the terminal and the report."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ CAUSE_WORDS = {
 
 
 def verification_tables(found: Verification) -> list[Table]:
-    """Return the judgements, and what became of each feature."""
+    """Return the judgements, and the outcome for each feature."""
     tables = [judgement_table(found)]
     if found.inspection is not None and found.inspection.found:
         tables.append(feature_table(found, found.inspection))
@@ -30,7 +30,7 @@ def verification_tables(found: Verification) -> list[Table]:
 
 
 def judgement_table(found: Verification) -> Table:
-    """Return a line for each limit, the verdict in the title."""
+    """Return one line for each limit, the verdict in the title."""
     rows = []
     for j in found.judgements:
         deviation, U, limit = in_unit(j)
@@ -45,7 +45,7 @@ def judgement_table(found: Verification) -> Table:
 
 
 def unclear_words(seen: Inspection) -> list[str]:
-    """Return which features are unclear, and why: a line a reason."""
+    """Return which features are unclear, and why: one line per reason."""
     why: dict[str, list[str]] = {}
     for f in seen.features:
         if f.state is State.UNCLEAR and f.why is not None:
@@ -54,7 +54,7 @@ def unclear_words(seen: Inspection) -> list[str]:
 
 
 def to_do(found: Verification) -> list[tuple[str, list[str]]]:
-    """Return what a person should do about the verdict, and about which features: what failed first."""
+    """Return the recommended actions for the verdict and the features concerned: what failed first."""
     out: dict[str, list[str]] = {}
     for j in found.judgements:
         if j.verdict is Verdict.FAIL:
@@ -74,14 +74,14 @@ def _wrong(j: Judgement) -> str:
 
 
 def role(found: Verification, feature: FeatureDeviation) -> str:
-    """Return what a feature is to the verdict: the pose's datum, judged by a limit, or compared with the CAD alone."""
+    """Return the role of a feature in the verdict: the pose's datum, judged by a limit, or compared with the CAD."""
     if feature.datum:
         return "datum"
     return "judged" if any(j.feature == feature.name for j in found.judgements) else "compared"
 
 
 def feature_table(found: Verification, seen: Inspection) -> Table:
-    """Return what became of each feature in view."""
+    """Return the outcome for each feature in view."""
     rows = []
     for f in seen.features:
         if f.state is State.OUT_OF_VIEW:
@@ -101,7 +101,7 @@ def feature_table(found: Verification, seen: Inspection) -> Table:
 
 
 def feature_notes(seen: Inspection) -> list[str]:
-    """Return what is to be said of the table of features, a line each."""
+    """Return the notes on the table of features, one line each."""
     notes = [
         "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far "
         "as the photos show it"
@@ -129,7 +129,7 @@ def in_unit(j: Judgement) -> tuple[str, str, str]:
 
 
 def rule_words(found: Verification) -> str:
-    """Return the decision rules used, a sentence."""
+    """Return the decision rules used, one sentence."""
     rules = {j.limit.rule for j in found.judgements}
     words = []
     if Rule.GUARD_BAND in rules or not rules:
@@ -145,10 +145,10 @@ def rule_words(found: Verification) -> str:
 
 
 def weakest_direction(seen: Inspection) -> tuple[str, float]:
-    """Return the motion of the part known worst, in words, and by how many mm it moves the part's middle (1 sigma).
+    """Return the least certain motion of the part, in words, and its displacement of the part's middle (1 sigma), mm.
 
-    The pose's covariance is taken to the middle of what is seen, where translation and rotation are least mixed, and
-    a rotation counts by how far it moves the edges there.
+    The pose's covariance is transformed to the middle of what is seen, where translation and rotation are least
+    correlated, and a rotation counts by its displacement of the edges there.
     """
     p = seen.survey.lines.p
     middle = p.mean(axis=0)
@@ -164,7 +164,7 @@ def weakest_direction(seen: Inspection) -> tuple[str, float]:
 
 
 def assumptions(found: Verification) -> list[str]:
-    """Return what the verdict rests on, a sentence each."""
+    """Return the assumptions of the verdict, one sentence each."""
     seen = found.inspection
     if seen is None or not seen.found or seen.measured is None:
         return []
@@ -197,7 +197,7 @@ def assumptions(found: Verification) -> list[str]:
 
 
 def shares_in_words(f: FeatureDeviation) -> str:
-    """Return which causes make a feature's uncertainty, the largest first."""
+    """Return the causes of a feature's uncertainty, the largest first."""
     shares = sorted(f.shares.items(), key=lambda item: -item[1])
     return ", ".join(f"{CAUSE_WORDS[cause]} {share:.0%}" for cause, share in shares if share >= 0.005)
 
