@@ -1,1 +1,1 @@
-"""Labelled synthetic pictures of a part, at any scale: planned, made on many processes, written for others to read."""
+"""Labelled synthetic pictures of a part, at any scale: planned, rendered by many processes, written in open formats."""

@@ -1,4 +1,4 @@
-"""The records of all views, put together as BOP and COCO want them: a file a scene, and one for all."""
+"""The records of all views, combined as BOP and COCO require: one file per scene, and one for all."""
 
 from __future__ import annotations
 
@@ -48,7 +48,7 @@ def assemble(folder: Path, layout: DatasetFiles, views: int, *, name: str, key_p
 
 
 def _bop(records: list[dict[str, Any]], key: str) -> bytes:
-    """Return a file of a scene: an entry a picture; labels stand in a list of objects, of which there is one."""
+    """Return a file of a scene: one entry per picture; labels are in a list of objects, of which there is one."""
     entries = ((r["view"] % VIEWS_A_SCENE, r["bop"][key]) for r in records)
     lines = [f'"{image}": {_text(entry if key == "camera" else [entry])}' for image, entry in entries]
     return ("{\n" + ",\n".join(lines) + "\n}\n").encode()

@@ -1,4 +1,4 @@
-"""What is behind the part: an even grey, noise of all sizes, a photo. RGB (H, W, 3) float32 in [0, 1]."""
+"""The background of the part: an even grey, noise of all scales, a photo. RGB (H, W, 3) float32 in [0, 1]."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from cadcam.dataset.plan import NOISE, PLAIN
 from cadcam.dataset.shot import Backdrop
 
 _CELLS_PX = (128, 32, 8)  # of the noise; each octave half as strong as the one before
-_COLOR = 0.35  # how far the noise of red, green and blue go apart
+_COLOR = 0.35  # largest difference of the noise between red, green and blue
 
 
 def backdrop_picture(backdrop: Backdrop, size: tuple[int, int], photo: bytes | None) -> Picture:

@@ -1,7 +1,7 @@
-"""Views made on a Dask cluster: the same files, from as many machines as it has. The only file that imports Dask.
+"""Views made on a Dask cluster: the same files, on all its machines. The only file that imports Dask.
 
-Workers need cadcam installed and nothing else: the model, the shots and the photos travel to them, the files back.
-Dask itself gives the work of a worker that dies to another; a worker that joins later is given the job then.
+Workers need cadcam installed and nothing else: the model, the shots and the photos are sent to them, the files back.
+Dask itself reassigns the work of a worker that dies; a worker that joins later is given the job then.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from itertools import islice
 from cadcam.dataset.worker import Answer, Files, Job, Maker, Task, files_in
 from cadcam.errors import MissingExtra, UnreachableCluster, WorkerDied
 
-_AHEAD = 4  # views under way or waiting, a thread of the cluster
+_AHEAD = 4  # views in progress or waiting, per thread of the cluster
 _PATIENCE_S = 20
 _kept = threading.local()  # the maker of a thread, and its job
 
@@ -26,7 +26,7 @@ def require_dask() -> None:
 
 
 def on_cluster(job: Job, tasks: Iterable[Task], address: str) -> Iterator[Files]:
-    """Yield the files of each task as they come, in any order, made by the cluster at `address`.
+    """Yield the files of each task as they arrive, in any order, made by the cluster at `address`.
 
     Raises `MissingExtra` without Dask, `UnreachableCluster`, `WorkerDied`, and the error that a task ended with.
     """

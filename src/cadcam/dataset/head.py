@@ -1,4 +1,4 @@
-"""The head of a data set: everything its bytes depend on, so that a run goes on with its own data set and no other."""
+"""The head of a data set: everything its bytes depend on, so that a run continues its own data set and no other."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ def head_of(
 
 
 def begin(folder: Path, head: dict[str, Any]) -> None:
-    """Write the head, or see that the folder holds this data set already, with as many views or fewer.
+    """Write the head, or check that the folder holds this data set already, with as many views or fewer.
 
     Raises `BadValue` naming the first thing that differs.
     """

@@ -1,4 +1,4 @@
-"""The points of a part whose pictures are labelled: read from a file, or its corners, spread out."""
+"""The labelled points of a part: read from a file, or spread over its corners."""
 
 from __future__ import annotations
 
@@ -45,9 +45,9 @@ def read_key_points(path: str | os.PathLike[str], *, unit: str = "mm") -> tuple[
 
 
 def corners(scene: Scene, count: int = 12) -> tuple[tuple[str, ...], Array]:
-    """Return names and places (K, 3) mm of corners, where other than two features meet, as far apart as can be.
+    """Return names and places (K, 3) mm of corners, where other than two features meet, as far apart as possible.
 
-    Of a part with fewer corners, places along its edges; without edges, any vertices.
+    For a part with fewer corners, places along its edges; without edges, any vertices.
     """
     mesh, edges = scene.mesh, scene.edges
     met = np.bincount(edges.vertices.ravel(), minlength=len(mesh.vertices))

@@ -1,4 +1,4 @@
-"""Where everything of a data set lies, and how numbers of views become those of BOP's scenes and pictures.
+"""The files of a data set, and the map from numbers of views to BOP's scenes and pictures.
 
 dataset.json                       the plan it was made from, with hashes of its inputs
 camera.json                        BOP: the internals

@@ -1,7 +1,7 @@
-"""A data set made, or gone on with: what is there is kept, what is missing is made, then all is put together.
+"""Makes or continues a data set: what exists is kept, what is missing is made, then everything is combined.
 
 A view's files are a function of plan, part and the view's number; each is written whole, its record last. So it does
-not matter who makes a view, in what order, or how often the work was cut off.
+not matter which worker makes a view, in what order, or how often the work was interrupted.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ from cadcam.render.lines.seen import drawable_edges
 from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 
-_TOGETHER = 8  # shots drawn at a time: between views others have had the processor's caches
+_TOGETHER = 8  # shots drawn at a time: between views the processor's caches hold other data
 _STEPS_MM = tuple(m * 10.0**e for e in range(-3, 4) for m in (1, 2, 5))
 
 
 @dataclass(frozen=True, slots=True)
 class Made:
-    """What a run did: how many views it made, the visible share of the part in each of all, mm of a step of depth."""
+    """The result of a run: the number of views made, the visible share of the part in each view, the depth step, mm."""
 
     folder: Path
     layout: DatasetFiles
@@ -71,10 +71,10 @@ def make_dataset(
     on_view: Callable[[], None] | None = None,
     on_start: Callable[[int, int], None] | None = None,
 ) -> Made:
-    """Make the data set in a folder, or go on where it was left; the same bytes whatever `workers` and `cluster` are.
+    """Make the data set in a folder, or continue it; the same bytes whatever `workers` and `cluster` are.
 
-    workers: processes, by default one a core. cluster: address of a Dask scheduler, in place of processes. on_start is
-    told how many views are to be made and how many are there; on_view is called after each. Raises `BadValue` for a
+    workers: processes, by default one per core. cluster: address of a Dask scheduler, instead of processes. on_start
+    gets the numbers of views to be made and of views present; on_view is called after each. Raises `BadValue` for a
     folder that holds another data set, `UnwritableFile`, `MissingExtra`, `WorkerDied`, `UnreachableCluster`.
     """
     folder, layout = Path(folder), DatasetFiles(_named(split), "gray" if plan.gray else "rgb")
@@ -101,7 +101,7 @@ def make_dataset(
 
 
 def _check_makers(workers: int | None, cluster: str | None) -> None:
-    """Say now what every worker would, and what would fail once the work is prepared."""
+    """Raise now the errors that every worker would raise, and those that would come after the preparation."""
     if workers is not None and workers < 1:
         raise BadValue("workers", workers, "a whole number of at least 1")
     try:
@@ -113,7 +113,7 @@ def _check_makers(workers: int | None, cluster: str | None) -> None:
 
 
 def missing(folder: Path, layout: DatasetFiles, views: int) -> list[int]:
-    """Return the views of which a file is missing; half-written files of a run that was cut off are removed."""
+    """Return the views of which a file is missing; half-written files of an interrupted run are removed."""
     out: list[int] = []
     for first in range(0, views, VIEWS_A_SCENE):
         scene = folder / layout.scene(first // VIEWS_A_SCENE)
@@ -124,7 +124,7 @@ def missing(folder: Path, layout: DatasetFiles, views: int) -> list[int]:
 
 
 def _swept(folder: Path) -> Iterator[str]:
-    """Yield the names of files in a folder; those whose writing was cut off go (see `whole`)."""
+    """Yield the names of files in a folder; those whose writing was interrupted are removed (see `whole`)."""
     if not folder.is_dir():
         return
     for file in folder.iterdir():
@@ -138,7 +138,7 @@ def _swept(folder: Path) -> Iterator[str]:
 def _made(
     stage: Stage, layout: DatasetFiles, director: Director, todo: list[int], workers: int, cluster: str | None
 ) -> Generator[Files, None, None]:
-    """Yield the files of views as they come."""
+    """Yield the files of views as they arrive."""
 
     def job() -> Job:
         return Job(stage, drawable_edges(stage.scene), layout)
@@ -171,7 +171,7 @@ def _named(split: str) -> str:
 
 
 def _depth_step(farthest: float) -> float:
-    """Return the smallest round number of mm in which 16 bits hold the depth."""
+    """Return the smallest round step in mm for which the depth fits in 16 bits."""
     return next((step for step in _STEPS_MM if farthest / step <= DEEPEST), _STEPS_MM[-1])
 
 

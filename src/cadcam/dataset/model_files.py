@@ -33,10 +33,10 @@ def diameter(points: Array) -> float:
     """Return the largest distance (mm) between two of the points (N, 3)."""
     out = np.linalg.norm(points - (points.min(axis=0) + points.max(axis=0)) / 2, axis=1)
     some = float(np.linalg.norm(points - points[np.argmax(out)], axis=1).max())
-    ends = points[out >= (some - out.max()) * (1 - 1e-9)]  # nothing nearer the middle is an end of so large a distance
+    ends = points[out >= (some - out.max()) * (1 - 1e-9)]  # points nearer the middle cannot be ends of the diameter
     if len(ends) <= _FEW:
         return float(np.linalg.norm(ends[:, None] - ends, axis=2).max())
-    from scipy.spatial import ConvexHull  # a third of a second, and seldom needed
+    from scipy.spatial import ConvexHull  # takes a third of a second to import, and is rarely needed
     from scipy.spatial.distance import cdist
 
     corners = ends[ConvexHull(ends, qhull_options="QJ").vertices]  # QJ: flat ones too

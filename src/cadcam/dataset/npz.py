@@ -1,6 +1,6 @@
-"""Arrays as the bytes of a .npz file, as `numpy.savez` writes them, in a quarter of its time where they are small.
+"""Arrays as the bytes of a .npz file, identical to `numpy.savez`, in a quarter of its time for small arrays.
 
-A .npz file is a ZIP archive (PKWARE's APPNOTE.TXT, 4.3) that holds a .npy file (NEP 1) for each array, not packed.
+A .npz file is a ZIP archive (PKWARE's APPNOTE.TXT, 4.3) that holds a .npy file (NEP 1) for each array, uncompressed.
 """
 
 from __future__ import annotations
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-_VERSION, _NEW_YEAR_1980 = 20, 1 << 5 | 1  # of ZIP; the first day that it can tell: no file says when it was written
+_VERSION, _NEW_YEAR_1980 = 20, 1 << 5 | 1  # of ZIP; its earliest date: files do not depend on the time of writing
 
 
 def arrays_file(**arrays: np.ndarray[Any, Any]) -> bytes:
@@ -28,7 +28,7 @@ def arrays_file(**arrays: np.ndarray[Any, Any]) -> bytes:
 
 
 def _npy(array: np.ndarray[Any, Any]) -> bytes:
-    """Return a .npy file: what kind of array it is, in Python's words and filled up to 64 bytes, and its numbers."""
+    """Return a .npy file: the array's type as a Python literal, padded to 64 bytes, and its numbers."""
     kind = repr({"descr": array.dtype.str, "fortran_order": False, "shape": array.shape}).encode()
     kind += b" " * (-(10 + len(kind) + 1) % 64) + b"\n"
     return b"\x93NUMPY\1\0" + struct.pack("<H", len(kind)) + kind + array.tobytes()

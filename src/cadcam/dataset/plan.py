@@ -1,6 +1,6 @@
-"""What a data set is to show: every choice that chance has within it, as one value.
+"""The plan of a data set: every random choice and its range, as one value.
 
-A span (low, high) is a number drawn evenly between the two for each view; low = high leaves it fixed.
+A span (low, high) is a number drawn uniformly between the two for each view; low = high leaves it fixed.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ Span: TypeAlias = tuple[float, float]
 
 PLAIN, NOISE = "plain", "noise"
 BOX, CYLINDER = "box", "cylinder"
-_CLOSEST = 2.0  # fill: beyond it most views show a piece of a face and nothing else
+_CLOSEST = 2.0  # fill: beyond it most views show only a piece of a face
 
 
 @dataclass(frozen=True, slots=True)
 class Lights:
-    """Strengths of what lights a view: `head` at the camera, two `distant` ones from anywhere, `ambient` without."""
+    """Strengths of a view's lights: `head` at the camera, two `distant` ones from any direction, `ambient`."""
 
     head: Span = (0.1, 0.5)
     distant: Span = (0.1, 0.5)
@@ -43,9 +43,9 @@ class Lights:
 
 @dataclass(frozen=True, slots=True)
 class Occluders:
-    """What stands between camera and part: how many, of which shapes, how large (share of the part's diameter).
+    """The occluders between camera and part: how many, of which shapes, how large (share of the part's diameter).
 
-    shapes: BOX and CYLINDER. meshes: CAD parts, taken at their true size. None of it is labelled: it hides.
+    shapes: BOX and CYLINDER. meshes: CAD parts, at their true size. They are not labelled: they only hide.
     """
 
     count: tuple[int, int] = (0, 0)
@@ -67,11 +67,11 @@ class DatasetPlan:
     """The choices of a data set.
 
     camera: its internals; focal_jitter is a share of the focal length (sigma), centre_jitter_px moves the principal
-    point (sigma). Where the camera stands: `poses`, camera_from_part one after the other and again from the first, or
-    drawn: from `around`, at a distance (its own, or so that the part's diameter is `fill` of the picture's shorter
-    side), the part's middle off the picture's by up to `off_centre` of that side. backgrounds: PLAIN, NOISE or photos,
-    of which each view takes one. samples: n x n rays a pixel for the picture. key_points (K, 3) mm in the part frame,
-    with their names. Raises `BadValue`.
+    point (sigma). Poses of the camera: `poses`, camera_from_part in order and again from the first, or drawn: from
+    `around`, at a distance (its own, or such that the part's diameter is `fill` of the picture's shorter side), the
+    part's middle off the picture's by up to `off_centre` of that side. backgrounds: PLAIN, NOISE or photos, of which
+    each view takes one. samples: n x n rays per pixel for the picture. key_points (K, 3) mm in the part frame, with
+    their names. Raises `BadValue`.
     """
 
     views: int
@@ -113,7 +113,7 @@ class DatasetPlan:
             raise BadValue("samples", self.samples, "1 to 4: n x n rays a pixel")
 
     def distances(self, diameter: float) -> Span:
-        """Return the least and greatest distance (mm) of a part's middle that is drawn."""
+        """Return the least and greatest distance (mm) of a part's middle that may be drawn."""
         if self.around.distance_mm is not None:
             return self.around.distance_mm
         focal = min(self.camera.fx, self.camera.fy) * diameter / min(self.camera.size)

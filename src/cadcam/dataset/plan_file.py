@@ -20,7 +20,7 @@
     gray: false
     key_points: points.csv          # name, X, Y, Z (mm)
 
-Files are named from where the command runs.
+File names are relative to the working directory of the command.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class _Given:
         return (place.text(),) if isinstance(place.value, str) else place.texts()
 
     def plan(self) -> DatasetPlan:
-        """Return the plan; what is refused is said with its key."""
+        """Return the plan; what is refused is reported with its key."""
         if self.has("poses") and (beside := [key for key in _DRAWN if self.has(key)]):
             raise BadValue(beside[0], "given beside poses", "one of them: poses say where the camera stands")
         if self.has("fill") and self.has("distance_mm"):

@@ -1,4 +1,4 @@
-"""Views made on the processes of this machine. One that dies is replaced, and the view it was at is made again."""
+"""Views made by processes on this machine. One that dies is replaced, and its view is made again."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from cadcam.dataset.worker import Answer, Files, Job, Task, files_in
 from cadcam.errors import WorkerDied
 
 _TRIES = 3  # processes that may die over one view
-_AHEAD = 2  # views given to a worker: the next one waits in its pipe while it is at one
+_AHEAD = 2  # views given to a worker: the next one waits in its pipe
 _PIPE_BYTES = 1 << 20  # so that all files of a view fit, and no worker waits until its pipe is read
-# not -m: as __main__ the module would hold a second set of the classes that its input is made of
+# not -m: as __main__ the module would have a second copy of the classes that its input consists of
 _COMMAND = (sys.executable, "-P", "-c", "from cadcam.dataset.worker import main; main()")
-# One thread a process: the processes are the parallelism, and sums of matrix products depend on how they are shared.
+# One thread per process: the processes are the parallelism, and sums in matrix products depend on the thread count.
 _ENVIRONMENT = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
-# glibc's malloc on huge pages: some 4 % of a view went into looking up small ones. Other C libraries ignore this, and a
-# user's own setting stands before it.
+# glibc's malloc on huge pages: TLB misses were some 4 % of a view's time. Other C libraries ignore this, and a user's
+# own setting takes precedence.
 _HUGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 
 _Answers: TypeAlias = "SimpleQueue[tuple[_Worker, Answer | None]]"
@@ -40,9 +40,9 @@ def cores() -> int:
 
 
 def on_processes(job: Callable[[], Job], tasks: Iterable[Task], workers: int) -> Iterator[Files]:
-    """Yield the files of each task as they come, in any order, made by `workers` processes.
+    """Yield the files of each task as they arrive, in any order, made by `workers` processes.
 
-    job: asked while the processes start. Raises the `CadcamError` that a task ended with, and `WorkerDied` where
+    job: requested while the processes start. Raises the `CadcamError` that a task ended with, and `WorkerDied` where
     process after process died over one.
     """
     answers: _Answers = SimpleQueue()
@@ -72,7 +72,7 @@ def _made(crew: list[_Worker], answers: _Answers, job: bytes, tasks: Iterator[Ta
 
 
 class _Worker:
-    """A process, and another in its place when it dies, which is asked again for what is still unanswered."""
+    """A process, replaced when it dies by another, which is sent everything still unanswered."""
 
     def __init__(self, answers: _Answers) -> None:
         self.under_way: deque[Task] = deque()
@@ -83,23 +83,23 @@ class _Worker:
         return _Process(lambda answer: self._answers.put((self, answer)))
 
     def tell(self, job: bytes) -> None:
-        """Tell the process the job that its tasks are of."""
+        """Send the process the job that its tasks belong to."""
         self._job = job
         self._process.send(job)
 
     def take(self, tasks: Iterator[Task]) -> None:
-        """Take on the next of the tasks, if there is one."""
+        """Accept the next of the tasks, if there is one."""
         for task in islice(tasks, 1):
             self.under_way.append(task)
             self._process.send(_pickled(task))
 
     def answered(self) -> None:
-        """Strike off the task that was taken on first."""
+        """Remove the task that was accepted first."""
         self._died = 0
         self.under_way.popleft()
 
     def replace(self) -> None:
-        """Start another process in place of one that died. Raises `WorkerDied` once too many died over a view."""
+        """Start another process instead of one that died. Raises `WorkerDied` once too many died over a view."""
         code = self._process.end()
         self._died += 1
         if not self.under_way:
@@ -114,29 +114,29 @@ class _Worker:
             self._process.send(message)
 
     def end(self) -> None:
-        """End the process: what it is at is not wanted."""
+        """End the process: its current work is not needed."""
         self._process.kill()
         self._process.end()
 
 
 class _Process:
-    """A process, with two threads for what it is sent and what it answers: nobody else waits for its pipes.
+    """A process, with two threads for input and output: no other thread waits for its pipes.
 
-    hear: called with each answer, and at last, when no more can come, with None.
+    hear: called with each answer, and finally, when no more can come, with None.
     """
 
     def __init__(self, hear: Callable[[Answer | None], None]) -> None:
         self._messages: SimpleQueue[bytes | None] = SimpleQueue()
         self._process = _start()
         self._threads = [
-            Thread(target=self._write, daemon=True),  # nothing waits for them where Ctrl-C comes as they start
+            Thread(target=self._write, daemon=True),  # not waited for if Ctrl-C comes as they start
             Thread(target=self._read, args=(hear,), daemon=True),
         ]
         for thread in self._threads:
             thread.start()
 
     def send(self, message: bytes) -> None:
-        """Send a pickled message once those before it are sent; to no effect where the process died."""
+        """Send a pickled message after those before it; no effect if the process died."""
         self._messages.put(message)
 
     def _write(self) -> None:
@@ -148,17 +148,17 @@ class _Process:
 
     def _read(self, hear: Callable[[Answer | None], None]) -> None:
         pipe = self._process.stdout
-        with suppress(OSError, EOFError, pickle.UnpicklingError):  # it ended, or was ended within an answer
+        with suppress(OSError, EOFError, pickle.UnpicklingError):  # it ended, perhaps within an answer
             while pipe:
                 hear(pickle.load(pipe))
         hear(None)
 
     def kill(self) -> None:
-        """Make it end."""
+        """Terminate it."""
         self._process.kill()
 
     def end(self) -> int:
-        """Wait for its end, close its pipes with what nobody will read in them, and return how it ended."""
+        """Wait for its end, close its pipes with their unread contents, and return how it ended."""
         code = self._process.wait()
         self._messages.put(None)
         for thread in self._threads:
@@ -173,8 +173,8 @@ class _Process:
 def _start() -> subprocess.Popen[bytes]:
     environment = {**_HUGE_PAGES, **os.environ, **_ENVIRONMENT}
     how: dict[str, Any] = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "env": environment}
-    process = subprocess.Popen(_COMMAND, start_new_session=True, **how)  # Ctrl-C is for the process that started it
-    with suppress(ImportError, AttributeError, OSError):  # not on every system, and not for everybody
+    process = subprocess.Popen(_COMMAND, start_new_session=True, **how)  # Ctrl-C is for the parent process
+    with suppress(ImportError, AttributeError, OSError):  # not on every system, and not for every user
         import fcntl
 
         fcntl.fcntl(process.stdout or 0, fcntl.F_SETPIPE_SZ, _PIPE_BYTES)

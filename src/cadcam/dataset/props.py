@@ -29,7 +29,7 @@ class Prop:
 
 
 def props_of(occluders: Occluders, diameter: float, seed: int) -> tuple[Prop, ...]:
-    """Return what may stand before a part of this diameter (mm): the same for the same seed."""
+    """Return the possible occluders of a part of this diameter (mm): the same for the same seed."""
     if not occluders.count[1]:
         return ()
     rng = np.random.default_rng([seed, 0x0CC1])

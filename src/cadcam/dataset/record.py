@@ -1,7 +1,7 @@
-"""A take as files: pictures and labels as bytes, and the record that says all the rest of the view.
+"""A take as files: pictures and labels as bytes, and a record of everything else about the view.
 
-Where formats differ each is followed as its own tools do: BOP's boxes are (x, y, last - first), COCO's (x, y, number of
-pixels); both count pixels from (0, 0), the top-left one, which as a point is the pixel's centre, as ours.
+Where formats differ, each is followed as in its own tools: BOP's boxes are (x, y, last - first), COCO's (x, y, number
+of pixels); both count pixels from (0, 0), the top-left one; as a point this is the pixel's centre, as ours.
 """
 
 from __future__ import annotations
@@ -45,7 +45,7 @@ def files_of(take: Take, stage: Stage, layout: DatasetFiles) -> dict[str, bytes]
 
 
 def record_of(take: Take, stage: Stage, layout: DatasetFiles) -> dict[str, Any]:
-    """Return the record of a view: its BOP and COCO entries as they stand in those files, and how it was made."""
+    """Return the record of a view: its BOP and COCO entries as in those files, and how it was made."""
     shot = take.shot
     return {
         "view": shot.index,
@@ -72,7 +72,7 @@ def _bop_pose(shot: Shot) -> dict[str, Any]:
 
 
 def _bop_info(take: Take) -> dict[str, Any]:
-    """Return BOP's counts and boxes; a part of which nothing is seen has no boxes, as in BOP's own tool."""
+    """Return BOP's counts and boxes; an invisible part has no boxes, as in BOP's own tool."""
     nothing, seen = [-1, -1, -1, -1], take.visible_count
     return {
         "bbox_obj": _spanned(take.whole_box) if seen else nothing,
@@ -90,7 +90,7 @@ def _spanned(box: Box) -> list[int]:
 
 
 def _coco(take: Take) -> dict[str, Any] | None:
-    """Return the annotation without its ids; None where nothing of the part is seen."""
+    """Return the annotation without its ids; None where nothing of the part is visible."""
     if not take.visible_count:
         return None
     x0, y0, x1, y1 = take.visible_box

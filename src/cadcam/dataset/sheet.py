@@ -1,4 +1,4 @@
-"""A contact sheet: views out of the whole data set with their labels drawn on them, to be looked at."""
+"""A contact sheet: views from the whole data set with their labels drawn on them, for inspection."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ def _outline(box: list[int]) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def _moved(q: np.ndarray[Any, Any], by: int) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Return pixels of a picture in that `by` times smaller (docs/conventions.md: resize)."""
+    """Return pixels of a picture in one `by` times smaller (docs/conventions.md: resize)."""
     return np.asarray((q.astype(np.float64) + 0.5) / by - 0.5)
 
 

@@ -1,6 +1,6 @@
-"""One view of the plan, drawn: all that a worker needs to make it. Chance comes from (seed, number of the view) alone.
+"""One view of the plan, drawn: all that a worker needs to make it, a function of (seed, number of the view) alone.
 
-Each topic draws from a stream of its own, so that another light or one occluder more leaves the poses as they are.
+Each topic has its own random stream, so that another light or one more occluder does not change the poses.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ from cadcam.geometry import rotation
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.view import Look, Scene
 
-_TRIES = 20  # places tried for an occluder that would touch another
-_CLEAR = 1.05  # how far apart two bounding spheres stay, by their radii
+_TRIES = 20  # attempts to place an occluder without touching another
+_CLEAR = 1.05  # least distance of two bounding spheres over the sum of their radii
 _TOPICS = ("pose", "camera", "light", "background", "occluders", "sensor")
 
 
 @dataclass(frozen=True, slots=True)
 class Backdrop:
-    """What is behind the part: a grey `level`, noise around it, or a photo cut at `place` (shares of what is left)."""
+    """The background: a grey `level`, noise around it, or a photo cropped at `place` (shares of the free range)."""
 
     kind: str | Path
     level: float
@@ -36,7 +36,7 @@ class Backdrop:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlacedOccluder:
-    """An occluder where it stands: its number among the props, camera_from_occluder."""
+    """An occluder in its place: its index among the props, camera_from_occluder."""
 
     prop: int
     camera_from_occluder: Rigid
@@ -44,7 +44,7 @@ class PlacedOccluder:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Shot:
-    """A view to make. Occluders stand nearest first; none touches another or the part."""
+    """A view to make. Occluders are ordered nearest first; none touches another or the part."""
 
     index: int
     camera: Camera
@@ -64,7 +64,7 @@ class Director:
         self._jitters = plan.focal_jitter > 0 or plan.centre_jitter_px > 0
 
     def shot(self, index: int) -> Shot:
-        """Return view `index`, the same whenever and wherever it is drawn."""
+        """Return view `index`, the same at any time and on any machine."""
         seeds = dict(zip(_TOPICS, np.random.SeedSequence([self.plan.seed, index]).spawn(len(_TOPICS)), strict=True))
 
         def stream(topic: str) -> np.random.Generator:
@@ -106,7 +106,7 @@ class Director:
         return Rigid(turned, -turned @ eye + aside)
 
     def _distance(self, rng: np.random.Generator) -> float:
-        """Return a distance drawn: evenly, or so that the part's size in the picture is even."""
+        """Return a random distance: uniform, or such that the part's size in the picture is uniform."""
         low, high = self.plan.distances(2 * self.radius)
         share = rng.uniform()
         if self.plan.around.distance_mm is not None:
@@ -136,7 +136,7 @@ class Director:
         return Backdrop(kind, float(level), (float(x), float(y)), int(rng.integers(2**63)))
 
     def _occluders(self, camera_from_part: Rigid, rng: np.random.Generator) -> tuple[PlacedOccluder, ...]:
-        """Return occluders on the way to places of the part, nearest first; one that finds no room is left out."""
+        """Return occluders in front of places of the part, nearest first; one that finds no room is left out."""
         low, high = self.plan.occluders.count
         part = camera_from_part @ self.middle
         taken = [(part, self.radius)]
@@ -149,7 +149,7 @@ class Director:
             if centre is None:
                 continue
             taken.append((centre, prop.radius))
-            # By the power of the eye to the bounding spheres: what is nearer by it is never behind (all are disjoint).
+            # Ordered by the eye's power with respect to the bounding spheres: the lesser is never behind (disjoint).
             power = float(centre @ centre) - prop.radius**2
             placed.append((power, PlacedOccluder(number, Rigid(turned, centre - turned @ prop.middle))))
         return tuple(one for _, one in sorted(placed, key=lambda item: item[0]))
@@ -158,7 +158,7 @@ class Director:
 def _free_place(
     part: Array, part_radius: float, radius: float, taken: list[tuple[Array, float]], rng: np.random.Generator
 ) -> Array | None:
-    """Return a middle for an occluder, between the camera and some place of the part; None where there is no room."""
+    """Return a centre for an occluder, between the camera and some place of the part; None if there is no room."""
     for _ in range(_TRIES):
         aim = part + 0.7 * part_radius * rng.uniform() ** (1 / 3) * _unit(rng)
         centre = aim * rng.uniform(0.35, 1.0)
@@ -173,13 +173,13 @@ def _drawn(span: Span, rng: np.random.Generator) -> float:
 
 
 def _unit(rng: np.random.Generator) -> Array:
-    """Return a direction, evenly drawn."""
+    """Return a uniformly random direction."""
     v = rng.standard_normal(3)
     return np.asarray(v / np.linalg.norm(v))
 
 
 def _in_cap(axis: Array, half_angle: float, rng: np.random.Generator) -> Array:
-    """Return a direction at most half_angle from the axis, evenly drawn over the sphere."""
+    """Return a random direction at most half_angle from the axis, uniform over the sphere."""
     cosine = rng.uniform(math.cos(half_angle), 1.0)
     turn = rng.uniform(0.0, 2 * math.pi)
     x = rotation.cross(axis, np.eye(3)[int(np.argmin(np.abs(axis)))])

@@ -1,4 +1,4 @@
-"""Makes the views: a shot -> the picture and all of its labels, as arrays; one studio a worker."""
+"""Makes the views: from a shot to the picture and all of its labels, as arrays; one studio per worker."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ABSENT, HIDDEN, VISIBLE = 0, 1, 2  # COCO's words for key points
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Stage:
-    """What all views of a data set share; depth_step: mm of a step of the depth files."""
+    """The common data of all views of a data set; depth_step: mm per step of the depth files."""
 
     scene: Scene
     props: tuple[Prop, ...]
@@ -103,9 +103,9 @@ class Studio:
         return self._props[number].render(camera, pose, channels=_GEOMETRY | Channel.IMAGE, look=look)
 
     def _developed(self, shot: Shot, part: View, before: list[View], photo: bytes | None) -> npt.NDArray[np.uint8]:
-        """Return the picture: part and occluders over the background, as the sensor sees it."""
+        """Return the picture: part and occluders over the background, imaged by the sensor."""
         image = backdrop_picture(shot.backdrop, shot.camera.size, photo)
-        for layer in (part, *reversed(before)):  # rendered over black: colours are multiplied by coverage already
+        for layer in (part, *reversed(before)):  # rendered over black: colours are premultiplied by coverage
             image = image * (1 - layer.coverage[..., None]) + layer.image
         if self.stage.gray:
             image = to_gray(image)
@@ -114,7 +114,7 @@ class Studio:
         return (np.clip(image, 0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
 
     def _seen(self, view: View, p: Array, q: Array) -> Ids:
-        """Return how key points are seen: the view hides them by its depth, and the part by rays in space besides."""
+        """Return the visibility of key points: occlusion by the view's depth, and by the part with rays in space."""
         eye, shown = view.camera_from_world.origin, np.flatnonzero(seen_points(view, p, q))
         inside = view.camera.sees(q)
         seen = np.where(inside, HIDDEN, ABSENT).astype(np.int32)
@@ -133,11 +133,11 @@ class Studio:
         return count, (x0 + left, y0 + top, x1 + left, y1 + top) if count else NOWHERE
 
     def _reach(self, shot: Shot) -> tuple[int, int, int, int]:
-        """Return left, top, right, bottom (exclusive) of what the part may cover, to a picture's size outside, px."""
+        """Return left, top, right, bottom (exclusive) of the area the part may cover, to a picture's size outside."""
         width, height = shot.camera.size
         low, high = np.array([-width, -height]), np.array([2 * width, 2 * height])
         q = shot.camera.project(shot.camera_from_part @ self.stage.scene.mesh.vertices)
-        # through a lens edges bow out from between their ends, and what passes the camera may be anywhere
+        # through a lens edges bow out from between their ends, and what passes the camera may appear anywhere
         if isinstance(shot.camera.lens, Ideal) and np.isfinite(q).all():
             low, high = np.maximum(low, np.floor(q.min(axis=0)) - 1), np.minimum(high, np.ceil(q.max(axis=0)) + 2)
         left, top, right, bottom = (int(v) for v in (*low, *high))
@@ -145,7 +145,7 @@ class Studio:
 
 
 def _in_front(views: list[View]) -> View:
-    """Return depth and normals of what is nearest, view by view of the same camera."""
+    """Return depth and normals of the nearest surfaces over views of the same camera."""
     first, *others = views
     if not others:
         return first
@@ -157,5 +157,5 @@ def _in_front(views: list[View]) -> View:
 
 
 def _within(box: Box, mask: Mask) -> bool:
-    """Return whether a box of pixels stays off the border of the picture that a mask is of."""
+    """Return whether a box of pixels does not touch the border of the picture of a mask."""
     return box[0] > 0 and box[1] > 0 and box[2] < mask.shape[1] - 1 and box[3] < mask.shape[0] - 1

@@ -1,6 +1,6 @@
 """A worker process: reads a stage, then shots, from its standard input, and writes the files of each to its output.
 
-`dataset.processes` starts it. It ends with its input, so it outlives nobody.
+`dataset.processes` starts it. It ends when its input ends, so that it never outlives its parent.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ Files: TypeAlias = dict[str, bytes]  # content by path, the record of the view l
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Job:
-    """What a worker has to know of a data set; edges: the scene's, prepared for all views."""
+    """What a worker needs of a data set; edges: the scene's, prepared for all views."""
 
     stage: Stage
     edges: Drawable
@@ -42,7 +42,7 @@ class Task:
 
 @dataclass(frozen=True, slots=True)
 class Bug:
-    """A mistake of ours in a worker, with its traceback."""
+    """A bug of ours in a worker, with its traceback."""
 
     text: str
 
@@ -61,7 +61,7 @@ class Maker:
         return files_of(self._studio.take(task.shot, task.photo), self._job.stage, self._job.layout)
 
     def answer(self, task: Task) -> Answer:
-        """Return the files, or what went wrong: for another process to read."""
+        """Return the files, or the error: for another process to read."""
         try:
             return self.files(task)
         except CadcamError as error:
@@ -71,7 +71,7 @@ class Maker:
 
 
 def files_in(answer: Answer) -> Files:
-    """Return the files in an answer; raise the error that it is otherwise."""
+    """Return the files in an answer, or raise the error in it."""
     if isinstance(answer, CadcamError):
         raise answer
     if isinstance(answer, Bug):
@@ -82,7 +82,7 @@ def files_in(answer: Answer) -> Files:
 def main() -> None:
     """Work until the input ends."""
     answers = os.fdopen(os.dup(1), "wb")
-    os.dup2(2, 1)  # whatever prints, prints elsewhere
+    os.dup2(2, 1)  # anything printed goes to stderr
     requests = sys.stdin.buffer
     with suppress(EOFError, BrokenPipeError):
         maker = Maker(pickle.load(requests))
