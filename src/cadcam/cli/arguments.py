@@ -1,4 +1,4 @@
-"""What the verbs' command lines share."""
+"""The parts of the command line that all verbs share."""
 
 from __future__ import annotations
 
@@ -20,18 +20,18 @@ Run: TypeAlias = Callable[[argparse.Namespace], "int | None"]
 
 NO = 3  # exit code: done, but the answer is no
 
-_FULL = 90  # characters of a line that its sentence goes on behind: texts are written 120 wide
+_FULL = 90  # characters of a line whose sentence continues on the next: texts are written 120 wide
 
-# No length, angle, share or noise that is meant lies beyond these; squares of what does overflow, or divide by zero.
+# No sensible length, angle, share or noise lies beyond these; their squares would overflow, or divide by zero.
 _SMALLEST, _LARGEST = 1e-12, 1e9
 _LONGEST_SIDE_PX = 1_000_000
 
 
 class Parser(argparse.ArgumentParser):
-    """A parser whose errors are one message, as those of the library are: the usage stands in the help.
+    """A parser with one-message errors, like those of the library: the usage is in the help.
 
-    Empty texts, as a script's unset variable leaves them, are refused: each would count as an option left out. What
-    begins as a negative number is a value wherever it stands: -1e9 and -1,0,0,5 as well as -1, as from Python 3.14 on.
+    Empty texts, as from a script's unset variable, are refused: each would count as an option left out. What begins as
+    a negative number is a value everywhere: -1e9 and -1,0,0,5 as well as -1, as from Python 3.14 on.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
@@ -40,22 +40,22 @@ class Parser(argparse.ArgumentParser):
         self._negative_number_matcher = re.compile(r"-\.?\d")
 
     def add_subparsers(self, **kwargs: Any) -> Any:
-        """Return the action that verbs are added to; what stands behind a verb is that verb's to judge."""
+        """Return the action that verbs are added to; arguments after a verb are left to the verb's parser."""
         verbs = super().add_subparsers(**kwargs)
         verbs.type = str
         return verbs
 
     @property
     def positionals(self) -> list[argparse.Action]:
-        """Return what the arguments that stand by themselves are kept as."""
+        """Return the names under which positional arguments are stored."""
         return self._get_positional_actions()
 
     def error(self, message: str) -> NoReturn:
-        """Say what is wrong with the command line and where more is to be read; exit with 2."""
+        """Report the error in the command line and where to read more; exit with 2."""
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
     def unrecognized(self, arguments: Sequence[str]) -> NoReturn:
-        """Refuse arguments that nobody asked for; of an option the nearest that there is."""
+        """Refuse unknown arguments; for an option, name the nearest known one."""
         near = get_close_matches(arguments[0].partition("=")[0], self._option_string_actions, n=1)
         hint = f"; did you mean {near[0]}?" if near and near[0].startswith("--") else ""
         if arguments[0] in ("-o", "--output") and any(a.dest == "output" for a in self.positionals):
@@ -63,7 +63,7 @@ class Parser(argparse.ArgumentParser):
         self.error(f"unrecognized arguments: {' '.join(arguments)}{hint}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
-        """Refuse what is none of an action's choices in the words of the library's own errors."""
+        """Refuse a value that is not among an action's choices, in the form of the library's own errors."""
         if action.choices is not None and value not in action.choices:
             what = "/".join(action.option_strings) or str(action.metavar or action.dest).split()[0].lower()
             raise argparse.ArgumentError(None, str(UnknownName(what, str(value), map(str, action.choices))))
@@ -76,13 +76,13 @@ def _filled(text: str) -> str:
 
 
 class Help(argparse.RawDescriptionHelpFormatter):
-    """Help texts as they are written, with room for the options' names; sentences fit narrower terminals too."""
+    """Help texts as written, with room for the options' names; sentences fit narrower terminals too."""
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=30, width=min(shutil.get_terminal_size().columns, 120) - 2)
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
-        """Return the text, its sentences broken anew where they are too long; tables and examples stay as they are."""
+        """Return the text with its long sentences wrapped; tables and examples unchanged."""
         if max(map(len, text.splitlines()), default=0) <= width + 2:
             return text
         lines: list[str] = []
@@ -105,9 +105,9 @@ def _is_sentence(line: str) -> bool:
 def verb(
     verbs: Verbs, name: str, run: Run | None, *, short: str, description: str, examples: str
 ) -> argparse.ArgumentParser:
-    """Return a new verb's parser: `short` stands in the list of verbs, `examples` below its own help.
+    """Return a new verb's parser: `short` is for the list of verbs, `examples` for its own help.
 
-    run: does the work and returns the exit code, None for 0; no `run` of a verb whose jobs (`add_jobs`) have their own.
+    run: does the work and returns the exit code, None for 0; without `run` a verb has jobs (`add_jobs`) with their own.
     """
     parser = verbs.add_parser(
         name,
@@ -121,7 +121,7 @@ def verb(
 
 
 def job(jobs: Verbs, name: str, run: Run, *, short: str, examples: str = "") -> argparse.ArgumentParser:
-    """Return the parser of one of the jobs of a verb; what is asked of a verb's parser can be asked of it too."""
+    """Return the parser of one of the jobs of a verb; it behaves like a verb's parser."""
     epilog = f"examples:\n{examples}" if examples else None
     parser = jobs.add_parser(name, help=short, description=short, epilog=epilog, formatter_class=Help)
     parser.set_defaults(run=run, parser=parser)
@@ -129,7 +129,7 @@ def job(jobs: Verbs, name: str, run: Run, *, short: str, examples: str = "") -> 
 
 
 def add_jobs(parser: argparse.ArgumentParser) -> Verbs:
-    """Return what the jobs of a verb are added to."""
+    """Return the action that the jobs of a verb are added to."""
     jobs: Verbs = parser.add_subparsers(dest="job", metavar="JOB [options]", required=True, title="jobs")
     return jobs
 
@@ -140,16 +140,16 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 
 def given(arguments: argparse.Namespace, *options: str) -> list[str]:
-    """Return those of a verb's options, such as "--view", that were given: that are not what they are by default."""
+    """Return which of a verb's options, such as "--view", were given: those that differ from their defaults."""
     usual = arguments.parser.get_default
     names = ((option, option.lstrip("-").replace("-", "_")) for option in options)
     return [option for option, name in names if getattr(arguments, name) != usual(name)]
 
 
 def refuse(arguments: argparse.Namespace, *options: str, why: str, expected: str) -> None:
-    """Refuse the first of the options that was given though it would change nothing: `BadValue`, with the way out.
+    """Refuse the first given option that would have no effect: `BadValue`, with the way out.
 
-    Whoever gives an option means it: results that quietly leave it out are wrong results.
+    An option is given for a purpose: results that silently ignore it are wrong.
     """
     for option in given(arguments, *options):
         raise BadValue(option, f"given {why}", expected)
@@ -159,7 +159,7 @@ POINTS_OPTIONS = ("--points-unit", "--columns", "--header", "--sigma")
 
 
 def add_points_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says how a points file is to be read."""
+    """Add the options for reading a points file."""
     group = parser.add_argument_group("points file")
     group.add_argument(
         "--points-unit", metavar="U", help="unit of X Y Z where the header names none: mm (default), m ..."
@@ -183,9 +183,9 @@ def read_points_as_asked(arguments: argparse.Namespace, path: str) -> Observatio
 
 
 def check_in_picture(observations: Observations, size: tuple[int, int]) -> None:
-    """Refuse points seen well outside a picture of `size`, as they are where its sides or their columns are swapped.
+    """Refuse points well outside a picture of `size`, as when its sides or their columns are swapped.
 
-    A twentieth of the longer side is let pass: the centre of a mark that the border cuts off may lie outside.
+    A twentieth of the longer side is tolerated: the centre of a mark cut off by the border may lie outside.
     """
     import numpy as np
 
@@ -278,7 +278,7 @@ def whole(text: str) -> int:
 
 
 def seed(text: str) -> int:
-    """Return the start of random numbers in a text: a whole number from 0 to 2^63 - 1."""
+    """Return the random seed in a text: a whole number from 0 to 2^63 - 1."""
     return _whole(text, 0, 2**63 - 1)
 
 
@@ -293,7 +293,7 @@ def _whole(text: str, least: int, most: int) -> int:
 
 
 def number(what: str, text: str) -> float:
-    """Return the number that is a part of an option's text, as `real`; `BadValue` naming `what`."""
+    """Return the number in a part of an option's text, as `real`; `BadValue` naming `what`."""
     try:
         return real(text)
     except argparse.ArgumentTypeError:
@@ -304,7 +304,7 @@ def number(what: str, text: str) -> float:
 def numbers(what: str, text: str, count: int | None = None, *, form: str = "") -> list[float]:
     """Return the numbers in an option's text, separated by commas; `BadValue` naming `what` unless they are `count`.
 
-    form: what would be right, such as "X,Y in mm".
+    form: the right form, such as "X,Y in mm".
     """
     values = [number(what, part.strip()) for part in text.split(",")]
     if count is not None and len(values) != count:

@@ -1,4 +1,4 @@
-"""`cadcam render --poses`: one model and camera, many poses, a file each; what is there already is kept."""
+"""`cadcam render --poses`: one model and camera, many poses, one file each; existing files are kept."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ class PictureToMake:
 
 
 def run_batch(arguments: argparse.Namespace, suffixes: Sequence[str]) -> None:
-    """Render every pose whose file is not there yet, write, report."""
+    """Render every pose without a file, write, report."""
     _check_options(arguments)
     from cadcam.files.camera import camera_as_json
     from cadcam.files.poses import read_poses
@@ -64,7 +64,7 @@ def run_batch(arguments: argparse.Namespace, suffixes: Sequence[str]) -> None:
 
 
 def shots_of(pattern: str, poses: Mapping[str, Rigid]) -> list[PictureToMake]:
-    """Return the pictures of a pattern such as views/{name}.png or {index:04d}.png; each has a file of its own."""
+    """Return the pictures of a pattern such as views/{name}.png or {index:04d}.png; each has its own file."""
     shots = []
     for index, (name, pose) in enumerate(poses.items()):
         if "{name" in pattern and (name in ("", ".", "..") or set(name) & set("/\\:\0")):
@@ -84,7 +84,7 @@ def shots_of(pattern: str, poses: Mapping[str, Rigid]) -> list[PictureToMake]:
 def written(
     output: Output, camera: Camera, shots: Sequence[PictureToMake], *, threads: int
 ) -> Iterator[dict[str, Any]]:
-    """Yield what is said of each file, in order, once it is there; files are packed while the next are rendered."""
+    """Yield the report on each file, in order, once it is written; files are encoded while the next are rendered."""
 
     def write(shot: PictureToMake, frame: Any) -> dict[str, Any]:
         said = {"output": shot.path, "name": shot.name, "empty": output.empty(frame)}
@@ -108,7 +108,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
 
 
 def _check_targets(shots: Sequence[PictureToMake], suffixes: Sequence[str]) -> None:
-    """Check a file in each folder: the rest of it is alike."""
+    """Check one file in each folder: the others differ only in name."""
     one_a_folder = {Path(shot.path).parent: shot.path for shot in shots}
     for path in one_a_folder.values():
         check_target(path, suffixes)

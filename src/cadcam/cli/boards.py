@@ -28,7 +28,7 @@ boards (cadcam board prints one):
 
 
 def add_board_options(parser: argparse.ArgumentParser) -> None:
-    """Add what says how pictures of a board are to be calibrated."""
+    """Add the options for calibrating from pictures of a board."""
     group = parser.add_argument_group("pictures of a board")
     group.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
     group.add_argument("--free-skew", action="store_true", help="estimate the skew too (held at 0 otherwise)")
@@ -66,7 +66,7 @@ def run_boards(arguments: argparse.Namespace) -> None:
 
 
 def board_model_as_asked(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return fixed, lens, free_lens and keep_all, as `calibrate_boards` takes them: no skew unless --free-skew."""
+    """Return fixed, lens, free_lens and keep_all, as for `calibrate_boards`: no skew unless --free-skew."""
     lens, free_lens = lens_as_asked(arguments)
     fixed = fixed_as_asked(arguments)
     return {
@@ -78,7 +78,7 @@ def board_model_as_asked(arguments: argparse.Namespace) -> dict[str, Any]:
 
 
 def found_boards(files: Sequence[str], pattern: Pattern) -> list[BoardPicture]:
-    """Return what each picture shows of the board."""
+    """Return the detection of the board in each picture."""
     from cadcam.calibrate.boards.pictures import find_board
 
     found = []
@@ -123,7 +123,7 @@ def _write_found(folder: str, found: Sequence[BoardPicture]) -> None:
 
 
 def _write(arguments: argparse.Namespace, calibration: BoardCalibration) -> None:
-    """Write what -o, --pictures and --poses ask for."""
+    """Write the files of -o, --pictures and --poses."""
     from cadcam.calibrate.boards.coverage import coverage_picture
     from cadcam.files.camera import write_camera
     from cadcam.files.poses import write_poses

@@ -38,14 +38,14 @@ def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Ri
 
 
 def read_any_camera(camera_file: str) -> CameraFile:
-    """Return what a camera file, ours or another program's, holds."""
+    """Return the contents of a camera file, ours or another program's."""
     from cadcam.files.camera import read_camera
 
     return _foreign(camera_file) or read_camera(camera_file)
 
 
 def _foreign(camera_file: str) -> CameraFile | None:
-    """Return what another program's camera file holds; None for ours, and for what only ours could be."""
+    """Return the contents of another program's camera file; None for ours, and for what can only be ours."""
     from cadcam.errors import UnreadableFile
     from cadcam.files.camera import CameraFile
     from cadcam.files.foreign.registry import NAMES, format_of, read_cameras
@@ -84,7 +84,7 @@ def add_camera_options(parser: argparse.ArgumentParser, *, required: bool) -> No
 
 
 def view_as_json(camera: Camera, camera_from_world: Rigid) -> dict[str, Any]:
-    """Return camera and pose as a camera file holds them."""
+    """Return camera and pose in a camera file's form."""
     from cadcam.files.camera import camera_as_json
 
     return camera_as_json(camera, camera_from_world=camera_from_world)

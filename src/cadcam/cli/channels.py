@@ -1,4 +1,4 @@
-"""What `render` can write: the channels of a view, each as a file in the form its suffix says, and the wireframe."""
+"""The output channels of `render`: each as a file in the format of its suffix, and the wireframe."""
 
 from __future__ import annotations
 
@@ -36,10 +36,10 @@ _WHITE = (1.0, 1.0, 1.0)
 
 
 class Output(Protocol):
-    """A channel of one scene: frames of it, and how they become files. `write` may run in several threads."""
+    """A channel of one scene: its frames, and their files. `write` may run in several threads."""
 
     def frames(self, camera: Camera, poses: Iterable[Rigid]) -> Iterator[Any]:
-        """Yield a frame a pose, in order."""
+        """Yield one frame per pose, in order."""
         ...
 
     def empty(self, frame: Any) -> bool:
@@ -66,7 +66,7 @@ class RenderedFrames:
         self._channels, self._look, self.write = channels, look, save
 
     def frames(self, camera: Camera, poses: Iterable[Rigid]) -> Iterator[View]:
-        """Yield the views: a single one on all cores, several of them with a core each."""
+        """Yield the views: a single one on all cores, several of them on one core each."""
         several = tuple(poses)
         if len(several) == 1:
             yield self._renderer.render(camera, several[0], channels=self._channels, look=self._look)
@@ -106,7 +106,7 @@ class DrawnFrames:
 
 
 def output_of(arguments: argparse.Namespace, scene: Scene, poses: Iterable[Rigid]) -> Output:
-    """Return the channel asked for."""
+    """Return the requested channel."""
     views = partial(RenderedFrames, scene, arguments)
     match arguments.channel:
         case "shaded" if is_photograph(arguments):
@@ -183,7 +183,7 @@ def _check_numbers(path: str, faces: int) -> None:
 
 
 def _step_for(scene: Scene, poses: Iterable[Rigid]) -> float:
-    """Return the smallest mm of a step in which 16 bits hold the model's depth from all poses: one for a whole set."""
+    """Return the smallest depth step in mm that fits 16 bits for all poses: one for a whole set."""
     low, high = scene.mesh.bounds
     box = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
     farthest = max(float((pose @ box)[:, 2].max()) for pose in poses)

@@ -1,4 +1,4 @@
-"""What is to be estimated from points, as options that several verbs share, and the estimate that they ask for."""
+"""Options for estimates from points, shared by several verbs, and the estimate itself."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
 
 def add_estimate_options(parser: argparse.ArgumentParser, *, required: bool = True) -> None:
-    """Add where the picture's size comes from (`required` or not), what is held, the lens and the method."""
+    """Add the picture's size (`required` or not), fixed values, the lens and the method."""
     source = parser.add_mutually_exclusive_group(required=required)
     source.add_argument("--size", type=size, metavar="WxH", help="picture size in px")
     source.add_argument("--photo", metavar="FILE", help="take the size from this picture (as displayed: EXIF applied)")
@@ -80,7 +80,7 @@ def size_as_asked(arguments: argparse.Namespace) -> tuple[int, int]:
 
 
 def fixed_as_asked(arguments: argparse.Namespace) -> dict[str, float]:
-    """Return the values of --fix NAME=VALUE, degrees made radians."""
+    """Return the values of --fix NAME=VALUE, degrees converted to radians."""
     from cadcam.report.camera import ANGLES
 
     fixed: dict[str, float] = {}

@@ -1,4 +1,4 @@
-"""What locating and its kin share on the command line: where the part is roughly, how it may move, its lines shown."""
+"""The options shared by `locate` and similar verbs: approximate pose, allowed motions, drawn lines."""
 
 from __future__ import annotations
 
@@ -60,7 +60,7 @@ views:    any             from all sides (default), as far away as the part is 0
 
 
 def add_start_options(parser: argparse.ArgumentParser) -> None:
-    """Add where the part is, roughly, and how it may move from there."""
+    """Add the options for the approximate pose of the part, and its allowed motions."""
     group = parser.add_argument_group("start (default: none, search)")
     group.add_argument("--start", metavar="FILE", help="rough pose of the part (see below)")
     group.add_argument("--points", metavar="FILE", help="points of the model picked in the photo")
@@ -69,7 +69,7 @@ def add_start_options(parser: argparse.ArgumentParser) -> None:
 
 
 def add_view_options(parser: argparse.ArgumentParser) -> None:
-    """Add from where a part that is searched for may be seen."""
+    """Add the options for the range of views of a part that is searched for."""
     group = parser.add_argument_group("search (without a start)")
     group.add_argument(
         "--views", default="any", metavar="V", help="from where the part may be seen (below; default any)"
@@ -104,7 +104,7 @@ def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
 
 @contextmanager
 def prepared(part: Part, photos: Sequence[Photo], views: ViewRange) -> Iterator[None]:
-    """Make what a search of the part needs, or take it from the cache's folder; afterwards keep there what was made."""
+    """Prepare a search of the part, or load it from the cache's folder; store new results there."""
     from cadcam.locate.search.aspect_files import read_aspects, write_aspects
     from cadcam.locate.search.without_start import unmade
 
@@ -119,7 +119,7 @@ def prepared(part: Part, photos: Sequence[Photo], views: ViewRange) -> Iterator[
 
 
 def cache_folder() -> Path | None:
-    """Return the folder of what is kept between runs: CADCAM_CACHE (off: none), else the system's for such files."""
+    """Return the cache folder kept between runs: CADCAM_CACHE (off: none), else the system's."""
     import os
     import sys
     from pathlib import Path
@@ -187,7 +187,7 @@ def part_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Part:
 def located(
     part: Part, shots: Shots, start: Rigid | None, freedom: Freedom, views: ViewRange | None = None
 ) -> Location:
-    """Return where the part is: from the start, else from where the camera's file has its world, else searched for."""
+    """Return the pose of the part: from the start, else from the camera file's world, else by a search."""
     from cadcam.locate.in_photos import locate_part
     from cadcam.locate.views.view_range import WHOLE_SPHERE
 
@@ -198,7 +198,7 @@ def located(
     if shots.camera_from_world is not None:
         try:
             location = locate_part(part, shots.photos, shots.camera_from_world, freedom=freedom)
-        except NothingInView:  # the file's world is something else
+        except NothingInView:  # the file's world is not the part's
             location = None
         if location is not None and location.found:
             return location
@@ -214,7 +214,7 @@ def overlaid(
     world_from_part: Rigid,
     color: tuple[float, float, float] = LINE,
 ) -> Picture:
-    """Return a picture with the part's visible lines at a pose; without any where the pose puts it out of view."""
+    """Return a picture with the part's visible lines at a pose; without any where the part is out of view."""
     from cadcam.image.picture import to_rgb
     from cadcam.render.lines.wireframe import LineOptions
     from cadcam.render.overlay import overlay

@@ -1,4 +1,4 @@
-"""The shaded picture's looks on the command line: light, colours of parts, edge lines, background."""
+"""Options of shaded pictures: light, colours of parts, edge lines, background."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ if TYPE_CHECKING:
 Color = tuple[float, float, float]
 
 NAMES = ("default", "inspection", "flat")
-_SAMPLES = 3  # a pixel and axis: outlines without stairs
+_SAMPLES = 3  # per pixel and axis: for smooth outlines
 
 
 def add_look_options(parser: argparse.ArgumentParser) -> None:
-    """Add what decides how the shaded picture looks."""
+    """Add the options for the look of the shaded picture."""
     group = parser.add_argument_group("looks of the shaded picture")
     group.add_argument(
         "--look",
@@ -54,7 +54,7 @@ def add_look_options(parser: argparse.ArgumentParser) -> None:
 
 
 def check_look_options(arguments: argparse.Namespace) -> None:
-    """Refuse options that would be ignored, before the work starts."""
+    """Refuse options without effect, before the work starts."""
     look = ("--look", "--edges", "--background", "--transparent", "--sensor")
     here = f"with --channel {arguments.channel}"
     if arguments.channel != "shaded":
@@ -73,7 +73,7 @@ def check_look_options(arguments: argparse.Namespace) -> None:
 
 
 def look_of(arguments: argparse.Namespace) -> Look:
-    """Return the look to render with: on black, because `Dress` puts the background behind it."""
+    """Return the look to render with: on black, because `Dress` adds the background."""
     from cadcam.render.looks import named_look
 
     look = named_look(arguments.look or "default")
@@ -81,7 +81,7 @@ def look_of(arguments: argparse.Namespace) -> Look:
 
 
 def scene_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
-    """Return the scene in the colours asked for, with its edges where they are drawn: looking for them takes time."""
+    """Return the scene in the requested colours, with its edges where they are drawn: finding them takes time."""
     from cadcam.render.looks import repaint
 
     scene = scene_of(arguments, mesh) if draws_lines(arguments) else scene_without_edges(mesh)
@@ -89,7 +89,7 @@ def scene_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
 
 
 class Dress:
-    """What is put around and on the shaded model, and how it becomes a file."""
+    """What is added around and on the shaded model, and how it is written to a file."""
 
     def __init__(self, arguments: argparse.Namespace, scene: Scene) -> None:
         from cadcam.files.sensor import named_sensor
@@ -102,7 +102,7 @@ class Dress:
         self._sensor = None if arguments.sensor is None else named_sensor(arguments.sensor)
 
     def write(self, path: str, view: View) -> dict[str, Any]:
-        """Write the picture; return how many pixels saw the model."""
+        """Write the picture; return the number of pixels that show the model."""
         from cadcam.render.cutout import Cutout
         from cadcam.render.lines.wireframe import LineOptions
 
@@ -114,7 +114,7 @@ class Dress:
         return self.write_model(path, model, self._sensor)
 
     def write_model(self, path: str, model: Cutout, sensor: Sensor | None) -> dict[str, Any]:
-        """Write a model on its background as the sensor sees it; return how many pixels saw the model."""
+        """Write a model on its background as imaged by the sensor; return the number of pixels that show the model."""
         import numpy as np
 
         from cadcam.image.picture import write_picture
@@ -131,7 +131,7 @@ class Dress:
 
 
 def background(text: str) -> Color | Picture:
-    """Return the colour that a text says, or the photo in the file of this name."""
+    """Return the colour given by a text, or the photo in the file of this name."""
     try:
         return color(text)
     except argparse.ArgumentTypeError as error:
@@ -143,7 +143,7 @@ def background(text: str) -> Color | Picture:
 
 
 def _soft(arguments: argparse.Namespace) -> LineStyle:
-    """Return the style of edge lines on a shaded picture: as asked for, but not wholly opaque."""
+    """Return the style of edge lines on a shaded picture: as requested, but not wholly opaque."""
     from cadcam.render.cutout import SOFT
 
     style = style_of(arguments, color=INK)

@@ -1,8 +1,8 @@
-"""The command line. One file a verb; what a verb needs is imported when it runs, so that help costs next to nothing.
+"""The command line. One file per verb; imports happen when a verb runs, so that help stays fast.
 
-Exit codes: 0 done; 1 FAIL, of `verify` alone; 2 something the caller can put right, said in one message; 3 done, but
-the answer is no: the part is not in the picture; 70 a bug of ours, with a traceback; 130 interrupted. Results go to
-stdout, messages and progress to stderr.
+Exit codes: 0 done; 1 FAIL, of `verify` alone; 2 an error that the caller can correct, in one message; 3 done, but the
+answer is no: the part is not in the picture; 70 a bug of ours, with a traceback; 130 interrupted. Results go to stdout,
+messages and progress to stderr.
 """
 
 from __future__ import annotations
@@ -86,8 +86,8 @@ camera axes x right, y down, z forward. Help on a verb: cadcam VERB --help
 
 
 _WRITTEN = ("output", "csv", "plot", "diagram")  # arguments that name files to be written anew
-_RESULTS = (*_WRITTEN, "pose_out", "log", "store")  # ... and those that a run may go on from
-_BUG = 70  # EX_SOFTWARE of sysexits.h: no line must take a crash for a part that failed
+_RESULTS = (*_WRITTEN, "pose_out", "log", "store")  # ... and those that a run may continue from
+_BUG = 70  # EX_SOFTWARE of sysexits.h: a production line must not take a crash for a failed part
 
 
 def parser() -> argparse.ArgumentParser:
@@ -104,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     _open_streams()
     arguments, unknown = parser().parse_known_args(argv)
-    if unknown:  # a verb's help, not that of all of them, says what it knows
+    if unknown:  # the help of this verb is the relevant one
         arguments.parser.unrecognized(unknown)
     try:
         _refuse_own_input(arguments)
@@ -125,7 +125,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return _bug(arguments.parser.prog)
         # only stdout can raise these here: files are read and written with errors of our own
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        if error.errno == errno.EPIPE:  # the reader of a pipe had enough: cadcam ... | head
+        if error.errno == errno.EPIPE:  # the reader of a pipe has closed it: cadcam ... | head
             return 0
         print(f"{arguments.parser.prog}: stdout cannot be written: {error.strerror}", file=sys.stderr)
         return 2
@@ -135,7 +135,7 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse_own_input(arguments: argparse.Namespace) -> None:
-    """Refuse an output that is one of the files that are read: it would be gone."""
+    """Refuse an output that is one of the input files: it would be overwritten."""
     given = vars(arguments)
     read = [path for dest, value in given.items() if dest not in _RESULTS for path in _files(value)]
     for out in (text for dest in _WRITTEN for text in _texts(given.get(dest))):
@@ -149,7 +149,7 @@ def _texts(value: object) -> list[str]:
 
 
 def _files(value: object) -> list[str]:
-    """Return what may name files in an argument: FILE, VIEW=FILE, VIEW=OF:FILE."""
+    """Return the possible file names in an argument: FILE, VIEW=FILE, VIEW=OF:FILE."""
     return [file for text in _texts(value) for file in (text, text.partition("=")[2], text.rpartition(":")[2]) if file]
 
 
@@ -161,7 +161,7 @@ def _same_file(one: str, other: str) -> bool:
 
 
 def _open_streams() -> None:
-    """Let stdout and stderr lead nowhere where they were closed, as some services do: no file gets their place."""
+    """Redirect stdout and stderr to nowhere where closed, as in some services: else files get their numbers."""
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115  open to the end

@@ -1,4 +1,4 @@
-"""CAD models on the command line: loaded once, what was understood said on stderr."""
+"""CAD models on the command line: loaded once, with a report on stderr."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def add_model_options(parser: argparse.ArgumentParser) -> None:
-    """Add the model and how it is to be read."""
+    """Add the model and the options for reading it."""
     parser.add_argument("model", help="CAD file: STL, OBJ, PLY, OFF, GLB/glTF, 3MF; STEP and IGES with cadcam[step]")
     parser.add_argument(
         "--unit", metavar="U", help="the model's unit where its file names none: um, mm (default), cm, m, in, ft"
@@ -27,7 +27,7 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
 
 
 def check_order(photos: Sequence[str], model: str, *, frames: bool = False) -> None:
-    """Refuse a photo and a model that have changed places; frames: photos may be folders, patterns and videos."""
+    """Refuse a photo and a model that were swapped; frames: photos may be folders, patterns and videos."""
     from cadcam.cad.read import SUFFIXES
 
     what, expected = ("frames", "a folder, pattern or video") if frames else ("photo", "a picture")
@@ -39,7 +39,7 @@ def check_order(photos: Sequence[str], model: str, *, frames: bool = False) -> N
 
 
 def load_as_asked(arguments: argparse.Namespace) -> tuple[Mesh, LoadReport]:
-    """Return the mesh in mm and the report of loading it, which is also printed to stderr unless JSON was asked for."""
+    """Return the mesh in mm and the report of loading it, which is also printed to stderr except with --json."""
     with working(f"loading {arguments.model}"):
         from cadcam.cad.read import read_model_with_report
 
@@ -53,7 +53,7 @@ def load_as_asked(arguments: argparse.Namespace) -> tuple[Mesh, LoadReport]:
 
 
 def model_as_json(report: LoadReport, mesh: Mesh) -> dict[str, Any]:
-    """Return what was understood of the model's file."""
+    """Return the report on the model's file."""
     return {
         "file": report.path,
         "sha256": report.sha256,

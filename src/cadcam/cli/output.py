@@ -1,4 +1,4 @@
-"""Where results go: checked before the work starts, written whole at its end."""
+"""Output files: checked before the work starts, written whole at its end."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 
 def check_target(path: str, suffixes: Sequence[str]) -> None:
-    """Refuse an output that could not be written later: before minutes of work, and without leaving anything behind."""
+    """Refuse an output that could not be written later: before minutes of work, and without side effects."""
     target = Path(path)
     if target.suffix.lower() not in suffixes:
         raise UnknownName(f"suffix of output {path!r}:", target.suffix, suffixes)
@@ -38,7 +38,7 @@ def check_target(path: str, suffixes: Sequence[str]) -> None:
 
 
 def refuse_swapped(what: str, given: str, output: str, suffixes: Sequence[str]) -> None:
-    """Refuse a file to write that stands where the thing to draw on it belongs, and that thing in the file's place."""
+    """Refuse swapped arguments: an output in the place of the input to draw on, and vice versa."""
     if Path(given).suffix.lower() in suffixes and Path(output).suffix.lower() not in suffixes:
         raise BadValue(what, repr(given), f"the {what} first, then the file: {output} {given}")
 

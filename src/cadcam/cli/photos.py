@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
     from cadcam.locate.photo import Photo
 
-_EDGE_PX = 0.1  # sigma of a viewpoint's pixels: edges bring their own noise, this one is not used for them
+_EDGE_PX = 0.1  # sigma of a viewpoint's pixels: not used, since edges have their own noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -81,7 +81,7 @@ def read_shots(paths: Sequence[str], cameras: Sequence[str], rig: str | None) ->
 def viewpoints_of(
     paths: Sequence[str], cameras: Sequence[str], rig: str | None
 ) -> tuple[list[Viewpoint], Rigid | None]:
-    """Return the camera of each photo, folder or video, and camera_from_world of a single one whose file says it."""
+    """Return the camera of each photo, folder or video, and camera_from_world of a single one whose file gives it."""
     if not cameras and not rig:
         raise BadValue("--camera", "not given", "one --camera a photo, or --rig FILE")
     if cameras and rig:
@@ -129,7 +129,7 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
         known, name = read_any_camera(file), Path(file_of(path)).name
         if len(paths) > 1 and known.camera_from_world is None:
             raise BadValue(f"the pose in {file}", "missing", "camera files with camera_from_world, or --rig FILE")
-        if len(paths) == 1:  # where it stood when it was calibrated does not matter: its own frame is the world
+        if len(paths) == 1:  # its pose at calibration does not matter: its own frame is the world
             said = known.camera_from_world
             if known.estimate is not None:
                 out.append(Viewpoint.placed(name, known.estimate, Rigid(), sigma_px=_EDGE_PX))

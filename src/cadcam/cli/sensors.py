@@ -1,4 +1,4 @@
-"""Sensors on the command line of verbs that make pictures, and the chance that their noise is drawn from."""
+"""Sensor options of verbs that make pictures, and the random generator of their noise."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ def add_sensor_options(parser: argparse.ArgumentParser) -> None:
 
 
 def generator(start: int, path: str | None = None) -> Generator:
-    """Return the source of chance that --seed starts, for one of many pictures by its file's name."""
+    """Return the random generator of --seed, for one of many pictures by its file's name."""
     import zlib
 
     import numpy as np

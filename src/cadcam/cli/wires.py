@@ -1,4 +1,4 @@
-"""Wireframes on the command line: which lines, and how they are drawn."""
+"""Wireframes on the command line: which lines, and their style."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ _WIDTH_PX, _CREASE_DEG = 1.5, 30.0
 
 
 def add_line_options(parser: argparse.ArgumentParser, *, color_by: str = "kind") -> None:
-    """Add what decides the lines and their looks; `color_by` is the default."""
+    """Add the options for the lines and their style; `color_by` is the default."""
     group = parser.add_argument_group("lines")
     group.add_argument("--hidden", action="store_true", help="hidden lines too, dashed")
     group.add_argument(
@@ -46,12 +46,12 @@ def add_line_options(parser: argparse.ArgumentParser, *, color_by: str = "kind")
 
 
 def draws_lines(arguments: argparse.Namespace) -> bool:
-    """Return whether what `render` was asked for shows lines."""
+    """Return whether the output of `render` shows lines."""
     return bool(arguments.channel == "wireframe" or arguments.edges)
 
 
 def check_line_options(arguments: argparse.Namespace) -> None:
-    """Refuse what decides the looks of lines where `render` draws none."""
+    """Refuse options for the style of lines where `render` draws none."""
     if not draws_lines(arguments):
         refuse(
             arguments,
@@ -72,7 +72,7 @@ def scene_of(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
 
 
 def scene_without_edges(mesh: Mesh) -> Scene:
-    """Return the scene for channels that show no lines: looking for edges takes time."""
+    """Return the scene for channels without lines: finding edges takes time."""
     import numpy as np
 
     from cadcam.cad.edges import FeatureEdges
@@ -83,7 +83,7 @@ def scene_without_edges(mesh: Mesh) -> Scene:
 
 
 def wireframe_of(arguments: argparse.Namespace, scene: Scene, camera: Camera, pose: Rigid) -> Wireframe:
-    """Return the visible wireframe, with the hidden lines if asked for."""
+    """Return the visible wireframe, with the hidden lines if requested."""
     from cadcam.render.lines.visible import visible_wireframe
     from cadcam.render.lines.wireframe import LineOptions
 

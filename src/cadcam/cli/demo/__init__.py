@@ -1,1 +1,1 @@
-"""The built-in demonstration: what it is given, the block as built, what came out beside the truth."""
+"""The built-in demonstration: its inputs, the block as built, the results beside the truth."""

@@ -1,4 +1,4 @@
-"""The demo's block as it was built: not quite as it was designed, photographed, and what is true of it."""
+"""The demo's block as built, with deviations from its design: its photo, and the true values."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ from cadcam.render.light import Lamp, Light
 CLOSE_CAMERA = Camera(
     (1200, 900), np.array([[1498.6, 0.9, 607.3], [0.0, 1497.0, 446.2], [0.0, 0.0, 1.0]]), BrownConrady(k1=-0.09)
 )
-SEEN = np.array([1800.0, 800.0, 300.0])  # about the middle of what it sees
+SEEN = np.array([1800.0, 800.0, 300.0])  # about the middle of its field of view
 CLOSE_POSE = Rigid.look_at([900, -1100, 2300], SEEN)
-START = Rigid.look_at([800, -1000, 2300], [1900, 800, 300])  # where somebody thinks that it was held
+START = Rigid.look_at([800, -1000, 2300], [1900, 800, 300])  # the assumed pose of the camera
 MARKS_POSE, MARK_SIGMA_PX = Rigid.look_at([420, 1250, 1600], [310, 200, 200]), 0.05
 LIGHT = Light((Lamp((0.35, -0.55, 1.0), 0.65, 2.0),), flash=0.75, ambient=0.25)  # under the roof, and at the camera
-SAMPLES = 8  # renderings that the photo is the mean of
+SAMPLES = 8  # renderings averaged for the photo
 
 DISPLACED, DISPLACED_BY = "bracket 2.1 port", (0.0, 6.0, 0.0)
 FORGOTTEN, AS_DRAWN = "longitudinal 2 port", "longitudinal 1 port"
@@ -60,7 +60,7 @@ def as_built(steel: Mesh) -> Mesh:
 
 
 def seen_marks(rng: np.random.Generator) -> Observations:
-    """Return the marks of a calibration angle, two plates of 7 x 6, as the close camera sees them."""
+    """Return the marks of a calibration angle, two plates of 7 x 6, as imaged by the close camera."""
     lying = np.array([(100.0 * i, 100.0 * j, 0.0) for i, j in product(range(7), range(6))])
     standing = np.array([(100.0 * i, 0.0, 100.0 * (j + 1)) for i, j in product(range(7), range(6))])
     p = np.concatenate([lying, standing])
@@ -96,12 +96,12 @@ def start_off() -> tuple[float, float]:
 
 
 def true_position(feature: str) -> float:
-    """Return how far a feature of the tolerance file stands from where it is drawn, along y, mm."""
+    """Return the displacement of a feature of the tolerance file from its design along y, mm."""
     return DISPLACED_BY[1] if feature == "bracket" else 0.0
 
 
 def position_in_part(camera_from_part: Rigid, covariance: Array) -> tuple[Array, Array]:
-    """Return where the camera stands (3,) in the part's axes, and sigmas; covariance (6, 6): of xi in T @ exp(xi)."""
+    """Return the position of the camera (3,) in the part's axes, and sigmas; covariance (6, 6): xi in T @ exp(xi)."""
     from cadcam.geometry.rotation import hat
 
     p = camera_from_part.inv.translation

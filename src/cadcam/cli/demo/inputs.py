@@ -1,4 +1,4 @@
-"""What the demo starts from: the dissertation's calibration table, and a photo that is made, not taken."""
+"""The inputs of the demo: the dissertation's calibration table, and a synthetic photo."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ from cadcam.render import open_renderer
 from cadcam.render.lines.wireframe import Wireframe
 from cadcam.render.view import Channel, Look
 
-# Table 2.3: where the sixteen targets were seen, U = row, V = column, px
+# Table 2.3: the pixels of the sixteen targets, U = row, V = column, px
 BENCH_UV: Array = np.array(
     [
         [187.1, 159.0],
@@ -56,13 +56,13 @@ PRINTED = {
     "residual": "0.60",
 }
 
-# The camera of the made photo: unequal focal lengths, skewed axes, an off-centre principal point, barrel distortion.
+# The camera of the synthetic photo: unequal focal lengths, skewed axes, off-centre principal point, barrel distortion.
 TRUE_CAMERA = Camera(
     (800, 600), np.array([[759.0, 3.1, 409.5], [0.0, 752.0, 288.5], [0.0, 0.0, 1.0]]), BrownConrady(k1=-0.16)
 )
 TRUE_POSE = Rigid.look_at([6300, -3300, 3500], [1950, 1250, 760])
 PICK_SIGMA_PX = 0.3
-NOISE = 0.012  # of white, a pixel
+NOISE = 0.012  # of white, per pixel
 
 
 def bench_observations() -> Observations:
@@ -72,7 +72,7 @@ def bench_observations() -> Observations:
 
 
 def made_photo(block: Mesh, rng: np.random.Generator) -> Picture:
-    """Return a grey picture of the block in a hall, as a camera with blur, vignetting and noise would take it."""
+    """Return a grey picture of the block in a hall, by a camera with blur, vignetting and noise."""
     from scipy.ndimage import gaussian_filter
 
     scene = scene_without_edges(merge([block, *hall()]))
@@ -96,7 +96,7 @@ def picked_points(block: Mesh, wireframe: Wireframe, count: int, rng: np.random.
 
 
 def _visible_corners(block: Mesh, wireframe: Wireframe) -> tuple[Array, Array]:
-    """Return the mesh corners (n, 3) at which visible edges end, and their pixels; where an edge is hidden is none."""
+    """Return the mesh corners (n, 3) at which visible edges end, and their pixels; not where an edge becomes hidden."""
     from scipy.spatial import KDTree
 
     lines = wireframe.visible
@@ -110,7 +110,7 @@ def _visible_corners(block: Mesh, wireframe: Wireframe) -> tuple[Array, Array]:
 
 
 def hall() -> list[Mesh]:
-    """Return what stands around the block and is not in its CAD model."""
+    """Return the objects around the block that are not in its CAD model."""
     floor = _slab((-9000, -9000, -150), (13000, 12000, -120), "floor", (0.72, 0.71, 0.68))
     wall = _slab((-4200, -9000, -120), (-4000, 12000, 9000), "wall", (0.66, 0.69, 0.71))
     side = _slab((-4000, 9000, -120), (13000, 9200, 9000), "side wall", (0.6, 0.63, 0.66))

@@ -1,4 +1,4 @@
-"""What the demo found, beside what is true: a table a step, and the same as JSON."""
+"""The results of the demo beside the truth: one table per step, and the same as JSON."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ Said = dict[str, Any]
 
 
 def bench_table(folder: Path, said: Sequence[Said]) -> Table:
-    """Return the bench's camera beside what the dissertation printed."""
+    """Return the bench's camera beside the values printed in the dissertation."""
     from cadcam.calibrate.points.camera import calibrate_camera
     from cadcam.cli.demo.inputs import PRINTED
     from cadcam.files.points import read_points
@@ -47,7 +47,7 @@ def block_table(folder: Path, said: Sequence[Said]) -> Table:
 
 
 def verdict_table(folder: Path, said: Sequence[Said]) -> Table:
-    """Return where the block was found and what was judged of it, beside the truth."""
+    """Return the pose of the block and the judgements, beside the truth."""
     from cadcam.cli.demo.as_built import CLOSE_POSE, start_off
 
     verdict = said[-1]
@@ -69,13 +69,13 @@ def verdict_table(folder: Path, said: Sequence[Said]) -> Table:
 
 
 def file_table(files: Mapping[str, str]) -> Table:
-    """Return the files with what they are."""
+    """Return the files with their descriptions."""
     note = "run the commands above again, or with your own files"
     return Table("Files", ("file", "what it is"), tuple(files.items()), ("file", "what it is"), (note,))
 
 
 def as_json(folder: Path, said: Sequence[Sequence[Said]]) -> Said:
-    """Return all results, with what is true."""
+    """Return all results, with the truth."""
     from cadcam.cli.demo.as_built import CLOSE_POSE, DISPLACED, DISPLACED_BY, FORGOTTEN
     from cadcam.cli.demo.inputs import TRUE_CAMERA, TRUE_POSE
     from cadcam.files.camera import parameters_as_json, pinhole_as_json
@@ -96,7 +96,7 @@ def as_json(folder: Path, said: Sequence[Sequence[Said]]) -> Said:
 
 
 def draw_bench(folder: Path) -> None:
-    """Draw the bench half as large again as its photo, the targets where they were measured and are projected."""
+    """Draw the bench half as large again as its photo, with the targets' measured and projected positions."""
     from cadcam.cad.parts import calibration_bench
     from cadcam.cli.wires import scene_without_edges
     from cadcam.image.draw import draw_points
@@ -131,7 +131,7 @@ def _edge_distance(said: Sequence[Said]) -> dict[str, float]:
 
 
 def _camera_in_part(folder: Path) -> tuple[Sequence[float], Sequence[float]]:
-    """Return where the camera stood (3,) mm in the block's axes, as found, and its standard deviations."""
+    """Return the estimated position of the camera (3,) mm in the block's axes, and its standard deviations."""
     from cadcam.cli.demo.as_built import position_in_part
     from cadcam.files.jsontext import parsed
     from cadcam.files.pose_estimate import pose_estimate_at
@@ -165,7 +165,7 @@ def _judged_row(judged: Said) -> tuple[str, ...]:
 
 
 def _others(features: Sequence[Said]) -> list[str]:
-    """Return what became of the bodies that nothing is asked of, and which are all in place in truth."""
+    """Return the outcome for the bodies without a tolerance; all of them are in place in truth."""
     others = [f for f in features if f["role"] != "judged" and f["state"] != "out of view"]
     placed = sum(f["state"] == "in place" for f in others)
     said = [f"of {len(others)} other bodies in view, all as drawn in truth, {placed} are found in place"]

@@ -1,4 +1,4 @@
-"""What the jobs of `cadcam station` read: pictures with their positions, marks found in them or listed."""
+"""The inputs of `cadcam station`: pictures with their positions, marks found in them or listed."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureSource:
-    """Pictures, or listed pixels in their place, and the positions of both."""
+    """Pictures, or listed pixels instead, and the positions of both."""
 
     pictures: tuple[str, ...]
     pixels: ListedPixels | None
@@ -31,7 +31,7 @@ class PictureSource:
     positions_from: str
 
     def shot(self, picture: str) -> ShotPosition:
-        """Return where and when a picture was taken."""
+        """Return position and time of a picture."""
         from cadcam.files.shot import read_shot
 
         if self.pixels is None or Path(picture).is_file():
@@ -44,7 +44,7 @@ class PictureSource:
 
 
 def source(arguments: argparse.Namespace) -> PictureSource:
-    """Return what the command line names."""
+    """Return the inputs given on the command line."""
     from cadcam.cli.photos import picture_files
     from cadcam.files.pixels import read_pixels
     from cadcam.files.shot import read_positions
@@ -63,7 +63,7 @@ def source(arguments: argparse.Namespace) -> PictureSource:
 
 
 def look_of(arguments: argparse.Namespace, plate: Plate, radius_px: float | None) -> MarkLook:
-    """Return what the marks look like, by --mark and --radius, else by the plate file and what is known of its size."""
+    """Return the geometry of the marks, by --mark and --radius, else by the plate file and its known size."""
     from cadcam.station.marks import MarkLook
     from cadcam.target.marks.mark import parse_mark
 
@@ -83,7 +83,7 @@ def look_of(arguments: argparse.Namespace, plate: Plate, radius_px: float | None
 def sightings(
     arguments: argparse.Namespace, stations: Mapping[str, GantryCalibration]
 ) -> tuple[list[Sighting], list[ShotPosition]]:
-    """Return the marks of the pictures, or of --pixels, and where and when they were seen."""
+    """Return the marks of the pictures, or of --pixels, and the positions and times of their observation."""
     given = source(arguments)
     found = []
     shots = []

@@ -60,7 +60,7 @@ def calibrate(arguments: argparse.Namespace) -> None:
 
 
 def map_deviations(arguments: argparse.Namespace) -> None:
-    """Print, and draw, how the mechanics deviate."""
+    """Print, and draw, the mechanics' deviations."""
     from cadcam.report.station.tables import map_as_json, map_tables, pairs_table
     from cadcam.station.document import read_stations
 
@@ -89,7 +89,7 @@ def map_deviations(arguments: argparse.Namespace) -> None:
 
 
 def measure_marks(arguments: argparse.Namespace) -> None:
-    """Measure marks; print, compare with the drawing, keep."""
+    """Measure marks; print, compare with the drawing, log."""
     from cadcam.report.station.tables import distance_tables, distances_csv, estimates_table, sighting_tables
     from cadcam.station.document import read_stations
     from cadcam.station.log import append_log, log_entries
@@ -109,7 +109,7 @@ def measure_marks(arguments: argparse.Namespace) -> None:
     measured = measure_marks(stations, seen, rule=arguments.rule, extrapolate=arguments.extrapolate)
     checks, together = _against_drawing(arguments, measured)
     entries = log_entries(measured, seen, times=[shot.time for shot in shots], block=arguments.block or "")
-    if arguments.log:  # kept before anything is printed: whoever reads the tables may go away
+    if arguments.log:  # written before anything is printed: the reader of the tables may close the pipe
         append_log(arguments.log, entries)
         say(f"added {len(entries)} lines to {arguments.log}")
     if arguments.store:
@@ -130,7 +130,7 @@ def measure_marks(arguments: argparse.Namespace) -> None:
 
 
 def recalibrate(arguments: argparse.Namespace) -> None:
-    """Take off everywhere what one known mark is off by."""
+    """Subtract the error of one known mark from all positions."""
     from cadcam.report.station.tables import sighting_tables
     from cadcam.station.document import read_station, write_station
     from cadcam.station.interpolation import NEAR_MM
@@ -145,7 +145,7 @@ def recalibrate(arguments: argparse.Namespace) -> None:
         raise BadValue("marks for the re-calibration", len(seen), "one mark of known place")
     before = measure_marks(station, seen)
     off = [float(before.points[0, i] - known[i]) for i in (0, 1)]
-    if hypot(*off) > NEAR_MM:  # farther than calibrations reach: no camera that was knocked sees that from here
+    if hypot(*off) > NEAR_MM:  # beyond the reach of the calibrations: not a camera that was knocked
         stated = f"{arguments.known!r}, {hypot(*off):.0f} mm from where the mark is measured"
         raise BadValue("--known", stated, "X,Y of this mark, in mm and in the axes of the survey")
     after = station.recalibrated(seen[0], known, sigma_mm=arguments.known_sigma)
@@ -194,7 +194,7 @@ def _one_camera(given: str, shots: Mapping[str, ShotPosition]) -> str:
 
 
 class _Finder:
-    """Finds the plate in one picture after the other: how large its marks are, the first one tells the others."""
+    """Finds the plate in one picture after the other; the first one gives the size of its marks for the others."""
 
     def __init__(self, arguments: argparse.Namespace, given: PictureSource, plate: Plate, lens: Camera | None) -> None:
         self.plate, self.lens, self._given, self._arguments = plate, lens, given, arguments
@@ -228,7 +228,7 @@ class _Finder:
 def _position(
     arguments: argparse.Namespace, find: _Finder, survey: Mapping[str, Array], picture: str, shot: ShotPosition
 ) -> PlaneCalibration:
-    """Return the calibration of one position; what is wrong with its picture names the picture."""
+    """Return the calibration of one position; errors in its picture name the picture."""
     from cadcam.station.plane import calibrate_position, refuse_misfit
     from cadcam.station.plate import place_plate
 

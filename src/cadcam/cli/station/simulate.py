@@ -22,7 +22,7 @@ _LONGEST = 30_000.0
 
 
 def simulate(arguments: argparse.Namespace) -> None:
-    """Make the hall, calibrate it, measure in it, say how well; write its files."""
+    """Make the hall, calibrate it, measure in it, report the errors; write its files."""
     import numpy as np
 
     from cadcam.station.simulate import calibrate_robot, day, distances, write_day

@@ -1,1 +1,1 @@
-"""One file a verb: its options, one library call, what is printed."""
+"""One file per verb: its options, one library call, the output."""

@@ -150,7 +150,7 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
 
 
 def _written(arguments: argparse.Namespace, estimate: JointEstimate) -> list[str]:
-    """Write what -o and --poses ask for; return what was written, a line each."""
+    """Write the files of -o and --poses; return what was written, one line each."""
     from cadcam.files.camera import write_camera
     from cadcam.files.poses import write_poses
 

@@ -1,4 +1,4 @@
-"""`cadcam compare`: how far apart two cameras see the same directions, in px over the picture."""
+"""`cadcam compare`: the difference of two cameras for the same directions, in px over the picture."""
 
 from __future__ import annotations
 

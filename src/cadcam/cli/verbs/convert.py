@@ -29,7 +29,7 @@ Each is read by its content. By the suffix of OUT alone are written: .json cadca
 .py blender, .gltf gltf, .usda usd. What each can hold: docs/camera-formats.md
 """
 _WRITING = ("--pixel-um", "--allow-loss", "--fit")
-_LEAST_UM, _MOST_UM = 0.1, 1000.0  # of a pixel: a light wave, and far more than any detector's
+_LEAST_UM, _MOST_UM = 0.1, 1000.0  # of a pixel: less than the wavelength of light, and far above any detector's
 _DESCRIPTION = """\
 Read a camera with its pose from one program's file and write it for another: every half pixel, axis, unit and lens
 term by the rules of both. What the new format cannot hold is said on stderr. If that moves pixels (lens, skew, aspect,
@@ -76,7 +76,7 @@ def add_to(verbs: Verbs) -> None:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Read, tell, write."""
+    """Read, report, write."""
     from cadcam.files.foreign.registry import read_cameras
 
     _check_options(arguments)
@@ -112,7 +112,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
 
 
 def _refuse_unit(arguments: argparse.Namespace, formats: Sequence[Format]) -> None:
-    """Refuse --unit where every format that is met has a unit of its own."""
+    """Refuse --unit where every format involved has a unit of its own."""
     if all(form.unit is not None for form in formats):
         units = " and ".join(dict.fromkeys(f"{form.title} is in {form.unit}" for form in formats))
         refuse(arguments, "--unit", why="where nothing is left to it", expected=f"none: {units} by its rules")

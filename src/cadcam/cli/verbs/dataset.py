@@ -124,7 +124,7 @@ def reals(text: str) -> list[float]:
 
 
 def run(arguments: argparse.Namespace) -> None:
-    """Make the data set, or go on with it; say what there is."""
+    """Make the data set, or continue it; report the result."""
     from cadcam.dataset.plan_file import read_plan
 
     check_folder(arguments.output)

@@ -63,7 +63,7 @@ _FILES = {
 
 @dataclass(frozen=True)
 class _Step:
-    """Command lines, to be run here and by the reader, and the table of what they say (a document a command)."""
+    """Command lines, to be run here and by the reader, and the table of their results (one document per command)."""
 
     commands: tuple[list[str], ...]
     table: Callable[[Path, list[Said]], Table]
@@ -176,7 +176,7 @@ def _commands(folder: Path) -> list[list[str]]:
 
 
 def _run(command: list[str], *, quiet: bool) -> Said:
-    """Show a command line and run it as the shell would; return what it says with --json."""
+    """Show a command line and run it as the shell would; return its output with --json."""
     from cadcam.cli.main import parser
 
     if not quiet:

@@ -1,4 +1,4 @@
-"""`cadcam doctor`: what was found on this machine, what "auto" chose and why, what to install for more."""
+"""`cadcam doctor`: the capabilities of this machine, what "auto" chose and why, what to install for more."""
 
 from __future__ import annotations
 

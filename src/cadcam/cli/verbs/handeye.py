@@ -1,4 +1,4 @@
-"""`cadcam handeye`: robot poses and what the camera saw there -> where the camera sits, with sigmas."""
+"""`cadcam handeye`: robot poses and pictures taken there -> the camera's pose on or beside the robot, with sigmas."""
 
 from __future__ import annotations
 
@@ -147,7 +147,7 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
 
 
 def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: Callable[[], Rigid]) -> Rigid:
-    """Return the robot's poses in the convention that was named; where none was, print which fit, and refuse."""
+    """Return the robot's poses in the named convention; without one, print which fit, and refuse."""
     if arguments.convention is not None:
         poses = robot.poses(arguments.convention, unit=arguments.robot_unit)
         return poses.inv if arguments.inverted else poses
@@ -158,7 +158,7 @@ def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: 
     readings, units = _readings(robot, dict.fromkeys(robot.possible, stated))
     fits = conventions_that_fit(readings, poses, mounting=arguments.mounting)
     guessed = {f.convention: _nearest_unit(f.scale) for f in fits if f.fits and not units[f.convention]}
-    if guessed:  # the camera's lengths tell in which unit the robot's are
+    if guessed:  # the camera's lengths determine the unit of the robot's
         readings, units = _readings(robot, dict.fromkeys(robot.possible, stated) | guessed)
         fits = conventions_that_fit(readings, poses, mounting=arguments.mounting)
     print_tables([convention_table(fits, units)])
@@ -179,7 +179,7 @@ def _readings(robot: RobotNumbers, stated: Mapping[str, str | None]) -> tuple[di
     readings, units = {}, {}
     for name, unit in stated.items():
         units[name] = unit or CONVENTIONS[name].unit
-        with suppress(CadcamError):  # a matrix that is none, a unit out of range: not this convention
+        with suppress(CadcamError):  # an invalid matrix, a unit out of range: not this convention
             readings[name] = robot.poses(name, unit=units[name] or "mm")
     return readings, units
 
@@ -221,7 +221,7 @@ def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
 
 
 def _boards(arguments: argparse.Namespace, camera: Camera | CameraEstimate) -> dict[str, Observations | None]:
-    """Return what each picture shows of the board, by the stem of its file, None where it does not show it."""
+    """Return the detection of the board in each picture, by the stem of its file, None where it is not visible."""
     from cadcam.calibrate.boards.pictures import board_views
     from cadcam.target.boards.pattern import parse_pattern
 
@@ -262,7 +262,7 @@ def _views(arguments: argparse.Namespace) -> dict[str, Observations | None]:
 def _paired(
     arguments: argparse.Namespace, robot: RobotNumbers, seen: Mapping[str, Seen | None]
 ) -> tuple[tuple[str, ...], RobotNumbers, list[Seen]]:
-    """Return names, the robot's poses and what was seen there, row by row, without those to leave out or unseen."""
+    """Return names, the robot's poses and the observations, row by row, without those to leave out or unseen."""
     rows = _rows(robot, list(seen))
     for name in arguments.leave_out:
         if name not in rows:

@@ -1,4 +1,4 @@
-"""`cadcam layout`: a scene of part, places and features -> which cameras to mount where, and what they will measure."""
+"""`cadcam layout`: a scene of part, places and features -> the cameras to mount, and their predicted uncertainty."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from cadcam.plan.sight.candidate import Candidate
     from cadcam.plan.what_if import WhatIf
 
-_OF_A_SET = ("-k", "--output", "--pictures", "--each", "--no-what-if")  # what --next, beside cameras, leaves out
+_OF_A_SET = ("-k", "--output", "--pictures", "--each", "--no-what-if")  # options without effect with --next
 _SUFFIXES = (".html", ".json")
 _DESCRIPTION = """\
 Before there is a factory: which cameras to mount where, and how well they will measure. From CAD, places where cameras
@@ -150,7 +150,7 @@ def _following(layout: Layout) -> list[tuple[Candidate, Score]]:
 
 
 def _next(arguments: argparse.Namespace, seen: CandidateSurvey, have: tuple[int, ...]) -> None:
-    """Rank what comes next beside cameras that are there."""
+    """Rank the next cameras to add to existing ones."""
     from cadcam.plan.layout import next_cameras
     from cadcam.report.layout.json import next_as_json, score_as_json
     from cadcam.report.layout.words import next_table

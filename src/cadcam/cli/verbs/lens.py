@@ -1,4 +1,4 @@
-"""`cadcam lens`: which lens for which view: focal length, distance, field of view, depth of field."""
+"""`cadcam lens`: the lens for a view: focal length, distance, field of view, depth of field."""
 
 from __future__ import annotations
 

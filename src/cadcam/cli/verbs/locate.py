@@ -1,4 +1,4 @@
-"""`cadcam locate`: photo and CAD model -> where the part is, how sure that is, or that it is not there."""
+"""`cadcam locate`: photo and CAD model -> the part's pose with its uncertainty, or that the part is not there."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
 
-_REFUSED = (1.0, 0.15, 0.1)  # colour of lines that are not believed
+_REFUSED = (1.0, 0.15, 0.1)  # colour of the lines of a pose that is not accepted
 _EXAMPLES = f"""\
   cadcam locate photo.png part.step --camera camera.json -o overlay.png
   cadcam locate photo.png part.obj --unit m --camera camera.json --start rough.txt --pose-out pose.json
@@ -104,7 +104,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def faults_in_words(shots: Shots) -> list[str]:
-    """Return what is wrong with each photo in itself."""
+    """Return the faults of each photo by itself."""
     from cadcam.image.faults import faults_of
 
     pairs = zip(_photo_files(shots), shots.photos, strict=True)
@@ -112,7 +112,7 @@ def faults_in_words(shots: Shots) -> list[str]:
 
 
 def radius_of(part: Part) -> float:
-    """Return how far the part reaches from its origin, mm."""
+    """Return the largest distance of the part from its origin, mm."""
     import numpy as np
 
     return float(np.linalg.norm(np.abs(part.scene.mesh.bounds).max(axis=0)))
@@ -130,7 +130,7 @@ def _write_overlay(arguments: argparse.Namespace, part: Part, shots: Shots, loca
 
 
 def _beside(pictures: Sequence[Picture]) -> Picture:
-    """Return pictures side by side, the lower ones filled up with white."""
+    """Return pictures side by side, the lower ones padded with white."""
     import numpy as np
 
     from cadcam.render.overlay import side_by_side

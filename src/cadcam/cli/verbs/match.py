@@ -1,4 +1,4 @@
-"""`cadcam match`: where in a photo a template, or the features of a CAD model, look most alike."""
+"""`cadcam match`: the places in a photo most similar to a template, or to the features of a CAD model."""
 
 from __future__ import annotations
 
@@ -118,7 +118,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _check_model(what: str) -> None:
-    """Refuse what is neither a picture nor a CAD model: nobody should be asked for a camera first."""
+    """Refuse what is neither a picture nor a CAD model, before a camera is required."""
     from cadcam.cad.read import SUFFIXES
 
     if not what.lower().endswith(SUFFIXES) and not Path(what).is_dir():
@@ -127,7 +127,7 @@ def _check_model(what: str) -> None:
 
 
 def _check_size(arguments: argparse.Namespace, photo: Picture, template: Picture) -> None:
-    """Refuse a template that no turn makes fit into the photo, as where the two have changed places."""
+    """Refuse a template that no rotation makes fit into the photo, as where the two were swapped."""
     least = min(arguments.scales)
     if least * min(template.shape) > max(photo.shape):
         (height, width), (h, w) = template.shape, photo.shape

@@ -173,7 +173,7 @@ def _distances(measured: Measurement, pairs: Sequence[Sequence[str]]) -> list[di
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
-    """Refuse uncertainties of what is not there, what only JSON holds where none is written, and odd distances."""
+    """Refuse uncertainties of absent inputs, results that only JSON holds if none is written, and unknown distances."""
     if arguments.sigma is not None and not arguments.sigma > 0:
         raise BadValue("--sigma", arguments.sigma, "a positive number of px")
     for pair in arguments.distance:
@@ -203,7 +203,7 @@ def _rig_viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list
 
 
 def _viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Viewpoint]:
-    """Return the viewpoints in the order of the pixels file's views; each has to be given."""
+    """Return the viewpoints in the order of the pixels file's views; each must be given."""
     from cadcam.cli.cameras import read_any_camera
 
     if not arguments.camera:
@@ -214,7 +214,7 @@ def _viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Vie
         if name in cameras:
             raise BadValue("--camera", f"the view {name!r} twice", "one file for each view")
         same = [file for other, file in cameras.values() if other == path]
-        cameras[name] = path, same[0] if same else read_any_camera(path)  # one calibration: its errors are shared
+        cameras[name] = path, same[0] if same else read_any_camera(path)  # the same calibration: its errors are shared
     known = {
         name: _fixed(name, path, file, arguments.sigma)
         for name, (path, file) in cameras.items()

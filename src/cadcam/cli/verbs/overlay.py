@@ -154,7 +154,7 @@ def _picture(arguments: argparse.Namespace, photo: Picture, scene: Scene, wirefr
 
 
 def _under(arguments: argparse.Namespace, photo: Picture, scene: Scene, wireframe: Wireframe) -> Picture:
-    """Return what the lines are drawn on."""
+    """Return the picture that the lines are drawn on."""
     from cadcam.render.overlay import blend_pictures
 
     if arguments.shaded is None:
@@ -174,7 +174,7 @@ def _view(arguments: argparse.Namespace, scene: Scene, wireframe: Wireframe) -> 
 
 
 def _distances(photo: Picture, wireframe: Wireframe) -> dict[str, Any]:
-    """Return how far the visible lines are from the photo's nearest edges of about their direction."""
+    """Return the distances of the visible lines from the photo's nearest edges of similar direction."""
     import numpy as np
 
     from cadcam.files.jsontext import or_null

@@ -1,4 +1,4 @@
-"""`cadcam render`: a CAD model as a camera sees it: shaded, wireframe, depth, normals, part or face numbers."""
+"""`cadcam render`: a CAD model imaged by a camera: shaded, wireframe, depth, normals, part or face numbers."""
 
 from __future__ import annotations
 
@@ -120,7 +120,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _check_renderer_options(arguments: argparse.Namespace) -> None:
-    """Refuse what chooses how pixels are rendered where none are, and threads where one does all."""
+    """Refuse options of pixel rendering where no pixels are rendered, and threads where only one is used."""
     if arguments.threads is not None and not 1 <= arguments.threads <= _MOST_THREADS:
         raise BadValue("--threads", arguments.threads, f"a whole number from 1 to {_MOST_THREADS}")
     lines = arguments.channel == "wireframe"
@@ -148,7 +148,7 @@ def _chosen_camera(arguments: argparse.Namespace, mesh: Mesh) -> tuple[Camera, R
 
 
 def _written(arguments: argparse.Namespace, scene: Scene, camera: Camera, pose: Rigid) -> dict[str, Any]:
-    """Write the channel asked for; return what the caller should know of it."""
+    """Write the requested channel; return what the caller should know of it."""
     from cadcam.cli.channels import output_of
     from cadcam.render.view import nothing_in_view
 
@@ -162,7 +162,7 @@ def _written(arguments: argparse.Namespace, scene: Scene, camera: Camera, pose: 
 
 
 def _frame(output: Output, camera: Camera, pose: Rigid) -> Any:
-    """Return a frame; of a photograph's many renderings is shown how many are done."""
+    """Return a frame; for a photograph, with progress over its many renderings."""
     from cadcam.cli.photographs import Photographs
 
     if isinstance(output, Photographs):
@@ -173,7 +173,7 @@ def _frame(output: Output, camera: Camera, pose: Rigid) -> Any:
 
 
 def in_words(channel: str, result: Mapping[str, Any]) -> str:
-    """Return what is known of a file as a sentence."""
+    """Return the facts on a file as a sentence."""
     if channel == "wireframe":
         return lines_in_words(dict(result))
     words = [f"the model covers {result['seen_pixels']} px"]

@@ -1,4 +1,4 @@
-"""`cadcam rig`: what several cameras on one mount saw at the same moments -> how they stand to each other."""
+"""`cadcam rig`: simultaneous pictures of several cameras on one mount -> their relative poses."""
 
 from __future__ import annotations
 
@@ -202,7 +202,8 @@ def _from_points(
 def _frames(files: Mapping[str, Sequence[str]]) -> tuple[list[str], dict[str, list[str | None]]]:
     """Return the frames' names and each camera's file in each, None where it has none.
 
-    Files of one name are a frame; where no name occurs twice, the n-th files are, and there must be as many of each.
+    Files of the same name are a frame; where no name occurs twice, the n-th files are, and each camera must have as
+    many.
     """
     if len(files) < 2:
         raise BadValue(

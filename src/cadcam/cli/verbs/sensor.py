@@ -1,4 +1,4 @@
-"""`cadcam sensor`: what a camera does to a picture, from a profile: noise, blur, gamma, jitter and the rest."""
+"""`cadcam sensor`: the effects of a camera on a picture, from a profile: noise, blur, gamma, jitter and the rest."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ def add_to(verbs: Verbs) -> None:
 
 
 def run_show(arguments: argparse.Namespace) -> None:
-    """Print a profile as its file would be, or the presets and all effects with their defaults."""
+    """Print a profile in the form of its file, or the presets and all effects with their defaults."""
     from cadcam.files.sensor import named_sensor, sensor_as_json, write_sensor
 
     if arguments.output is not None:

@@ -1,4 +1,4 @@
-"""`cadcam state`: what was measured of each part, kept, asked for, exported."""
+"""`cadcam state`: the measurements of each part, stored, queried, exported."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ what is exported as .json or .jsonl can be added to another store; .csv is for s
 
 
 def add_to(verbs: Verbs) -> None:
-    """Add the verb and what it can do."""
+    """Add the verb and its jobs."""
     short = "keep what was measured of each part; list, trend, export"
     parser = verb(verbs, "state", None, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     jobs = add_jobs(parser)
@@ -117,7 +117,7 @@ def _records(arguments: argparse.Namespace) -> list[Record]:
 
 
 def run_add(arguments: argparse.Namespace) -> None:
-    """Keep records; a store is begun by what is added to it, not by a file that cannot be read."""
+    """Store records; a new store is created only once the records could be read."""
     from cadcam.record.store import open_store
     from cadcam.report.table import counted
 
@@ -133,7 +133,7 @@ def run_add(arguments: argparse.Namespace) -> None:
 
 
 def _asked_for(arguments: argparse.Namespace, *, needed: bool = False) -> list[Record]:
-    """Return the records that the filters let through, oldest first; why there are none is said, or raised."""
+    """Return the records that pass the filters, oldest first; if there are none, the reason is printed, or raised."""
     asked = _asked(arguments)
     with _there(arguments) as store:
         records = store.query(**asked)
@@ -147,7 +147,7 @@ def _asked_for(arguments: argparse.Namespace, *, needed: bool = False) -> list[R
 
 
 def _why_none(store: Store, asked: dict[str, Any]) -> str:
-    """Return why a store has no record that is all of what was asked for."""
+    """Return why no record in a store matches the query."""
     from cadcam.report.table import counted
 
     there = store.query()
@@ -160,7 +160,7 @@ def _why_none(store: Store, asked: dict[str, Any]) -> str:
 
 
 def _there(arguments: argparse.Namespace) -> Store:
-    """Return the store, which has to be there."""
+    """Return the store, which must exist."""
     from cadcam.record.store import open_store
 
     return open_store(_address(arguments), create=False)
@@ -230,7 +230,7 @@ def run_export(arguments: argparse.Namespace) -> None:
 
 
 def _asked(arguments: argparse.Namespace) -> dict[str, Any]:
-    """Return what `Store.query` is asked for."""
+    """Return the arguments for `Store.query`."""
     names = ("part", "serial", "station", "verdict", "since", "until")
     asked = {name: getattr(arguments, name) for name in names}
     if asked["since"] is not None:
@@ -249,7 +249,7 @@ def _as_json(record: Record) -> dict[str, Any]:
 
 
 def _when(text: str) -> tuple[datetime, datetime]:
-    """Return first and last moment of a day, or the same moment twice of a time."""
+    """Return first and last moment of a day, or the same moment twice for a time."""
     with suppress(ValueError):
         day = datetime.combine(date.fromisoformat(text), time.min, UTC)
         return day, datetime.combine(day, time.max, UTC)

@@ -1,4 +1,4 @@
-"""`cadcam targets`: marks to print, and where they are in pictures."""
+"""`cadcam targets`: marks to print, and their positions in pictures."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`cadcam track`: a folder of pictures or a video and a CAD model -> where the part is in each frame."""
+"""`cadcam track`: a folder of pictures or a video and a CAD model -> the part's pose in each frame."""
 
 from __future__ import annotations
 
@@ -122,7 +122,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
 
 
 def _write_overlay(arguments: argparse.Namespace, part: Part, frame: Frame, entry: dict[str, Any]) -> None:
-    """Write the frame of each camera with the part's lines, without any where it was lost; not again what is there."""
+    """Write each camera's frame with the part's lines, none where it was lost; existing files are not written again."""
     from cadcam.files.jsontext import Place
     from cadcam.files.matrix import pose_at
     from cadcam.image.picture import to_rgb, write_picture

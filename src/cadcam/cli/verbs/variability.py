@@ -1,4 +1,4 @@
-"""`cadcam variability`: how stable each parameter of a calibration is, by three methods, with figures."""
+"""`cadcam variability`: the variability of each parameter of a calibration, by three methods, with figures."""
 
 from __future__ import annotations
 
@@ -59,7 +59,7 @@ _MOST = 10_000_000  # draws or steps: a gigabyte of them
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Studies:
-    """All that was asked for."""
+    """All requested studies."""
 
     first: FirstOrder
     first_markov: FirstOrder
@@ -133,7 +133,7 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """Refuse what would fail after the work, before it."""
+    """Refuse before the work what would fail after it."""
     for name, least in (("draws", 100), ("steps", 10_000)):
         value = getattr(arguments, name)
         if value and not least <= value <= _MOST:
@@ -186,7 +186,7 @@ def _monte_carlo(arguments: argparse.Namespace, estimate: CameraEstimate) -> Var
 
 
 def _steps(arguments: argparse.Namespace, estimate: CameraEstimate) -> int:
-    """Return the Markov steps to take; a lens of its own for every state makes them slow."""
+    """Return the number of Markov steps; a separate lens for every state makes them slow."""
     from cadcam.camera.extended_pinhole import NAMES
 
     if arguments.steps is not None or arguments.sigma_mm:
@@ -223,7 +223,7 @@ def _alternating(arguments: argparse.Namespace, estimate: CameraEstimate) -> Alt
 
 
 def _rng(arguments: argparse.Namespace, study: int) -> Any:
-    """Return a study's own generator: leaving one out changes no other."""
+    """Return a study's own generator: leaving out one study does not change the others."""
     import numpy as np
 
     return np.random.default_rng([arguments.seed, study])

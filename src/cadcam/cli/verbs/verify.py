@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 _SUFFIXES = (".html", ".json")
 _OF_A_VERDICT = ("--tolerances", "--reach", "--alarms", "--serial", "--station")
-_POSED_PX = 4.0  # how far off a pose that was found before may be
+_POSED_PX = 4.0  # largest error of a pose that was found before
 _DESCRIPTION = """\
 Judge a part against its CAD, from one photo or several. The part is found, its pose is fitted to datum features, and
 every other feature is compared with where the CAD has it: its displacement in mm with its uncertainty, and whether it
@@ -145,7 +145,7 @@ def _part(arguments: argparse.Namespace) -> Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """What the command line and its files ask for: read before the model, which may take long."""
+    """The contents of the command line and its files: read before the model, which may take long."""
 
     tolerances: Tolerances | None
     start: Rigid | None
@@ -169,7 +169,7 @@ def _asked(arguments: argparse.Namespace, shots: Shots) -> _Asked:
 
 
 def _located(arguments: argparse.Namespace, part: Part, shots: Shots, asked: _Asked) -> Location:
-    """Return where the part is, by what was said about it."""
+    """Return the pose of the part, as given by the options."""
     from cadcam.cli.locating import located
     from cadcam.locate.refine.options import EdgeOptions
     from cadcam.locate.refine.refinement import refine_pose
@@ -256,7 +256,7 @@ def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None, as
 
 
 def _list(arguments: argparse.Namespace) -> None:
-    """Print what can be named; draw it."""
+    """Print the names that can be used; draw them."""
     import numpy as np
 
     from cadcam.report.verify.names import chain_table, part_table
