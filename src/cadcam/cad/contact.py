@@ -3,7 +3,6 @@
 A body is a connected set of faces of one part. An edge is examined at three places for another body, and for whether
 the surface beyond the edge continues in the plane of one of its faces. The middle and one more place make a contact; a
 seam that vanishes must continue at all three, so an edge that is only partly covered stays whole.
-
 """
 
 from __future__ import annotations

@@ -33,7 +33,6 @@ def without_needles(mesh: Mesh) -> Mesh:
     the face's place, so that no gap opens; without a single neighbour the face is removed. Faces that were split keep
     the part and surface of the neighbour. The mesh must be wound consistently. Raises `DegenerateGeometry` when nothing
     is left.
-
     """
     before = mesh.n_faces + 1
     while True:

@@ -7,7 +7,6 @@ World points (x, y) in mm, image points U in px. With x' along the image line an
 
 focal < 0 is the mirror image: U counts the other way. Rotating alpha by 180 deg changes no image point, only which side
 is in front. Source: "Industrial Vision" (1997), section 2.1, with the signs of docs/thesis/errata.md.
-
 """
 
 from __future__ import annotations

@@ -57,7 +57,6 @@ class RigEstimate:
     xi in camera_from_rig @ Rigid.exp(xi), mm and rad. pose_covariance (k, 6, 6): of xi in rig_from_world @
     Rigid.exp(xi). noise_px (c,): the standard deviation of a pixel coordinate of each camera behind them. dof: degrees
     of freedom.
-
     """
 
     names: tuple[str, ...]

@@ -15,7 +15,6 @@ def p3p(p_world: Array, rays: Array) -> tuple[Array, Array]:
     (1841; reviewed by Haralick et al., IJCV 1994). Complex roots count with their real part: with noisy rays a pair of
     poses may just miss being real, and the results are refined anyway. Triples without area or behind the camera give
     nothing.
-
     """
     v, owner = _ratio_roots(p_world, rays)
     s, owner = _distances(v, owner, p_world, rays)

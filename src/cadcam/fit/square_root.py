@@ -1,9 +1,9 @@
-"""What a block problem knows at its minimum: rank, blind directions by name, and covariances, from a square root.
+"""The information of a block problem at its minimum: rank, undetermined directions by name, and covariances.
 
-One QR factorisation of [own | shared | residual] a block leaves a triangle whose lower part holds what the block says
-about the shared parameters alone. Nothing is squared: singular values down to 1e-10 of the columns' length count.
-Source of the sandwich: Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986); of its
-small-sample forms: MacKinnon and White (1985), Bell and McCaffrey (2002).
+One QR factorisation of [own | shared | residual] per block gives a triangle whose lower part holds the block's
+information on the shared parameters alone. Nothing is squared: singular values down to 1e-10 of the columns' length
+count. Source of the sandwich: Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986); of
+its small-sample forms: MacKinnon and White (1985), Bell and McCaffrey (2002).
 """
 
 from __future__ import annotations
@@ -25,9 +25,9 @@ _RANK = 1e-10
 class Cofactors:
     """Covariances for residuals of unit noise, and the sandwich of the blocks' scores.
 
-    shared (n, n); own (k, l, l); lever (k, l, n): an own parameter moves by -lever @ d(shared) when the shared ones do;
-    own_alone (k, l, l): its cofactor with the shared ones held. scores (k, n): the gradient of each block by the shared
-    parameters, its own parameters re-fitted; they sum to zero. information (k, n, n): what each block says about the
+    shared (n, n); own (k, l, l); lever (k, l, n): own parameters change by -lever @ d(shared) with the shared ones;
+    own_alone (k, l, l): their cofactor with the shared ones fixed. scores (k, n): the gradient of each block by the
+    shared parameters, its own parameters re-fitted; they sum to zero. information (k, n, n): that of each block on the
     shared parameters. singular (n,): singular values of the shared part with columns of length one, largest first.
     """
 
@@ -48,11 +48,11 @@ class Cofactors:
         return np.asarray(self.lever[one] @ self.shared @ self.lever[other].T)
 
     def clustered(self) -> Array:
-        """Return the covariance (n, n) of the shared parameters that holds if errors are alike within a block.
+        """Return the covariance (n, n) of the shared parameters that remains valid if errors are alike within a block.
 
-        The sandwich N^-1 (sum_j c_j c_j^T) N^-1 k/(k - 1): blocks are independent, their rows need not be, and no noise
-        has to be known. With few blocks (less than about ten times the parameters) it comes out too small;
-        `jackknifed` does not. Raises `TooFewPoints` for less than two blocks.
+        The sandwich N^-1 (sum_j c_j c_j^T) N^-1 k/(k - 1): blocks are independent, their rows need not be, and the
+        noise need not be known. With few blocks (less than about ten times the parameters) it is too small;
+        `jackknifed` is not. Raises `TooFewPoints` for less than two blocks.
         """
         k = self._blocks()
         moves = self.scores @ self.shared
@@ -62,7 +62,7 @@ class Cofactors:
         """Return the covariance (n, n) by leaving out one block at a time, each by one exact linear step.
 
         (k - 1)/k sum_j d_j d_j^T with d_j = (N - N_j)^-1 c_j. Never too small on average; raises `DegenerateGeometry`
-        if the shared parameters cannot do without one of the blocks.
+        if the shared parameters are not determined without one of the blocks.
         """
         k = self._blocks()
         d = np.sqrt(np.diagonal(self.shared))
@@ -91,10 +91,10 @@ def factorise(
     *,
     kind: str = "block",
 ) -> Cofactors:
-    """Return what (weighted) blocks at a minimum know; `kind` is what messages call a block.
+    """Return the cofactors of (weighted) blocks at a minimum; `kind` is the name of a block in messages.
 
-    Raises `DegenerateGeometry` naming the combination of parameters that the residuals do not see: of one block with
-    the shared parameters held, or of the shared parameters with every block free to follow.
+    Raises `DegenerateGeometry` naming the combination of parameters that the residuals do not determine: of one block
+    with the shared parameters fixed, or of the shared parameters with every block's own free.
     """
     k, n, own = blocks.sizes
     labels = [f"{kind} {name}" for name in (range(1, k + 1) if block_names is None else block_names)]
@@ -103,7 +103,7 @@ def factorise(
     bb, ba, aa, ar = R[:, :own, :own], R[:, :own, own : own + n], R[:, own:-1, own:-1], R[:, own:-1, -1]
     _refuse_blind_blocks(bb, own_scale, own_names, labels)
     inverse = np.linalg.inv(bb) if own else bb
-    enough = np.zeros((n, n))  # rows at least: Vt is whole
+    enough = np.zeros((n, n))  # at least n rows, so that Vt is complete
     rows = np.concatenate([aa.reshape(k * n, n), blocks.alone / scale, enough])
     _, s, Vt = np.linalg.svd(np.linalg.qr(rows, mode="r"))
     _refuse_blind(s, Vt, scale, shared_names, kind)
@@ -124,9 +124,9 @@ def factorise(
 
 
 def _triangles(blocks: Blocks, scale: Array, own_scale: Array) -> Array:
-    """Return R (k, l + n + 1, l + n + 1) of [own | shared | residual] a block, columns scaled.
+    """Return R (k, l + n + 1, l + n + 1) of [own | shared | residual] per block, columns scaled.
 
-    Scaled afterwards, which is the same to rounding: a column's length changes no reflection.
+    Scaled afterwards, which is equivalent to rounding: a column's length does not change the reflections.
     """
     stacked = blocks.stacked
     k, width, rows = stacked.shape

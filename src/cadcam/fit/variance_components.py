@@ -1,8 +1,8 @@
-"""How much noise each of several sources brings, estimated with the parameters: restricted maximum likelihood.
+"""The noise variances of several sources, estimated together with the parameters by restricted maximum likelihood.
 
 n independent observations y_i (d) = D_i b + noise of covariance V_i = M_i + sum_k s_k E_k: M_i is known, E_k the
-pattern of source k and s_k >= 0 its variance, to be found. Maximises the likelihood of what the fit of b leaves over,
-so that the variances are not too small for the parameters fitted (Patterson and Thompson, Biometrika 1971), by Fisher
+pattern of source k and s_k >= 0 its unknown variance. Maximises the likelihood of the residuals of b's fit, so that the
+variances are not too small for the number of parameters fitted (Patterson and Thompson, Biometrika 1971), by Fisher
 scoring.
 """
 
@@ -39,9 +39,8 @@ def variance_components(
 ) -> Components:
     """Return the variances of the sources `patterns` (k, d, d) for y (n, d), D (n, d, p) and M (n, d, d).
 
-    start (k,): positive variances to begin with; prior (p, p): what is known of b beforehand, as an information matrix.
-    A variance that the data hold to be zero comes back as `floor` (k,), default 1e-8 of its start: every weight stays
-    finite.
+    start (k,): positive initial variances; prior (p, p): prior information matrix of b. A variance that the data
+    estimate as zero is returned as `floor` (k,), default 1e-8 of its start: every weight stays finite.
     """
     floor = 1e-8 * start if floor is None else floor
     model = _Model(y, D, M, patterns, np.zeros((D.shape[2],) * 2) if prior is None else prior)

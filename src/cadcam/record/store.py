@@ -3,7 +3,6 @@
 A record is stored as a whole or not at all, and once `add` has returned no crash loses it: SQLite writes its journal
 and its folder to the disk first (synchronous=EXTRA), PostgreSQL its log (synchronous_commit, its default). Several
 programs may write at once; SQLite serialises them.
-
 """
 
 from __future__ import annotations

@@ -4,7 +4,6 @@ The core (`cadcam.native`) draws in the plane of the pixels, or, for a distortin
 the point of each pixel: no vertex is ever distorted. Coverage is decided in double precision; depth is that of the
 face's plane, rounded to float twice (1.2e-7 relative). Where faces tie in depth to float precision, the lower face
 number wins.
-
 """
 
 from __future__ import annotations
@@ -42,7 +41,6 @@ class RasterRenderer:
     back faces, where the mesh is solid and the camera outside its box: those in front hide them, so that only samples
     on a silhouette, to within float's rounding of depth, can differ; `solid`: the result of `is_solid` for the mesh, if
     already known. Raises `MissingCore` where the compiled core is not installed.
-
     """
 
     name = "raster"

@@ -32,7 +32,6 @@ def read_gltf(path: Path, data: bytes) -> Model:
 
     The colour of a face is the base colour of its material times the mean of its vertices' colours, converted from
     linear light to sRGB; textures are ignored. Files that this package wrote with surfaces are marked, and keep them.
-
     """
     scene = GltfDocument(path, data)
     extras = scene.json["asset"].get("extras")  # of any type

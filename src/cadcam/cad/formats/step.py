@@ -36,7 +36,6 @@ def read_step(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = N
     (datum planes of notes); a product of surfaces only keeps them. `chordal_tolerance_mm` bounds the distance between
     triangles and surface; by default `CHORD_SHARE` of the diagonal of the file's points. Raises `MissingExtra` without
     cascadio.
-
     """
     if data[:13].lstrip()[:12] != b"ISO-10303-21" and b"ISO-10303-21" not in data[:1000]:
         raise UnreadableFile(path, "does not begin with ISO-10303-21: not a STEP file", "check the suffix")

@@ -3,7 +3,6 @@
 The devices are queried in a child process first, so that a driver that prints, hangs or crashes does not take the
 caller with it. The defaults can be overridden: the device by index or part of its name, with the argument `device` or
 the environment variable CADCAM_GL_DEVICE; the libraries by CADCAM_LIBEGL and CADCAM_LIBGL (file names or paths).
-
 """
 
 from __future__ import annotations

@@ -31,7 +31,6 @@ class GlRenderer:
     `device` is an index or a part of a name (see `render.gl.probe`). All renderers of a process share one context per
     device. `close`, a `with` block, or the renderer's deletion releases its GPU memory. Raises `MissingExtra` without
     moderngl, `MissingOpenGL` where EGL does not answer, `NotEnoughMemory` for a mesh beyond the GPU's largest buffer.
-
     """
 
     name = "gl"

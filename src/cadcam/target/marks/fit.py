@@ -39,7 +39,6 @@ class MarkFit:
     correlation of the fitted model with the grey values, less what is hidden or cut off. hidden, outside, clipped (B,):
     shares of the window that show something else, that lie outside the picture, that are black or white. good (B,);
     poses: camera_from_mark of each, where a camera was given, and doubt (B,): the probability of the other tilt.
-
     """
 
     q: Array
