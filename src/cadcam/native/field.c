@@ -3,11 +3,11 @@
 #include "hot.h"
 #include "vectors.h"
 
-#define REACH 6           /* px: half the window over which a place's own contrast is judged */
-#define CLUTTER 4.0f      /* how much the mean gradient of that window, squared, counts against it */
-#define BESIDE 0.3f       /* what a pixel beside the top of an edge keeps */
-#define NOISE 3.0f        /* standard deviations of a noisy gradient that make an edge as sure as not */
-#define QUIET 0.2f        /* the share of the picture that shows noise alone, at least */
+#define REACH 6           /* px: half-width of the window for the local contrast */
+#define CLUTTER 4.0f      /* weight of that window's squared mean gradient in the normalisation */
+#define BESIDE 0.3f       /* share kept by a pixel beside the ridge of an edge */
+#define NOISE 3.0f        /* standard deviations of the noise at which an edge has certainty 1/2 */
+#define QUIET 0.2f        /* least share of the picture that shows only noise */
 #define NOISE_OF_QUIET 1.497f /* sigma by that quantile of a Rayleigh distribution: 1 / sqrt(-2 ln(1 - QUIET)) */
 #define FULL 1.25f        /* certainty that is written as 255 is 1 / FULL */
 #define BINS 1024
@@ -33,7 +33,7 @@ void VARIANT(field_reduce)(const float *in, int64_t stride, int32_t width, int32
     }
 }
 
-/* Eight places from (x, y) on by (dx, dy), in a picture of two rows and columns at least. */
+/* Eight places starting at (x, y) in steps of (dx, dy), in a picture of at least two rows and columns. */
 static void straighten_eight(const float *in, int32_t width, int32_t height, float x, float y, float dx, float dy,
                              float *restrict out, uint8_t *restrict seen) {
     const f8 lane = __builtin_convertvector(*(const i8 *)LANE, f8), px = x + lane * dx, py = y + lane * dy;
@@ -44,7 +44,7 @@ static void straighten_eight(const float *in, int32_t width, int32_t height, flo
     const f8 u = least_of(most_of(px - __builtin_convertvector(i, f8), eight(0)), eight(1));
     const f8 v = least_of(most_of(py - __builtin_convertvector(j, f8), eight(0)), eight(1));
     f8 a, b, c, d;
-    if (signs((i == i[0] + *(const i8 *)LANE) & (j == j[0])) == 255) { /* side by side, as most: lenses bend little */
+    if (signs((i == i[0] + *(const i8 *)LANE) & (j == j[0])) == 255) { /* adjacent, as most are: lenses bend little */
         const float *from = in + (size_t)j[0] * (size_t)width + i[0], *under = from + width;
         a = *(const f8 *)from, b = *(const f8 *)(from + 1), c = *(const f8 *)under, d = *(const f8 *)(under + 1);
     } else {
@@ -55,7 +55,7 @@ static void straighten_eight(const float *in, int32_t width, int32_t height, flo
     for (int k = 0; k < 8; k++) seen[k] = inside[k] != 0;
 }
 
-/* A row of places, from (x, y) on by (dx, dy). */
+/* A row of places, starting at (x, y) in steps of (dx, dy). */
 static void straighten_run(const float *in, int32_t width, int32_t height, float x, float y, float dx, float dy,
                            int32_t n, float *restrict out, uint8_t *restrict seen) {
     const float right = (float)width - 0.5f, bottom = (float)height - 0.5f;
@@ -125,7 +125,7 @@ static void find_row(const gradients *g, int32_t y) {
     else memset(g->gx + at, 0, 4 * w), memset(g->gy + at, 0, 4 * w), memset(g->m + at, 0, 4 * w);
 }
 
-/* What QUIET of all m lie below, by counting in bins of its logarithm: the exponent and upper bits of the number. */
+/* The QUIET quantile of all m, by counting in logarithmic bins: the exponent and upper bits of the number. */
 static float quiet(const gradients *g) {
     uint32_t count[BINS] = {0};
     size_t all = 0, below = 0;
@@ -166,7 +166,7 @@ static void add_to(float *restrict column, const float *restrict m, int32_t widt
     for (int32_t x = 0; x < width; x++) column[x] += sign * m[x];
 }
 
-/* How sure an edge is at each pixel of a row, in [0, 1]: against noise and surroundings, and on top of its ridge. */
+/* The certainty of an edge at each pixel of a row, in [0, 1]: against noise and surroundings, and on its ridge. */
 static void certainty(const float *above, const float *m, const float *below, const float *gx, const float *gy,
                       int32_t width, float noise2, float *restrict row) {
     for (int32_t x = 1; x < width - 1; x++) {
@@ -247,14 +247,14 @@ void VARIANT(field_directions)(const float *in, int32_t width, int32_t height, f
             for (size_t s = 0; s < CC_SECTORS; s++) count_in(planes + s * n + (size_t)y * w, width, totals + s);
         }
     }
-    for (size_t s = 0; s < CC_SECTORS; s++) { /* what has no gradient */
+    for (size_t s = 0; s < CC_SECTORS; s++) { /* the rows without a gradient */
         const size_t bare = width > 2 && height > 2 ? w : n;
         memset(planes + s * n, 0, bare), memset(planes + (s + 1) * n - bare, 0, bare);
     }
     moments(totals, n, mean, variance);
 }
 
-typedef uint16_t two __attribute__((may_alias, aligned(1))); /* bytes side by side */
+typedef uint16_t two __attribute__((may_alias, aligned(1))); /* adjacent bytes */
 
 void VARIANT(field_halve)(const uint8_t *in, int32_t width, int32_t height, uint8_t *planes, float *mean,
                           float *variance) {

@@ -1,9 +1,9 @@
-/* Least squares of data that err in groups: see grouped.h.
+/* Least squares of grouped data: see grouped.h.
  *
- * With r = (J_i, y_i) the sums of w r r' over all data, and those of w r over each group, say everything: an offset of
- * variance v takes f s s' from the former for each group, s its sum and f = v / (1 + v sum w). What is left of s is
- * s / (1 + v sum w), which adds up to the sums of families, and their offsets take from the rest in the same way. What
- * is left then is factored, y's row last: that gives the solution, the misfit and the determinant at once.
+ * With r = (J_i, y_i) the sums of w r r' over all data, and those of w r over each group, are sufficient: an offset of
+ * variance v subtracts f s s' from the former for each group, s its sum and f = v / (1 + v sum w). The rest of s,
+ * s / (1 + v sum w), adds to the sums of the family, whose offset is eliminated in the same way. The result is
+ * factored, y's row last, which gives the solution, the misfit and the determinant at once.
  */
 #include "grouped.h"
 
@@ -13,18 +13,18 @@
 #include "internal.h"
 
 enum { WIDE = CC_UNKNOWNS + 1, PACKED = WIDE * (WIDE + 1) / 2 };
-#define OPEN 1e-12   /* what others leave of a parameter's own square, below which it is open */
+#define OPEN 1e-12   /* share of a parameter's square not explained by others, below which it is undetermined */
 #define RIDGE 1e-13  /* of each square */
 #define LEAST 1e-300
 #define HIGH 1e150   /* two numbers up to it, or down to its inverse, may be multiplied */
-#define HARDLY 1e-12 /* of the likeliest: what is less likely is left out of the mean */
+#define HARDLY 1e-12 /* of the greatest likelihood: less likely ones are left out of the mean */
 
 /* Sums of groups or families: of the weights, of w r, and the products of the latter, lower half row by row. */
 typedef struct {
     double *total, *sum, *square;
 } sums;
 
-/* A logarithm of a product, of few logarithms. */
+/* The logarithm of a product, with few calls of log. */
 typedef struct {
     double log, product;
 } logs;
@@ -65,7 +65,7 @@ static void add_up(const cc_grouped *d, const sums *g, double *all) {
     squares(g, d->groups, wide);
 }
 
-/* Add what is left of a group's sums, a share, to those of its family. */
+/* Add a share of a group's sums, the rest after elimination, to those of its family. */
 static void add_to_family(const cc_grouped *d, const sums *g, int64_t of, double share, const sums *family) {
     const int32_t wide = d->k + 1;
     const double *sum = g->sum + of * wide;
@@ -74,8 +74,8 @@ static void add_to_family(const cc_grouped *d, const sums *g, int64_t of, double
     family->total[d->family[of]] += share * g->total[of];
 }
 
-/* What is left of the sums where groups have offsets, also of those of families, unless that is null; returns the log
- * of the determinant that these add. */
+/* Eliminate the groups' offsets from the sums, also from those of families unless that is null; returns their
+ * contribution to the log of the determinant. */
 static double without_groups(const cc_grouped *d, const sums *g, int32_t t, const double *all, double *left,
                              const sums *family) {
     const int32_t wide = d->k + 1, packed = wide * (wide + 1) / 2;
@@ -113,7 +113,7 @@ static double without_families(const cc_grouped *d, const sums *family, int32_t 
     return added.log + log(added.product);
 }
 
-/* Factor the packed sums of J, y in units of their own; the log likelihood; 0 where J's are singular. */
+/* Factor the packed sums of J, y after scaling; the log likelihood; 0 where J's are singular. */
 static int factored(const double *left, int k, double L[WIDE][WIDE], double *scale, double *likelihood) {
     logs det = {0, 1};
     const double *row = left;
@@ -158,7 +158,7 @@ static void solved(int k, double L[WIDE][WIDE], const double *scale, double *x, 
     }
 }
 
-/* The mean of what was tried and its covariance: of each, and between them. */
+/* The mean over the grid and its covariance: the mean within plus the scatter between its points. */
 static void averaged(int32_t tried, int32_t k, const double *left, const double *p, double *each_x, double *x,
                      double *covariance) {
     const int32_t packed = (k + 1) * (k + 2) / 2;
@@ -179,7 +179,7 @@ static void averaged(int32_t tried, int32_t k, const double *left, const double 
     }
 }
 
-/* Where the sums of groups and families lie in scratch; returns what lies behind them. */
+/* Lay out the sums of groups and families in scratch; returns the memory after them. */
 static double *laid_out(const cc_grouped *d, double *scratch, sums *groups, sums *families) {
     const int64_t wide = d->k + 1, own = 1 + wide + wide * (wide + 1) / 2;
     double *next = scratch + d->groups * own;
@@ -188,7 +188,7 @@ static double *laid_out(const cc_grouped *d, double *scratch, sums *groups, sums
     return next + d->families * own;
 }
 
-/* Make likelihoods p, but for a factor in their logarithms, add up to 1; 0 where there are none. */
+/* Normalise likelihoods p, given as logarithms up to a constant, to a sum of 1; 0 where there are none. */
 static int likely(int32_t tried, double *p) {
     double most = -INFINITY, sum = 0;
     for (int32_t t = 0; t < tried; t++) most = p[t] > most ? p[t] : most;
@@ -203,7 +203,7 @@ int32_t cc_grouped_fit(const cc_grouped *d, double *scratch, double *p, double *
     sums groups, families;
     double *left = laid_out(d, scratch, &groups, &families), *each_x = left + (int64_t)tried * packed;
     double all[PACKED], some[PACKED], L[WIDE][WIDE], scale[WIDE];
-    const sums *asked = NULL; /* where families have no offsets in any try, nobody asks for their sums */
+    const sums *asked = NULL; /* without family offsets at any grid point, their sums are not needed */
     for (int32_t u = 0; u < d->family_tried; u++)
         if (d->family_variance[u] > 0) asked = &families;
     add_up(d, &groups, all);
@@ -233,7 +233,7 @@ void cc_weighed(const cc_grouped *d, double *scratch, const cc_apart *apart, dou
     laid_out(d, scratch, &g, &family);
     memset(family.total, 0, sizeof(double) * (size_t)d->families);
     memset(family.sum, 0, sizeof(double) * (size_t)(d->families * wide));
-    for (int pass = 0; pass < 2; pass++) /* the sums of families, then what groups take with them */
+    for (int pass = 0; pass < 2; pass++) /* the sums of families, then the groups' shares in them */
         for (int64_t of = 0; of < d->groups; of++) {
             const int64_t in = d->family[of];
             const double counts = d->of_group[of] > 1e-12 ? d->of_group[of] : 1e-12;

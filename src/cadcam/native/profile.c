@@ -45,12 +45,12 @@ CC_API void cc_values_at(const cc_picture *picture, int32_t channels, int64_t n,
     }
 }
 
-/* What of a segment lies in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */
+/* The part of a segment in the slab |t| <= half around a sample, in its axes: d along the normal, t along the line. */
 typedef struct {
     double t0, d0, t1, d1;
 } piece;
 
-/* Cut a segment to the slab; return whether anything of it is in there and within `most` of the sample. */
+/* Clip a segment to the slab; return whether any of it remains within `most` of the sample. */
 static inline int clipped(double da, double ta, double db, double tb, double half, double most, piece *out) {
     if (ta > tb) {
         double s = ta;
@@ -64,11 +64,11 @@ static inline int clipped(double da, double ta, double db, double tb, double hal
 }
 
 #define PARALLEL 0.4   /* slope up to which a line is a twin */
-#define BESIDE_PX 0.4  /* what lies so near a line is of it */
+#define BESIDE_PX 0.4  /* segments this close to a line belong to it */
 #define COVERED 0.9    /* share of the slab that a twin crosses */
 
-/* The room on one side, to the nearest line and to what lies beyond its twin; the nearest line as a twin, if it is one:
- * straight, about parallel, and through the whole slab. */
+/* The clearance on one side, to the nearest line and to the next beyond its twin; the nearest line as a twin, if it is
+ * one: straight, about parallel, and through the whole slab. */
 static void side(const piece *met, int64_t n, double sign, double half, double most, double *room, double *twin,
                  double *beyond) {
     int64_t nearest = -1;
@@ -81,7 +81,7 @@ static void side(const piece *met, int64_t n, double sign, double half, double m
         *beyond = *room;
         return;
     }
-    /* the longest piece near the nearest point tells the line */
+    /* the longest piece near the nearest point determines the line */
     const piece *of = met + nearest;
     for (int64_t k = 0; k < n; k++) {
         double lo = sign * met[k].d0 < sign * met[k].d1 ? sign * met[k].d0 : sign * met[k].d1;
@@ -106,10 +106,10 @@ static void side(const piece *met, int64_t n, double sign, double half, double m
     else twin[0] = at, twin[1] = slope;
 }
 
-enum { TOGETHER = 16 }; /* samples near each other, which look for segments once */
+enum { TOGETHER = 16 }; /* neighbouring samples, which share one search for segments */
 #define TOGETHER_PX 40.0
 
-/* How many of n places from the first on lie near it. */
+/* The number of places, from the first of n, that lie near it. */
 static int64_t together(int64_t n, const double *q) {
     int64_t k = 1;
     while (k < n && k < TOGETHER && fabs(q[2 * k] - q[0]) < TOGETHER_PX && fabs(q[2 * k + 1] - q[1]) < TOGETHER_PX) k++;
@@ -136,7 +136,7 @@ static int64_t close_to(int64_t n, const double *q, double reach, int64_t m, con
 int32_t cc_clearance(int64_t n, const double *q, const double *normal, const int32_t *run, const double *arc, int64_t m,
                      const double *segments, const int32_t *segment_run, const double *segment_arc, double half_length,
                      double near, double most, double *below, double *above, double *twins, double *beyond) {
-    const double reach = hypot(half_length, most) + BESIDE_PX; /* more than any piece is away: rounding drops none */
+    const double reach = hypot(half_length, most) + BESIDE_PX; /* margin: rounding drops none */
     int64_t *close = malloc(((size_t)m + 1) * sizeof *close), asked = 0, end = 0;
     piece *met = malloc(((size_t)m + 1) * sizeof *met);
     const int32_t done = close && met;
@@ -190,7 +190,7 @@ void cc_edge_rows(int64_t n, const double *jacobian, const double *rotation, con
     }
 }
 
-/* Where a lens moves a place (u, v) of the plane, and the derivative of that, dx/du dx/dv dy/du dy/dv. */
+/* The image of a point (u, v) of the plane under a lens, and its derivative, dx/du dx/dv dy/du dy/dv. */
 static void through(const double *c, double *u, double *v, double *by) {
     const double x = *u, y = *v, xx = x * x, xy = x * y, yy = y * y, r2 = xx + yy, p1 = c[2], p2 = c[3];
     const double top = 1 + r2 * (c[0] + r2 * (c[1] + r2 * c[4])), top1 = c[0] + r2 * (2 * c[1] + r2 * 3 * c[4]);
@@ -226,7 +226,7 @@ void cc_camera_rows(int64_t n, const double *K, const double *lens, double radiu
 
 void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t *run, int64_t neighbours, double *out) {
     for (int32_t c = 0; c < wide; c++) {
-        int64_t from = 0, to = 0, count = 0; /* what is summed up: all of one run */
+        int64_t from = 0, to = 0, count = 0; /* the sums, contiguous in memory */
         double sum = 0;
         for (int64_t i = 0; i < n; i++) {
             if (i && run[i] != run[i - 1]) from = to = i, count = 0, sum = 0;
@@ -241,7 +241,7 @@ void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t 
 
 enum { UNKNOWNS = 9 };
 
-/* x += A^-1 b for a symmetric positive A, which it spoils (lower half given). */
+/* x += A^-1 b for a symmetric positive A (lower half), which is overwritten. */
 static void step_by(double A[UNKNOWNS][UNKNOWNS], double *b, int k, double *x) {
     for (int i = 0; i < k; i++)
         for (int j = 0; j <= i; j++) {

@@ -1,4 +1,4 @@
-/* Regressions of data that err in groups, weighted anew from round to round: see grouped.h. */
+/* Iteratively reweighted regression of grouped data: see grouped.h. */
 #include "grouped.h"
 
 #include <math.h>
@@ -6,18 +6,18 @@
 
 #define FULL 2.5      /* standard deviations: up to here a datum counts fully, */
 #define NONE 4.0      /* from here on not at all */
-#define SETTLED 0.02  /* standard deviations that x may still move */
-#define MEDIAN 0.455  /* of the square of a standard normal variable */
+#define SETTLED 0.02  /* standard deviations: change of x at convergence */
+#define MEDIAN 0.455  /* median of the square of a standard normal variable */
 #define LEAST 1e-300
 
-/* What changes from round to round: of each datum its weight, what is left of it and its variance; room for n. */
+/* What changes from round to round: for each datum its weight, residual and variance; room for n. */
 typedef struct {
     double *w, *rest, *variance, *room;
 } state;
 
 static double counts(double deviations) { return fmin(fmax((NONE - fabs(deviations)) / (NONE - FULL), 0), 1); }
 
-/* The median of numbers, which are put into another order (C. A. R. Hoare, Algorithm 65: FIND, 1961). */
+/* The median of numbers, which are reordered (C. A. R. Hoare, Algorithm 65: FIND, 1961). */
 static double median(double *v, int64_t n) {
     const int64_t middle = (n - 1) / 2;
     for (int64_t low = 0, high = n - 1; low < high;) {
@@ -58,7 +58,7 @@ static double between(const cc_reweighted *asked, const cc_found *f, double *roo
     return good_half(room, several);
 }
 
-/* What data and groups count, and the spread within groups, as they look from x = 0, by medians. */
+/* Initial weights of data and groups, and the spread within groups, from medians at x = 0. */
 static void first_weights(const cc_reweighted *asked, const state *s, cc_found *f) {
     const cc_grouped *d = &asked->of;
     int64_t several = 0;
@@ -79,7 +79,7 @@ static void first_weights(const cc_reweighted *asked, const state *s, cc_found *
     for (int64_t g = 0; g < d->groups; g++) f->of_group[g] = asked->scatter[g] > 0 ? counts(f->mean[g] / usual) : 1;
 }
 
-/* All variance of data within their group, from the known and the spread. */
+/* The variance of data within their group: the known one plus the spread. */
 static void grow(const cc_reweighted *asked, const cc_found *f, double *variance) {
     for (int64_t i = 0; i < asked->of.n; i++) {
         const double scatter = asked->scatter[asked->of.group[i]];
@@ -87,8 +87,8 @@ static void grow(const cc_reweighted *asked, const cc_found *f, double *variance
     }
 }
 
-/* Excess and variance within groups beyond the known one: where weighted squares are as large as expected, less the
- * part of a datum's variance that its group's mean takes away. */
+/* Excess and variance within groups beyond the known one: those for which the weighted squares equal their expectation,
+ * allowing for the part of a datum's variance that its group's mean absorbs. */
 static void spread(const cc_reweighted *asked, const state *s, cc_found *f) {
     double a = 0, b = 0, c = 0, p = 0, q = 0;
     for (int64_t i = 0; i < asked->of.n; i++) {
@@ -117,7 +117,7 @@ static void offsets(const cc_grouped *d, cc_found *f) {
                     + f->apart.alike * d->family_free[d->family[g]];
 }
 
-/* How far data and groups count, by how far they are off. */
+/* The weights of data and groups, from their residuals. */
 static void reweigh(const cc_reweighted *asked, const state *s, cc_found *f) {
     const cc_grouped *d = &asked->of;
     for (int64_t i = 0; i < d->n; i++) {

@@ -1,4 +1,4 @@
-/* Steps fitted to the pixels of cells along lines, and what they leave over: cc_step_sums, cc_steps and
+/* Steps fitted to the pixels of cells along lines, and their residuals: cc_step_sums, cc_steps and
  * cc_step_residuals of profile.h, compiled once for each instruction set. */
 #include "hot.h"
 #include "profile.h"
@@ -7,12 +7,12 @@
 enum { OWN = 5, TERMS = OWN + 2, CHUNK = 256, SUMS = TERMS * (TERMS + 1) / 2 + TERMS + 1 };
 enum { COUNTED = SUMS, CLIPPED, OF_TERMS }; /* what follows the sums in the caller's memory */
 _Static_assert(OF_TERMS + 1 == CC_STEP_SUMS, "profile.h says how much memory that is");
-#define TWIN 1e-4 /* variance of a pixel over that of a twin's contrast: it hardly matters but for twins out of sight */
-#define HELD 1e12  /* as good as infinite */
+#define TWIN 1e-4 /* variance of a pixel over that of a twin's contrast: a weak prior, for twins that are not visible */
+#define HELD 1e12  /* practically infinite */
 #define SPREAD 3.0 /* blurs beyond which a step is level */
-#define MAGIC 6755399441055744.0 /* 1.5 * 2^52: what is added to it is rounded to a whole number in its low bits */
+#define MAGIC 6755399441055744.0 /* 1.5 * 2^52: adding a number rounds it to an integer in the low bits */
 
-/* Pixels of a cell: distance from the line, place along it, brightness less that of the first. Rows are written as
+/* Pixels of a cell: distance from the line, position along it, brightness less that of the first. Rows are written as
  * vectors: there is room for the rest of one. */
 typedef struct {
     double d[CHUNK + 4], t[CHUNK + 4], value[CHUNK + 4];
@@ -24,8 +24,8 @@ typedef struct {
     double at, slope, side;
 } twin;
 
-/* What the steps of a cell leave over, by distance from the line: sums of it and numbers of pixels in bins of a width,
- * the first from `from` on. x: the terms' factors. */
+/* The residuals of a cell's steps by distance from the line: their sums and numbers of pixels in bins of a width, the
+ * first starting at `from`. x: the terms' factors. */
 typedef struct {
     double x[TERMS], from, width, *sum, *number;
     int32_t count;
@@ -37,10 +37,10 @@ typedef struct {
     twin twins[2];
     l4 clipped;
     int count, terms;
-    const residuals *left; /* if they are asked for, not the sums */
+    const residuals *left; /* if the residuals are requested, not the sums */
 } equations;
 
-/* exp(-y), y from 0 on; off by less than 1e-8 of it: 2^k times a polynomial on half a power to both sides. */
+/* exp(-y) for y >= 0, with a relative error below 1e-8: 2^k times a polynomial on [-1/2, 1/2]. */
 INLINE d4 decay(d4 y) {
     const d4 most = {700, 700, 700, 700}, zero = {0, 0, 0, 0};
     l4 far = y > most;
@@ -54,7 +54,7 @@ INLINE d4 decay(d4 y) {
     return p * (d4)power;
 }
 
-/* The normal distribution's bell and, by 26.2.17 of Abramowitz and Stegun (off by less than 8e-8), its integral. */
+/* The normal distribution's bell and, by 26.2.17 of Abramowitz and Stegun (error below 8e-8), its integral. */
 INLINE void bell_and_step(d4 x, d4 *bell, d4 *step) {
     const d4 zero = {0, 0, 0, 0};
     l4 negative = x < zero;
@@ -79,7 +79,7 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
     for (int k = 0; k < p->n; k += 4) {
         d4 f[TERMS], d = *(const d4 *)(p->d + k), value = *(const d4 *)(p->value + k), step, bell;
         bell_and_step(d * sharp, &bell, &step);
-        const l4 there = *(const d4 *)COUNT < (double)(p->n - k); /* the last vector may be filled up */
+        const l4 there = *(const d4 *)COUNT < (double)(p->n - k); /* the last vector may be padded */
         f[0] = (d4)((l4)(d4){1, 1, 1, 1} & there);
         f[1] = step * f[0], f[2] = bell * sharp * f[0], f[4] = d * step + blur * bell * f[0], f[3] = d - f[4];
         for (int i = OWN; i < terms; i++) {
@@ -98,7 +98,7 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
     e->count += p->n, p->n = 0;
 }
 
-/* Add what the steps leave over of the pixels to its bins. */
+/* Add the pixels' residuals to their bins. */
 static void add_left(equations *e, pixels *p, double blur) {
     const residuals *left = e->left;
     const double sharp = 1 / blur, *x = left->x;
@@ -152,8 +152,8 @@ static void add_row(equations *e, pixels *some, const float *row, const float *e
     }
 }
 
-/* Two opposite sides of a cell: what a row dy below the sample has between them, from lo + lean dy to hi + lean dy to
- * its right; or, if they are level, all of it where lean dy is from lo to hi. */
+/* Two opposite sides of a cell: in a row dy below the sample the interval from lo + lean dy to hi + lean dy to its
+ * right; or, if the sides are horizontal, the whole row where lean dy is between lo and hi. */
 typedef struct {
     double lo, hi, lean;
     int level;
@@ -196,7 +196,7 @@ static int gather(const cc_picture *p, const double *q, const double *n, double 
     return 1;
 }
 
-/* x of A x = y for the first n rows of a symmetric positive A (lower half given, spoilt: its factor), y' A^-1 y, and
+/* x of A x = y for the first n rows of a symmetric positive A (lower half, overwritten by its factor), y' A^-1 y, and
  * numbers 1 and 2 of the inverse's diagonal; 0 where A is not positive. */
 INLINE int solved(double A[TERMS][TERMS], const double *y, const int n, double *x, double *explained, double *Q) {
     double over[TERMS], z[TERMS];
@@ -230,7 +230,7 @@ INLINE int solved(double A[TERMS][TERMS], const double *y, const int n, double *
 }
 
 /* The terms' factors x, the share of the squares that they explain, and cofactors of the step and its bell; 0 where the
- * pixels do not tell them. */
+ * pixels do not determine them. */
 INLINE int factors(const double *sum, const int terms, const double *held, double *x, double *explained, double *Q) {
     double A[TERMS][TERMS];
     for (int i = 0, s = 0; i < terms; i++)
@@ -245,7 +245,7 @@ INLINE void solve(const double *sum, const int terms, const double *held, double
     const double *y = sum + terms * (terms + 1) / 2, count = sum[COUNTED];
     if (!factors(sum, terms, held, x, &explained, Q)) return;
     const double rss = upper(y[terms] - explained, 0);
-    /* a term held by a prior takes no degree of freedom away: its spread is part of the model */
+    /* a term with a prior costs no degree of freedom: its spread is part of the model */
     const double freedom = count - terms + (held[0] > 0) + (held[1] > 0);
     out[0] = x[1], out[1] = x[2], out[2] = x[3], out[3] = x[4], out[4] = sqrt(rss / freedom);
     out[5] = Q[0], out[6] = Q[1], out[7] = count, out[8] = sum[CLIPPED] / count;
