@@ -1,4 +1,4 @@
-"""The cases of benchmarks/locate_battery.py: conditions, and what each seed draws for them."""
+"""The cases of benchmarks/locate_battery.py: conditions, and the random choices of each seed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The conditions of benchmarks/locate_battery.py: what is special about each, all else is drawn plainly."""
+"""The conditions of benchmarks/locate_battery.py: the special settings of each; the rest is drawn at random."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How long a joint calibration takes, with its covariance, beside OpenCV and COLMAP's bundle adjuster.
+"""CPU time of a joint calibration with its covariance, compared with OpenCV and COLMAP's bundle adjuster.
 
     python benchmarks/calibrate.py [--views 50 500] [--repeats 5]
 

@@ -1,4 +1,4 @@
-"""How often the 95 % intervals of a calibration hold the truth.
+"""Coverage of a calibration's 95 % intervals: how often they contain the truth.
 
     python benchmarks/coverage.py [--near] [simulated calibrations a scene] [scene ...]
 

@@ -1,4 +1,4 @@
-"""Labelled views a second of a ship block, beside pyrender rendering the same views in the same run.
+"""Labelled views per second of a ship block, compared with pyrender on the same views in the same run.
 
     python benchmarks/dataset.py                     # 1,000 views of 640 x 480 px, 100,000 triangles
     python benchmarks/dataset.py --views 200 --peer-views 20

@@ -1,4 +1,4 @@
-"""What the labels of a view cost: PNG files beside Pillow's, visible edges beside hidden-line removal in space.
+"""The cost of a view's labels: PNG files compared with Pillow's, visible edges with hidden-line removal in space.
 
     python benchmarks/dataset_labels.py          # 12 views of 640 x 480 px of the ship block, 100,000 triangles
 

@@ -1,4 +1,4 @@
-"""Hand-eye calibration beside OpenCV: errors on simulated cells with exact truth, CPU time, and real sets.
+"""Hand-eye calibration compared with OpenCV: errors on simulated cells with exact truth, CPU time, and real sets.
 
     python benchmarks/handeye.py                     simulated cells only
     python benchmarks/handeye.py ../shared/data      and the real sets found there

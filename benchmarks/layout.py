@@ -1,4 +1,4 @@
-"""How long a layout takes: 100 candidates, 200 features, 10 poses of a ship block; and how near the best set comes.
+"""CPU time of a layout: 100 candidates, 200 features, 10 poses of a ship block; and how close to the best set it is.
 
     python benchmarks/layout.py [--candidates 100] [--features 200] [--poses 10] [-k 4]
 

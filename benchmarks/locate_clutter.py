@@ -1,4 +1,4 @@
-"""Whether a part is found without a start, from all sides, in heavy clutter with a cable over it.
+"""Searching for a part without a start, from all sides, in heavy clutter with a cable over it.
 
     python benchmarks/locate_clutter.py BRACKET --noise 3
 

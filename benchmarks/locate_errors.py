@@ -1,4 +1,4 @@
-"""What a located pose is off by, and what many of them say together."""
+"""Errors of located poses, and their statistics."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How many instructions a photo takes from a rough start to its pose with covariance, and in which libraries.
+"""Instructions per photo from a rough start to a pose with covariance, by library.
 
     python benchmarks/locate_instructions.py ../shared/data/shipblock_clean
 

@@ -1,4 +1,4 @@
-"""Locating beside other edge trackers: the same photos, the same rough starts, one run.
+"""Locating compared with other edge trackers: the same photos, the same rough starts, one run.
 
     python benchmarks/locate_peers.py ../shared/data/shipblock_clean
     python benchmarks/locate_peers.py SCENE --noise 0 8 --every 6 --reach 1.5

@@ -1,4 +1,4 @@
-"""The photos that locating is judged on: sets with exact poses, noise levels and rough starts, and real photos."""
+"""The photos used to evaluate locating: sets with exact poses, noise levels and rough starts, and real photos."""
 
 from __future__ import annotations
 

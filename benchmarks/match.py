@@ -1,4 +1,4 @@
-"""Rotated template matching: time, accuracy and failures, beside cv2.matchTemplate over 360 angles.
+"""Rotated template matching: time, accuracy and failures, compared with cv2.matchTemplate over 360 angles.
 
     python benchmarks/match.py [--photos ../shared/data] [--cases 200] [--peer-cases 8]
 

@@ -1,4 +1,4 @@
-"""How well do measured points agree with known ones, and do their sigmas say so? Four cameras, a real target.
+"""Errors of measured points on a real target with four cameras, and whether their sigmas predict them.
 
     python benchmarks/measure.py FOLDER
 

@@ -1,4 +1,4 @@
-"""How often, and in what time, marks are put into the order of their plan.
+"""Success rate and CPU time of putting marks into the order of their plan.
 
     python benchmarks/order.py --plans 20
 

@@ -1,4 +1,4 @@
-"""The uncertainty that is predicted of a layout, beside the scatter of trials: calibrated, rendered, measured.
+"""The uncertainty predicted for a layout, compared with the scatter of trials: calibrated, rendered, measured.
 
     python benchmarks/predicted.py [--trials 300] [--places 10] [--only marks,corners,moved]
 

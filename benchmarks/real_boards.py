@@ -1,4 +1,4 @@
-"""Boards in pictures: our detection and calibration beside OpenCV's and the published values.
+"""Boards in pictures: our detection and calibration compared with OpenCV's and the published values.
 
     python benchmarks/real_boards.py ../shared/data [--only rendered,left,...]
 

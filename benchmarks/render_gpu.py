@@ -1,4 +1,4 @@
-"""Frames a second of the renderer "gl" at 1920x1080: one by one and in a batch, with raster on the CPU beside it.
+"""Frames per second of the renderer "gl" at 1920x1080, one by one and in a batch, compared with raster on the CPU.
 
     python benchmarks/render_gpu.py                      # 1 and 10 million triangles, on the first GPU that answers
     python benchmarks/render_gpu.py --anyway --triangles 100000    # also where OpenGL is drawn in software

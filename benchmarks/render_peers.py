@@ -1,4 +1,4 @@
-"""The renderers that benchmarks/render.py compares, each as its own documentation would have one use it for speed.
+"""The renderers that benchmarks/render.py compares, each used for speed as its documentation recommends.
 
 All return (8-bit colour (H, W, 3) or None, z-depth (H, W) in mm), shaded flat by face normals. Ray casters get the
 exact rays of the camera, cached as long as the camera stays the same; others draw without distortion.

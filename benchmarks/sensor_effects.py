@@ -1,4 +1,4 @@
-"""What each effect of a sensor does to the sub-pixel position of marks and edges.
+"""The influence of each effect of a sensor on the sub-pixel position of marks and edges.
 
     python benchmarks/sensor_effects.py --pictures 6 [--only effects,rings,kinds,depth] [--rows "gamma,JPEG 75"]
 

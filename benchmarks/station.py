@@ -1,4 +1,4 @@
-"""A station on a simulated hall: mechanics and vision told apart, distances within what is stated, and how fast.
+"""A station in a simulated hall: separation of mechanics and vision, errors of distances against their sigmas, speed.
 
     python benchmarks/station.py [--halls 14] [--marks 60] [--only split|distances|speed]
 

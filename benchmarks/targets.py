@@ -1,4 +1,4 @@
-"""Marks in pictures: error of every sub-pixel rule by its Cramer-Rao bound, and detection in real photos.
+"""Marks in pictures: error of every sub-pixel rule over its Cramer-Rao bound, and detection in real photos.
 
     python benchmarks/targets.py [--only rendered,grid,robust,speed,real] [--samples 64] [--data ../shared/data]
                                  [--pictures FOLDER]

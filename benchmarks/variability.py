@@ -1,4 +1,4 @@
-"""Section 2.4 of the dissertation made again: its tables beside ours, and the figures of docs/thesis/variability.md.
+"""Section 2.4 of the dissertation reproduced: its tables beside ours, and the figures of docs/thesis/variability.md.
 
     python benchmarks/variability.py table_2_7.csv [folder for the figures]
 

@@ -1,4 +1,4 @@
-"""What verify.py and verify_shadows.py share: blocks built otherwise than drawn, what is said of their bodies."""
+"""The parts common to verify.py and verify_shadows.py: blocks that deviate from their CAD, results on their bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Small meshes that tests are made of."""
+"""Small meshes for tests."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A camera from pictures of a board: rendered, found, calibrated, and the truth recovered as well as it says."""
+"""A camera from pictures of a board: rendered, found, calibrated, and the truth found within its covariance."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What is held against the points: true values are not blamed more often than said, wrong ones always."""
+"""Held values tested against the points: true ones are rejected no more often than stated, wrong ones always."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Do the covariances of measured points tell the truth? Calibrate anew, measure anew, compare with where the point is.
+"""Coverage of the covariances of measured points: calibrate and measure repeatedly, compare with the true point.
 
 Seventy draws in the suite: the mean of chi-square with 6 degrees of freedom is known to sqrt(12/70) = 0.41, the share
 of 95 % intervals that hold to 2.6 %, both taken four times. `pytest -m slow` draws 2000 and asks for 93-97 %.

@@ -1,4 +1,4 @@
-"""What an estimate says of its own uncertainty, against sampling; and what least squares gains on the linear transform.
+"""The uncertainty stated by an estimate, against sampling; and what least squares gains on the linear transform.
 
 400 draws on the bench of Table 2.3: a standard deviation is known to 1/sqrt(2 * 400) = 3.5 %, a mean to 5 % of a sigma.
 """

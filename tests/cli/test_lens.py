@@ -1,4 +1,4 @@
-"""`cadcam lens` answers which lens, and says what no lens can do."""
+"""`cadcam lens` gives the lens for a view, and refuses what no lens can do."""
 
 from __future__ import annotations
 

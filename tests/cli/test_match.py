@@ -1,4 +1,4 @@
-"""`cadcam match`: templates and parts are found, absence is exit 3, and wrong wishes are said in one line."""
+"""`cadcam match`: templates and parts are found, absence is exit 3, and invalid requests are one-line errors."""
 
 from __future__ import annotations
 

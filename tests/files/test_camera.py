@@ -1,4 +1,4 @@
-"""A camera file gives back what was written, to the last bit, and refuses what it does not understand."""
+"""A camera file is read back as written, to the last bit, and unknown contents are refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A part's pose goes into a file and comes back; who says it in another frame or by hand is understood."""
+"""A part's pose goes into a file and comes back; poses in another frame or written by hand are understood."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A sensor file says what it means, comes back as it was, and names what is wrong in it."""
+"""A sensor file is read back as written, and errors in it are named."""
 
 from __future__ import annotations
 

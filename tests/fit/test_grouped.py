@@ -1,4 +1,4 @@
-"""Regression on data that err in groups: its covariance is the scatter, and outliers or few groups do not upset it."""
+"""Regression on grouped data: its covariance is the scatter, and outliers or few groups do not upset it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The direct linear transform, the three-point problem, evenly spread rotations, and how points lie."""
+"""The direct linear transform, the three-point problem, evenly spread rotations, and the extents of points."""
 
 from __future__ import annotations
 

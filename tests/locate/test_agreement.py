@@ -1,4 +1,4 @@
-"""Where a third of the lines were taken for others, the others say where the part is."""
+"""Where a third of the lines are mismatched, the others determine the pose."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which of many poses are one."""
+"""Poses of one basin are recognised as one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where is the part, where its approach as a whole has nothing to say."""
+"""Locating a part, apart from the approach as a whole."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Beside bands lines err as a whole, and all to the same side: told of that, the covariance is true."""
+"""Beside bands all lines are shifted to the same side: with that in the model, the covariance is true."""
 
 from __future__ import annotations
 

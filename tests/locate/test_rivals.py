@@ -1,4 +1,4 @@
-"""Parts that are nearly like themselves elsewhere, or like their mirror image, are not taken for these."""
+"""Nearly symmetric parts, or parts nearly equal to their mirror image, are not mistaken for these."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The poses in which a part looks the same."""
+"""The symmetries of a part: poses in which it looks the same."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Records to keep."""
+"""Sample records."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Visibility of points among triangles by brute force in float64: the judge of the fast code, sharing none of it.
+"""Visibility of points among triangles by brute force in float64: independent reference for the fast code.
 
 Every triangle whose box in the picture plane holds a point's image is tried against it, by signs of volumes. A triangle
 hides a point if it meets the open segment to the eye and the point lies more than the tolerance off its plane.

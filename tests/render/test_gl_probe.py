@@ -1,4 +1,4 @@
-"""What answers on EGL is found out without harm, and its absence costs a line."""
+"""EGL devices are probed without side effects, and their absence is one line of a report."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The rasteriser: coverage of vicious triangles at every pixel centre, depth, threads, batches, bad input."""
+"""The rasteriser: coverage of degenerate triangles at every pixel centre, depth, threads, batches, bad input."""
 
 from __future__ import annotations
 

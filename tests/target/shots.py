@@ -1,4 +1,4 @@
-"""Boards as a distorting camera sees them, with the truth."""
+"""Boards imaged by a distorting camera, with the true points."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Boards are found whole, to the predicted hundredths of a pixel, and nothing else is taken for one."""
+"""Boards are found whole, to the predicted hundredths of a pixel, and nothing else is mistaken for one."""
 
 from __future__ import annotations
 

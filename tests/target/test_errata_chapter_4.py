@@ -1,4 +1,4 @@
-"""Chapter 4 and Appendix A of the dissertation, and what is printed there wrongly."""
+"""Chapter 4 and Appendix A of the dissertation, and their misprints."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Marks are found wherever they are, nothing else is, and what is wrong with a picture is said."""
+"""Marks are found wherever they are, nothing else is, and faults of a picture are reported."""
 
 from __future__ import annotations
 

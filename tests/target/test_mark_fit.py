@@ -1,4 +1,4 @@
-"""The model's slopes are derivatives; fits of rendered marks meet the truth within what they say of themselves."""
+"""The model's derivatives are correct; fits of rendered marks are true within their stated covariance."""
 
 from __future__ import annotations
 

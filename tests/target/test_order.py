@@ -1,4 +1,4 @@
-"""Marks are put into the order of their plan whatever the camera did to them, and what cannot be told apart is told."""
+"""Marks are put into the order of their plan from any view, and ambiguous orders are reported as such."""
 
 from __future__ import annotations
 

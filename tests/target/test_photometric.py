@@ -1,4 +1,4 @@
-"""The fits' slopes are their models' derivatives, and their covariance is that of repeated noise."""
+"""The models' derivatives are correct, and their covariance is that of repeated noise."""
 
 from __future__ import annotations
 
