@@ -22,7 +22,7 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 _STRANGERS = np.radians(3.0)  # median difference of rotation angles above which two lists do not belong together
-_ANSWERS = 0.005  # weakest response to motions that determine everything: 0.3 deg between the axes
+_ANSWERS = 0.005  # weakest response of motions that determine everything: 0.3 deg between the axes
 _ANSWERS_NOISE = 5.0  # the same in units of the noise of a pair
 _ANSWERS_MOST = 0.1  # responses of this size are no reason to reject, however large the noise
 _BETTER = 4.0  # ratio by which another reading of the poses must fit better to be named

@@ -13,8 +13,8 @@ def tilts(camera: Camera, q: Array, image_from_mark: Array) -> tuple[Rigid, Rigi
     """Return the two poses (camera_from_mark) whose image at q (2,) has, to first order, this shape (2, 2) px per mm.
 
     In the frame of the line of sight the mark's axes are foreshortened: its shape there is R_2x2 / depth, with singular
-    values 1/depth and cos(tilt)/depth; the sign of the tilt is undetermined (the well-known two-fold ambiguity of weak
-    perspective).
+    values 1/depth and cos(tilt)/depth; the sign of the tilt is undetermined (two-fold ambiguity of weak perspective,
+    after Bouguet and others).
     """
     ray = camera.unproject(q)
     sight = toward(ray)
