@@ -25,7 +25,7 @@ _SHRINKS = 0.5  # ratio from one round to the next
 _LAST = (3, 0.7)  # search range and width of the last round, px: the width of an edge
 _NOTHING = 0.3  # weight of "none of them": a strong step at this height of its kernel pulls as much
 _STRONG = 0.75  # quantile of the strongest slopes from which a step has full weight
-_HELD = 1e-3  # damping of every motion, relative to its own weight
+_HELD = 1e-3  # least damping of every motion, relative to its own weight
 _PULLS = 4  # Gauss-Newton steps on one set of candidates
 
 
@@ -36,9 +36,12 @@ def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search
     if not len(p):
         return start
     pose, middle = start, p.mean(axis=0)
+    lines = sum(len(np.unique(s.samples.run)) for s in few)
     for reach, soft in schedule(search_px):
         B = aligned(freedom.at(pose), middle, few[0].towards(middle, pose))
-        pose = _pulled(few, pose, B, middle, reach=reach, soft=soft)
+        # The start determines the lines to search_px. One line, whose samples err alike, determines them to `soft`.
+        held = max(_HELD, (soft / search_px) ** 2 / lines)
+        pose = _pulled(few, pose, B, middle, reach=reach, soft=soft, held=held)
     return pose
 
 
@@ -51,7 +54,9 @@ def schedule(search_px: float) -> list[tuple[int, float]]:
     return [*rounds, _LAST]
 
 
-def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, middle: Array, *, reach: int, soft: float) -> Rigid:
+def _pulled(
+    sights: Sequence[Sight], pose: Rigid, B: Array, middle: Array, *, reach: int, soft: float, held: float
+) -> Rigid:
     """Return the pose after one round: candidates once, then a few steps among them."""
     rows, offsets, slopes = [], [], []
     for sight in sights:
@@ -64,19 +69,25 @@ def _pulled(sights: Sequence[Sight], pose: Rigid, B: Array, middle: Array, *, re
     J, offset, slope = (np.concatenate(a) for a in (rows, offsets, slopes))
     if len(J) < 2 * J.shape[1]:
         return pose
-    return carried(pose, B, pulled_onto(J, offset, slope, soft=soft), middle)
+    return carried(pose, B, pulled_onto(J, offset, slope, soft=soft, held=held), middle)
 
 
 def pulled_onto(
-    J: Array, offset: Array, slope: Array, *, soft: float, stiff: tuple[Array, Array] | None = None
+    J: Array,
+    offset: Array,
+    slope: Array,
+    *,
+    soft: float,
+    held: float = _HELD,
+    stiff: tuple[Array, Array] | None = None,
 ) -> Array:
     """Return the step x (k,) that pulls N lines onto their candidate steps (N, M).
 
     J (N, k): derivative of the lines by x; offset, slope (N, M): places of the steps along the normals (px) and how
-    steep they are, the steepest first, nan for none. stiff: weights (k, k) and a vector `before` (k,), which hold
-    before + x near zero, in units of a sample's pull.
+    steep they are, the steepest first, nan for none. held: damping of every motion, relative to its own weight. stiff:
+    weights (k, k) and a vector `before` (k,), which hold before + x near zero, in units of a sample's pull.
     """
     size = np.abs(slope)
     strength = np.minimum(size / max(quantile(np.fmax(size[:, 0], 0.0), _STRONG), 1e-30), 1.0)
     # motions that no line determines stay 0
-    return pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=_HELD, pulls=_PULLS, stiff=stiff)
+    return pulled(J, offset, strength, soft=soft, nothing=_NOTHING, held=held, pulls=_PULLS, stiff=stiff)
