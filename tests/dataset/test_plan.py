@@ -118,7 +118,7 @@ def test_what_is_wrong_is_named(here: Path, options: dict[str, Any], message: st
         ("views: 2.5", "views is 2.5; a whole number is expected"),
         ("gray: 3", "gray is 3"),
         ("fill: [1, 2, 3]", "fill has shape .3,."),
-        ("- 1", "object"),
+        ("- 1", "is \\[1.0\\]; .key: value. lines are expected"),
         ("", "is empty"),
     ],
 )
