@@ -99,6 +99,24 @@ def test_through_a_lens_the_field_is_that_of_an_ideal_camera() -> None:
     assert field.camera.lens == Camera.from_focal(SIZE, 1.0).lens
 
 
+@pytest.mark.parametrize(("fx", "fy", "skew"), [(75.0, 150.0, 0.0), (150.0, 75.0, 0.0), (150.0, 150.0, 60.0)])
+def test_pixels_far_from_square_become_square_ones(fx: float, fy: float, skew: float) -> None:
+    camera = Camera.from_focal((161, 121), fx, fy=fy, skew=skew)
+    ray = camera.unproject(camera.pixel_grid())
+    normal, along = np.array([np.cos(0.6), np.sin(0.6), 0.0]), np.array([-np.sin(0.6), np.cos(0.6), 0.0])
+    photo = np.clip((ray / ray[..., 2:]) @ normal * np.sqrt(fx * fy) + 0.5, 0, 1)  # the edge of a half plane
+    field = direction_fields(gaussian_filter(photo, 0.7).astype(np.float32), camera, levels=1)[0]
+    on = np.linspace(-0.2, 0.2, 9)[:, None] * along + [0, 0, 1]
+    across = on + 1e-3 * normal  # across the edge in space, and with square pixels in the field too
+    q = field.camera.project(on)
+    d = field.camera.project(across) - q
+    assert np.allclose(np.arctan2(d[:, 1], d[:, 0]), 0.6, rtol=0, atol=1e-9)
+    assert field.camera.skew == 0
+    assert field.camera.fx == pytest.approx(np.sqrt(fx * fy)) == field.camera.fy
+    sector = round(0.6 / (np.pi / SECTORS))
+    assert max_around(field.planes.values, *np.rint(q).astype(int).T)[sector].min() > 0.5 * 255
+
+
 def test_what_lies_far_away_does_not_count(rng: np.random.Generator) -> None:
     """An edge is judged against what is within some pixels of it, not against the picture's border."""
     picture = half_plane(0.4)

@@ -25,6 +25,7 @@ from cadcam.locate.search.without_start import _FINELY, _judged, _Scales, search
 from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box
+from . import scene
 from .photos import CAMERA, error_px, noisy, photo, shot, view
 
 BRACKET = Part.of(machined_bracket())
@@ -74,6 +75,19 @@ def test_a_part_beside_hatched_ground_is_found(rng: np.random.Generator) -> None
     taken = Photo.of(noisy(np.where(ground, gaussian_filter(hatched, 0.6), clean), 0.01, rng), CAMERA)
     found = search(BRACKET, [taken], ViewRange(axis=FROM_ABOVE.axis, half_angle_deg=35.0, distance_mm=(400.0, 800.0)))
     assert error_px(BRACKET, CAMERA, found[0].world_from_part, pose) < RIGHT_PX
+
+
+@pytest.mark.parametrize("size", [(640, 240), (320, 480)])
+def test_a_part_is_found_from_nothing_through_pixels_twice_as_long_as_wide(
+    size: tuple[int, int], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    camera = scene.CAMERA.resize(size)
+    monkeypatch.setattr(scene, "CAMERA", camera)
+    pose = scene.pose_of(rng)
+    views = ViewRange(axis=np.array([0.2, -0.7, 0.7]), half_angle_deg=30)
+    found = locate_part(scene.block(), [scene.photo_of(pose, rng)], views=views)
+    assert found.found
+    assert error_px(scene.block(), camera, found.pose.world_from_part, pose) < 0.5
 
 
 def test_a_symmetric_part_comes_back_in_every_pose_in_which_it_looks_the_same(rng: np.random.Generator) -> None:

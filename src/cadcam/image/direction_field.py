@@ -8,11 +8,12 @@ real-time detection of textureless objects, PAMI 34 (2012), the fields are made 
 unlike those they keep lines sharp, and coarser fields are pooled from finer ones, so that the two sides of a thin plate
 do not cancel.
 
-Fields are those of an ideal camera: lens distortion is removed first.
+Fields are those of an ideal camera: lens distortion, and pixels far from square, are removed first.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -28,6 +29,7 @@ __all__ = ["SECTORS", "DirectionField", "direction_fields"]
 _FLOOR = 0.5 / 255  # grey value per pixel: smaller gradients are quantisation
 _WIDEST = 1.5  # largest size of an undistorted picture relative to the photo
 _LEAST = 4  # px, least shorter side of a field
+_SQUARE = 0.1  # pixels whose sides differ by this share, or whose axes do by this angle (rad), still count as square
 _STEP = 8  # px between nodes at which the lens is evaluated; linear interpolation is good to hundredths of a pixel
 
 
@@ -57,10 +59,10 @@ def direction_fields(
 
     Each next one has half the size; fewer than `levels` are returned if a side would fall below 4 px. region: only this
     part of the photo, (left, top, right, bottom) px, right and bottom excluded; cameras are cropped accordingly, with a
-    margin if they have a lens.
+    margin if they have a lens. Pixels far from square become square ones of the same area.
     """
     box = (0, 0, *camera.size) if region is None else region
-    if isinstance(camera.lens, Ideal):
+    if isinstance(camera.lens, Ideal) and _has_square_pixels(camera):
         left, top, right, bottom = box
         camera = _reduced(camera.crop(left, top, (right - left, bottom - top)), reduction)
         planes = directions(_even(gray[top:bottom, left:right], reduction), _FLOOR)
@@ -117,27 +119,41 @@ def _steps(inside: Mask) -> tuple[int, int]:
 def _straight(camera: Camera, k: int) -> tuple[Camera, Picture]:
     """Return the ideal camera that sees a photo, reduced by k, without distortion, and its nodes' places in the photo.
 
+    Its pixels are square unless the photo's nearly are.
+
     Nodes (rows, columns, 2) px: every `_STEP`-th pixel of every `_STEP`-th row, from the first to beyond the last.
     Cached, as one camera takes photo after photo.
     """
     camera = _reduced(camera, k)
-    low, high = _bounds(camera)
-    ideal = replace(camera, lens=Ideal()).crop(int(low[0]), int(low[1]), (int(high[0] - low[0]), int(high[1] - low[1])))
+    ideal = replace(camera if _has_square_pixels(camera) else _with_square_pixels(camera), lens=Ideal())
+    low, high = _bounds(camera, ideal)
+    ideal = ideal.crop(int(low[0]), int(low[1]), (int(high[0] - low[0]), int(high[1] - low[1])))
     columns, rows = (_STEP * np.arange((n - 1) // _STEP + 2.0) for n in ideal.size)
     nodes = camera.project(ideal.unproject(np.stack(np.meshgrid(columns, rows), axis=-1)))
     return ideal, nodes.astype(np.float32)
 
 
-def _bounds(camera: Camera) -> tuple[Array, Array]:
-    """Return the corners (2,), (2,) px of the undistorted picture: what the border sees, within limits."""
+def _has_square_pixels(camera: Camera) -> bool:
+    return abs(math.log(camera.fx / camera.fy)) <= _SQUARE and abs(camera.skew / camera.fy) <= _SQUARE
+
+
+def _with_square_pixels(camera: Camera) -> Camera:
+    """Return a camera that sees about the same with square pixels of the same area."""
+    f = math.sqrt(camera.fx * camera.fy)
+    resized = camera.resize((max(1, round(camera.width * f / camera.fx)), max(1, round(camera.height * f / camera.fy))))
+    return replace(resized, K=np.array([[f, 0.0, resized.K[0, 2]], [0.0, f, resized.K[1, 2]], [0.0, 0.0, 1.0]]))
+
+
+def _bounds(camera: Camera, ideal: Camera) -> tuple[Array, Array]:
+    """Return the corners (2,), (2,) px of the ideal camera's picture: what the border sees, within limits."""
     w, h = camera.size
     t = np.linspace(0.0, 1.0, 65)
     border = [(t * (w - 1), 0 * t), (t * (w - 1), 0 * t + h - 1), (0 * t, t * (h - 1)), (0 * t + w - 1, t * (h - 1))]
     ray = camera.unproject(np.concatenate([np.stack(side, axis=-1) for side in border]))
     ray = ray[np.isfinite(ray).all(axis=1) & (ray[:, 2] > 0)]
-    size, slack = np.array([w, h], float), (_WIDEST - 1) / 2 * np.array([w, h])
+    size, slack = np.array(ideal.size, float), (_WIDEST - 1) / 2 * np.array(ideal.size)
     if not len(ray):
         return np.zeros(2), size
-    q = replace(camera, lens=Ideal()).project(ray)
+    q = ideal.project(ray)
     low, high = np.floor(q.min(axis=0)), np.ceil(q.max(axis=0)) + 1
     return np.maximum(low, -np.floor(slack)), np.minimum(high, size + np.floor(slack))

@@ -222,7 +222,8 @@ def _size(aspects: Aspects, focal: float, distance: Array) -> Array:
 
 def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float]:
     """Return the distances (mm) to try: a geometric series."""
-    r, focal, side = aspects.radius, math.sqrt(camera.fx * camera.fy), min(camera.size)
+    r, focal = aspects.radius, math.sqrt(camera.fx * camera.fy)
+    side = min(camera.width * focal / camera.fx, camera.height * focal / camera.fy)  # px, were they square
     least, most = (math.hypot(r, 2 * focal * r / (share * side)) for share in (_LARGEST, _SMALLEST))
     near, far = (least, most) if views.distance_mm is None else views.distance_mm
     n = max(1, math.ceil(math.log(far / near) / math.log(_SCALE)))
