@@ -17,9 +17,12 @@ if TYPE_CHECKING:
 _SAMPLES = 400
 _FEW = 24  # portions in which points are tested
 _MOST = 64  # points tried as the image of one
-_SAME = 2e-3  # radii: a rotation that maps the edges onto themselves to this tolerance is a symmetry
+_SAME = 2e-3  # radii: a rotation that maps the edges onto themselves to this tolerance is a symmetry ...
+_OF_THICKNESS = 0.2  # ... and to this share of half of its thickness: a long bar turned a little is not the same
+_FLAT = 1e-6  # radii: what is thinner lies in a plane
 _ROUND = np.radians(30.0)  # largest angle between the corners of a faceted circle: beyond it they are edges
-_APART = 0.01  # rad: rotations that differ by less are one, determined to within _SAME
+_APART = 0.01  # rad: corners of a faceted circle are at least so exactly in their places
+_ONE = 4.0  # tolerances: symmetries that move corners by less are one, as each leads to within two of the edges
 
 
 def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
@@ -36,18 +39,27 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     centre = points.mean(axis=0)
     rays = points - centre
     corners = mesh.vertices[np.unique(edges.vertices)] - centre
-    tolerance = _SAME * float(np.linalg.norm(rays, axis=1).max())
+    extent = _extent(corners)
+    thickness, radius = np.linalg.norm(extent[:, -1]), np.linalg.norm(corners, axis=1).max()
+    tolerance = float(min(_SAME * radius, _OF_THICKNESS * thickness if thickness > _FLAT * radius else np.inf))
     tree = cKDTree(rays)
     spacing = float(np.max(np.asarray(tree.query(rays, k=2)[0])[:, 1])) + tolerance
-    lines = cKDTree(_dense(mesh, edges, tolerance) - centre)
+    dense, step = _dense(mesh, edges, tolerance)
+    lines = cKDTree(dense - centre)
     some = [rays[k::_FEW] for k in range(_FEW)]  # each spread over the part: most candidates fail on the first
     found = [np.eye(3)]
     for R in _candidates(corners, tolerance):
-        if any(np.abs(R - known).max() < _APART for known in found):
+        if any(np.linalg.norm((R - known) @ extent) < _ONE * tolerance for known in found):
             continue
-        if all(_within(tree, p @ R.T, spacing) and _within(lines, p @ R.T, 2 * tolerance) for p in some):
+        if all(_within(tree, p @ R.T, spacing) and _within(lines, p @ R.T, tolerance + step) for p in some):
             found.append(R)
     return [Rigid(R, centre - R @ centre) for R in found]
+
+
+def _extent(corners: Array) -> Array:
+    """Return the principal axes of corners (N, 3) as columns (3, 3), each as long as half of their extent along it."""
+    axes = np.linalg.svd(corners, full_matrices=False)[2]
+    return np.asarray(axes.T * np.ptp(corners @ axes.T, axis=0) / 2)
 
 
 def _within(tree: cKDTree, points: Array, reach: float) -> bool:
@@ -112,7 +124,7 @@ def _clusters(values: Array, tolerance: float) -> Ids:
 
 
 def _candidates(corners: Array, tolerance: float) -> list[Array]:
-    """Return the rotations that take a frame of two corners to a congruent one."""
+    """Return the rotations that take a frame of two corners to a congruent one, the most congruent first."""
     length = np.linalg.norm(corners, axis=1)
     a = int(np.argmax(length))
     across = np.linalg.norm(np.cross(corners, corners[a]), axis=1)
@@ -121,7 +133,11 @@ def _candidates(corners: Array, tolerance: float) -> list[Array]:
         return []
     like_a, like_b = (np.flatnonzero(np.abs(length - length[k]) < 2 * tolerance)[:_MOST] for k in (a, b))
     apart = np.linalg.norm(corners[like_a][:, None] - corners[like_b][None], axis=2)
-    pairs = np.argwhere(np.abs(apart - np.linalg.norm(corners[a] - corners[b])) < 2 * tolerance)
+    aside = np.linalg.norm(np.cross(corners[like_a][:, None], corners[like_b][None]), axis=2)  # 0: no frame
+    amiss = np.abs(apart - np.linalg.norm(corners[a] - corners[b]))
+    pairs = np.argwhere((amiss < 2 * tolerance) & (aside > 0.5 * across[b]))
+    amiss += np.abs(length[like_a] - length[a])[:, None] + np.abs(length[like_b] - length[b])
+    pairs = pairs[np.argsort(amiss[tuple(pairs.T)], kind="stable")]
     home = _frame(corners[a], corners[b])
     return [_frame(corners[like_a[i]], corners[like_b[j]]) @ home.T for i, j in pairs]
 
@@ -140,11 +156,12 @@ def _along(mesh: Mesh, edges: FeatureEdges) -> Array:
     return _points(a, b, np.maximum(np.ceil(length / max(length.sum(), 1e-300) * _SAMPLES), 1).astype(int))
 
 
-def _dense(mesh: Mesh, edges: FeatureEdges, step: float) -> Array:
+def _dense(mesh: Mesh, edges: FeatureEdges, step: float) -> tuple[Array, float]:
+    """Return points (N, 3) on the edges that are at most a step (mm) apart, and that step: longer on many edges."""
     a, b = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
     length = np.linalg.norm(b - a, axis=1)
     step = max(step, float(length.sum()) / 200_000)
-    return _points(a, b, np.maximum(np.ceil(length / step), 1).astype(int))
+    return _points(a, b, np.maximum(np.ceil(length / step), 1).astype(int)), step
 
 
 def _points(a: Array, b: Array, n: np.ndarray) -> Array:
