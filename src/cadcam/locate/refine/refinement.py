@@ -28,7 +28,7 @@ from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.support import support_at
 from cadcam.locate.refine.agreement import agreed
 from cadcam.locate.refine.answer import CLEARLY, DOUBT, PoseAnswer, location_of, lost
-from cadcam.locate.refine.concord import Concord
+from cadcam.locate.refine.consistency import Consistency
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.released import released
 from cadcam.locate.refine.solution import CLOSE_PX, PoseSolution, solved
@@ -117,7 +117,7 @@ class Refinement:
         location = best.location
         if self.wider:
             best = asked.in_color(asked.again(best), start)
-            location = released(self.part, asked.in_accord(best), self.freedom, self.options)
+            location = released(self.part, asked.consistent(best), self.freedom, self.options)
         return location if told is self.freedom else _turned_anyhow(location, unseen), best.sights
 
     def from_start(self, start: Rigid) -> PoseAnswer:
@@ -181,51 +181,55 @@ class Refinement:
                 best = second
         return best
 
-    def in_accord(self, best: PoseAnswer) -> PoseAnswer:
-        """Return an answer; one from several photos rests on those that agree, and its covariance on how well."""
+    def consistent(self, best: PoseAnswer) -> PoseAnswer:
+        """Return a found answer from those photos that agree, and as uncertain as their disagreement makes it."""
         if len(self.photos) < 2 or best.solution is None or not best.location.found:
             return best
-        concord = Concord.of(best.solution, self.options)
-        by_fewer = self.by_fewer(best, concord)
-        return by_fewer or replace(best, location=concord.told(best.location, self.part, self.photos))
+        consistency = Consistency.of(best.solution, self.options)
+        by_fewer = self.by_fewer(best, consistency)
+        return by_fewer or replace(best, location=consistency.stated_in(best.location, self.part, self.photos))
 
-    def by_fewer(self, best: PoseAnswer, concord: Concord) -> PoseAnswer | None:
-        """Return the answer without photos that show nothing of the part, or the one without which the others agree."""
-        if concord.blind and concord.photos:
-            left_out, why = [concord.blind], "nothing of the part shows there"
-        elif not concord.holds and len(self.photos) > 2:
-            left_out = [[one.photo] for one in concord.photos]
+    def by_fewer(self, best: PoseAnswer, consistency: Consistency) -> PoseAnswer | None:
+        """Return the answer without photos that show nothing of the part, or without the one that is inconsistent.
+
+        None where all photos count, or where it is not clear which of them to leave out.
+        """
+        if consistency.blind and consistency.photos:
+            candidates, why = [consistency.blind], "nothing of the part shows there"
+        elif not consistency.holds and len(self.photos) > 2:
+            candidates = [[one.photo] for one in consistency.photos]
             why = "the others agree, but not with it; does that camera stand where its file says?"
         else:
             return None
-        without = [(gone, self.without(best, gone)) for gone in left_out]
-        told = [(gone, *answer) for gone, answer in without if answer is not None]
-        told = [one for one in told if one[2]] or told  # photos off by little agree, too, but less than right ones do
-        if self.evidence or len(told) != 1:
+        tried = [(numbers, self.without(best, numbers)) for numbers in candidates]
+        agreeing = [(numbers, *answer) for numbers, answer in tried if answer is not None]
+        # Without a right photo, others that are off by little may agree, too, but not as closely as right ones do.
+        agreeing = [one for one in agreeing if one[2]] or agreeing
+        if self.evidence or len(agreeing) != 1:  # evidence names photos by number: it would have to be renumbered
             return None
-        gone, answer, _ = told[0]
+        left_out, answer, _ = agreeing[0]
         location = answer.location
-        of = concord.disagreements(gone, self.photos, left_out=True)
+        of = consistency.disagreements(left_out, self.photos, left_out=True)
         reason = f"{location.reason}; {', '.join(repr(one.name) for one in of)} left out: {why}"
         quality = min(location.quality, best.location.quality)
         return replace(answer, location=replace(location, quality=quality, reason=reason, disagreements=of))
 
-    def without(self, best: PoseAnswer, gone: Sequence[int]) -> tuple[PoseAnswer, bool] | None:
-        """Return the answer without some photos, and whether nothing but noise is between the others.
+    def without(self, best: PoseAnswer, left_out: Sequence[int]) -> tuple[PoseAnswer, bool] | None:
+        """Return the answer without some photos, and whether noise alone explains what is between the others.
 
-        None where it is not found, or the others do not agree either.
+        None where it is not found, or the others are not consistent either.
         """
-        kept = [k for k in range(len(self.photos)) if k not in gone]
+        kept = [k for k in range(len(self.photos)) if k not in left_out]
         fewer = replace(self, photos=[self.photos[k] for k in kept])
         answer = fewer.settled(*fewer.attracted([best.sights[k] for k in kept], best.pose, self.options.search_px))
         if answer.solution is None or not answer.location.found:
             return None
-        concord = Concord.of(answer.solution, self.options)
-        if not concord.holds:
+        consistency = Consistency.of(answer.solution, self.options)
+        if not consistency.holds:
             return None
-        location = concord.told(answer.location, self.part, fewer.photos)
+        location = consistency.stated_in(answer.location, self.part, fewer.photos)
         matches = replace(location.matches, photo=np.array(kept, np.int32)[location.matches.photo])
-        return replace(answer, location=replace(location, matches=matches)), concord.close
+        return replace(answer, location=replace(location, matches=matches)), consistency.close
 
     def colored(self, pose: Rigid) -> tuple[float, Rigid, Sequence[Sight]]:
         """Return the share of the lines' samples that colour supports at a pose, the pose, and its sights."""

@@ -4,7 +4,6 @@ A chamfer, a shadow or paint shifts all samples of an edge together: so pieces o
 (`fit.grouped`). Beside bands, which run along whole lines, that is not all. There the pieces of a line share an error,
 and what bands do to the steps beyond what is modelled (`locate.lines.bands`) draws all lines to the same side, towards
 dark or towards bright: one more unknown, with a prior.
-dark or towards bright; it is one more unknown, of a usual size.
 """
 
 from __future__ import annotations

@@ -111,7 +111,7 @@ def test_of_three_cameras_the_one_that_is_off_is_left_out_and_named(
 def test_what_follows_rests_on_the_photos_that_agree(rng: np.random.Generator) -> None:
     """Whether a restriction is contradicted is asked of them alone (`cadcam.locate.refine.released`)."""
     asked = Refinement(PART, photos(rng, {"left": (0.7, 0.5, 0.0)}, *VIEWS))
-    answer = asked.in_accord(asked.from_start(START))
+    answer = asked.consistent(asked.from_start(START))
     assert answer.location.left_out == {0}
     assert [sight.photo.viewpoint.name for sight in answer.sights] == ["right", "tele"]
     assert answer.solution is not None
