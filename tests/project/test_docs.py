@@ -1,4 +1,4 @@
-"""Documents, docstrings and comments name files, tests, modules and functions that exist."""
+"""Documents, docstrings and comments name files, tests, modules and functions that exist; every page is listed."""
 
 from __future__ import annotations
 
@@ -25,6 +25,17 @@ def test_every_path_named_exists(document: Path) -> None:
     code = re.findall(r"`((?:src|tests|docs|examples|benchmarks|models|renders)/[\w./-]+)`", text)
     missing += [t for t in code if not (ROOT / t).exists()]
     assert not missing
+
+
+def test_every_page_is_listed_in_the_index_of_the_documentation() -> None:
+    """And the front page leads to the index."""
+    folder = ROOT / "docs"
+    index = (folder / "README.md").read_text()
+    listed = {(folder / t).resolve() for t in re.findall(r"\]\(([^)#\s]+)[^)]*\)", index) if "://" not in t}
+    pages = set(folder.rglob("*.md")) - {folder / "README.md"}
+    assert len(pages) > 30
+    assert not sorted(str(p.relative_to(ROOT)) for p in pages - listed)
+    assert "](docs/README.md)" in (ROOT / "README.md").read_text()
 
 
 @pytest.mark.parametrize("document", DOCUMENTS, ids=lambda p: str(p.relative_to(ROOT)))
