@@ -68,18 +68,18 @@ def test_a_lattice_is_told_from_itself_one_bay_on(n: int) -> None:
     photo = photo_of(comb(), pose)
     wrong = refine_pose(part, [photo], pose @ Rigid(translation=np.array([n * BAY, 0.0, 0.0])))
     asked = Rivals(part, [photo], FREE, EDGES, 0)
-    right = asked.beside(wrong)
+    right = asked.checked(wrong)
     corners = part.scene.mesh.vertices
     apart = CAMERA.project(right.pose.world_from_part @ corners) - CAMERA.project(pose @ corners)
     assert right.found
     assert np.abs(apart).max() < 0.5
     kept = refine_pose(part, [photo], pose)
-    assert asked.beside(kept).pose is kept.pose
+    assert asked.checked(kept).pose is kept.pose
     assert asked.holds(kept, wrong.pose.world_from_part)
     assert not asked.holds(wrong, kept.pose.world_from_part)
-    assert asked.rather(kept, wrong)
-    assert not asked.rather(wrong, kept)
-    assert not asked.rather(kept, kept)
+    assert asked.prefers(kept, wrong)
+    assert not asked.prefers(wrong, kept)
+    assert not asked.prefers(kept, kept)
 
 
 def test_own_places_are_those_that_no_other_is_near_to(rng: np.random.Generator) -> None:
@@ -105,7 +105,7 @@ def test_the_part_of_the_other_hand_is_refused_and_the_right_one_is_not() -> Non
     other = part.mirrored.scene.mesh
     there = photo_of(other, pose @ best.motion)
     wrong = refine_pose(part, [there], pose)
-    told = Rivals(part, [there], FREE, EDGES, 0).beside(wrong)
+    told = Rivals(part, [there], FREE, EDGES, 0).checked(wrong)
     assert not told.found
     assert "mirror image" in told.reason
 
@@ -116,7 +116,7 @@ def test_what_only_lies_in_the_dark_is_said_to_be_open() -> None:
     part, pose = Part.of(hooked()), looking(hooked())
     photo = photo_of(plain, pose)
     found = refine_pose(part, [photo], pose)
-    told = Rivals(part, [photo], FREE, EDGES, 0).beside(found)
+    told = Rivals(part, [photo], FREE, EDGES, 0).checked(found)
     assert told.pose is found.pose
     assert "either may be seen" in told.reason
 
@@ -150,4 +150,4 @@ def test_lines_drawn_from_elsewhere_make_no_other_reading(away: float) -> None:
     aside = pose @ Rigid(translation=np.array([away / 2, away, -away]))
     sights = [Sight.of(part, photo, aside, step_px=EDGES.step_px, reach_px=2 * EDGES.reach_px)]
     assert found.found
-    assert Rivals(part, [photo], FREE, EDGES, 0).beside(found, sights).pose is found.pose
+    assert Rivals(part, [photo], FREE, EDGES, 0).checked(found, sights).pose is found.pose

@@ -122,7 +122,7 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
     if not (clear(ranked[0]) or (none_clear and _alone(task.part, best, trials))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", equivalent)
     if task.start is None or best.quality < DOUBT[1]:
-        checked = rivals.beside(best, basins.sights(best.pose.world_from_part))
+        checked = rivals.checked(best, basins.sights(best.pose.world_from_part))
         if checked.pose is not best.pose:
             equivalent = _equivalent(task, checked)
         if not checked.found:
@@ -214,7 +214,7 @@ def _led_by_own_lines(ranked: Sequence[_Trial], rivals: Rivals) -> list[_Trial]:
     """Return them led by one as good as the first whose own lines show, if the first one's own lines do not."""
     best = ranked[0].location
     least = max(FOUND, best.quality - _AS_GOOD)
-    return _led_by(ranked, lambda location: location.quality >= least and rivals.rather(location, best))
+    return _led_by(ranked, lambda location: location.quality >= least and rivals.prefers(location, best))
 
 
 def _led_by(ranked: Sequence[_Trial], preferred: Callable[[Location], bool]) -> list[_Trial]:

@@ -55,13 +55,13 @@ class Rivals:
     options: EdgeOptions
     chosen: int
 
-    def beside(self, found: Location, sights: Sequence[Sight] | None = None) -> Location:
+    def checked(self, found: Location, sights: Sequence[Sight] | None = None) -> Location:
         """Return the found pose, the rival that the photos show instead, or a refusal where they show the mirror image.
 
-        sights: the part's lines as drawn near the pose, if available. Where photos do not distinguish the part from its
-        mirror image, the reason says so.
+        A rival that takes its place is checked in turn. sights: the part's lines as drawn near the pose, if available.
+        Where photos do not distinguish the part from its mirror image, the reason says so.
         """
-        read: list[_Rival] = []
+        rivals: list[_Rival] = []
         for _ in range(_ROUNDS):
             pose = found.pose.world_from_part
             likely = [like for like in self.part.likenesses if not self.holds(found, pose @ like.motion, like.mirrored)]
@@ -70,25 +70,28 @@ class Rivals:
             if sights is None or any(s.moved_px(s.drawn, pose) > _NEAR_PX for s in sights):
                 sights = self._sights(self.part, pose)  # drawn elsewhere, they include lines that are hidden here
             own = Reading.of(sights, pose, near=_NEAR_PX)
-            every = (self._read(pose @ like.motion, like, own) for like in likely)
-            read = [one for one in every if one is not None]
-            against = [one for one in read if one.apart.against]
-            if not against:
+            rivals = [one for like in likely if (one := self._rival(pose @ like.motion, like, own)) is not None]
+            shown = [one for one in rivals if one.apart.against]
+            if not shown:
                 break
-            best = max(against, key=lambda one: one.apart.others_shown - one.apart.shown)
+            best = max(shown, key=lambda one: one.apart.others_shown - one.apart.shown)
             if best.like.mirrored:
                 return _mirrored(found, best.apart)
-            near = replace(self.options, search_px=_LAID_PX)
-            asked = Refinement(self.part, self.photos, self._freedom(best.like), options=near, chosen=self.chosen)
-            other, sights = asked.around(best.pose)
+            other, sights = self._refined(best)
             if not other.found:
                 return _doubted(found, f"elsewhere the part is shown as well: {best.apart}")
             found = other
-        undecided = any(one.like.mirrored and one.apart.open for one in read)
+        undecided = any(one.like.mirrored and one.apart.open for one in rivals)
         either = "; of the part and its mirror image either may be seen"
         return replace(found, reason=found.reason + either) if undecided else found
 
-    def rather(self, one: Location, other: Location) -> bool:
+    def _refined(self, rival: _Rival) -> tuple[Location, Sequence[Sight]]:
+        """Return the location that refining a rival's pose gives, and its lines."""
+        near = replace(self.options, search_px=_LAID_PX)
+        freedom = self._freedom(rival.like)
+        return Refinement(self.part, self.photos, freedom, options=near, chosen=self.chosen).around(rival.pose)
+
+    def prefers(self, one: Location, other: Location) -> bool:
         """Return whether the photos show the lines that only `one` has, and not those that only `other` has."""
         if one is other:
             return False
@@ -96,10 +99,11 @@ class Rivals:
         return not self.holds(other, poses[0]) and self.holds(one, poses[1])
 
     def holds(self, found: Location, other: Rigid, mirrored: bool = False) -> bool:
-        """Return whether lines of a found pose far from all lines of another pose are shown as often as the rest.
+        """Return whether those lines of a found pose that another pose does not have are shown as often as the rest.
 
-        mirrored: whether the other pose is one of the mirror image. Its edges are projected without removing hidden
-        ones, which is cheap. Its contours are unknown until drawn, and assumed where the found pose has them.
+        Then the other pose need not be tried. mirrored: whether it is one of the mirror image. Its edges are projected
+        without removing hidden ones, which is cheap; its contours, unknown until drawn, are assumed to be where the
+        found pose has them. Both can only make fewer lines count as those of the found pose alone.
         """
         matches, part = found.matches, self._part(mirrored)
         every = np.arange(len(matches))[:: max(1, len(matches) // ASKED)]
@@ -113,7 +117,7 @@ class Rivals:
         shown = np.isfinite(matches.offset) & (matches.weight > _BELIEVED)
         return shows_alike(own[every], shown[every])
 
-    def _read(self, start: Rigid, like: Likeness, own: Reading) -> _Rival | None:
+    def _rival(self, start: Rigid, like: Likeness, own: Reading) -> _Rival | None:
         """Return a rival, its lines pulled onto the photos' steps, with the evidence between it and the found pose.
 
         None where the found pose's own lines are shown in any case.

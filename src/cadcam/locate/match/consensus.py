@@ -28,7 +28,7 @@ _ALIKE = 0.2  # rad: largest spread of the rotations of three features of one po
 _NEAR_START = 1.5  # reaches: poses that move the features by more than this, in the median, are not tried
 _TURN_SHARE, _LEAST_TURN = 0.3, math.radians(4)  # tolerance of an angle: share of the range searched; at least
 _SETTLED = 5  # best supported poses that are refined
-_LEAST = 4  # agreeing features, including the three that gave the pose
+LEAST_AGREEING = 4  # agreeing features, including the three that gave the pose
 _MISFIT_PX = 0.3  # sd of the difference between drawings and photos that the matches' covariances lack
 
 
@@ -75,7 +75,7 @@ def consensus(
     order = np.argsort(-support, kind="stable")[:_SETTLED]
     settled = [_settled(candidates, photos, Rigid(R[k], t[k]), tolerance) for k in order]
     pose, chosen = max(settled, key=lambda s: len(s[1]))
-    if len(chosen) < _LEAST:
+    if len(chosen) < LEAST_AGREEING:
         return None
     return Consensus(pose, chosen, _by_chance(candidates, len(chosen), tolerance, tried))
 
@@ -146,25 +146,36 @@ def _calibration_share(problem: _Matches, pose: Rigid, J: Array, cofactor: Array
 def _poses_of_triples(
     c: PlaceCandidates, photos: Sequence[Photo], start: Rigid, rng: np.random.Generator
 ) -> tuple[Array, Array, int]:
-    """Return the poses world_from_part of random triples that lie near the start, and how many triples were tried."""
+    """Return the poses world_from_part of random triples that lie near the start, and how many triples were tried.
+
+    The poses are rotations (S, 3, 3) and translations (S, 3). A triple is of candidates in one photo.
+    """
     rotations, translations, tried = [np.zeros((0, 3, 3))], [np.zeros((0, 3))], 0
     for k, photo in enumerate(photos):
-        camera_from_world = photo.viewpoint.camera_from_world
         mine = np.flatnonzero(c.photo[c.feature] == k)
-        triples = _triples(c, mine, _turns(c, photo.camera, camera_from_world @ start), rng, _TRIPLES // len(photos))
+        camera_from_world = photo.viewpoint.camera_from_world
+        expected = camera_from_world @ start
+        triples = _triples(c, mine, _turns(c, photo.camera, expected), rng, _TRIPLES // len(photos))
         if not len(triples):
             continue
-        F, R = p3p(c.p_part[c.feature[triples]], photo.camera.unproject(c.q[triples]))
-        t = -(R @ F[..., None])[..., 0]
-        p = c.p_part[c.photo == k]
-        q = photo.camera.project(p @ np.swapaxes(R, -1, -2) + t[:, None])
-        moved = np.linalg.norm(q - photo.camera.project((camera_from_world @ start) @ p), axis=-1)
-        near = np.median(np.where(np.isfinite(moved), moved, np.inf), axis=1) < _NEAR_START * c.reach
+        focal_centre, R = p3p(c.p_part[c.feature[triples]], photo.camera.unproject(c.q[triples]))
+        t = -(R @ focal_centre[..., None])[..., 0]
+        near = _median_motion(photo.camera, c.p_part[c.photo == k], R, t, expected) < _NEAR_START * c.reach
         back = camera_from_world.inv
         rotations.append(back.rotation @ R[near])
         translations.append(t[near] @ back.rotation.T + back.translation)
         tried += len(triples)
     return np.concatenate(rotations), np.concatenate(translations), tried
+
+
+def _median_motion(camera: Camera, p: Array, R: Array, t: Array, expected: Rigid) -> Array:
+    """Return how far (S,) px, in the median, poses camera_from_part move points p (n, 3) from where one expects them.
+
+    R (S, 3, 3), t (S, 3): the poses. Points that a pose does not image count as infinitely far.
+    """
+    q = camera.project(p @ np.swapaxes(R, -1, -2) + t[:, None])
+    moved = np.linalg.norm(q - camera.project(expected @ p), axis=-1)
+    return np.asarray(np.median(np.where(np.isfinite(moved), moved, np.inf), axis=1))
 
 
 def _turns(c: PlaceCandidates, camera: Camera, camera_from_part: Rigid) -> Array:
@@ -225,7 +236,7 @@ def _settled(c: PlaceCandidates, photos: Sequence[Photo], pose: Rigid, tolerance
     for _ in range(6):
         agree: Mask = _support(c, photos, pose.rotation[None], pose.translation[None], tolerance)[0] > 0
         now = np.flatnonzero(agree).astype(np.int32)
-        if len(now) < 4 or np.array_equal(now, chosen):
+        if len(now) < LEAST_AGREEING or np.array_equal(now, chosen):
             return pose, now
         chosen = now
         f = c.feature[chosen]

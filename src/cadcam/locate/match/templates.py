@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Picture, frozen
 from cadcam.camera.pose_estimate import PoseEstimate
@@ -22,7 +23,7 @@ from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
 from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
 from cadcam.locate.match.closeness import edge_closeness
-from cadcam.locate.match.consensus import PlaceCandidates, consensus, pose_of_matches
+from cadcam.locate.match.consensus import LEAST_AGREEING, PlaceCandidates, consensus, pose_of_matches
 from cadcam.locate.match.salient import PLAIN_SALIENT, SalientOptions, Windows, salient_windows
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -144,16 +145,16 @@ def match_templates(
 
     rng: draws the triples that are tried; by default with a fixed seed. Raises `MissingCore`.
     """
-    renderer = open_renderer(part.scene, threads=1)
     looks = [of_photo(photo.gray, options.appearance) for photo in photos]
     rng = np.random.default_rng(0) if rng is None else rng
-    done = _round(part, renderer, photos, looks, start, options, rng)
+    matching = _Matching(part, photos, looks, open_renderer(part.scene, threads=1), rng)
+    done = matching.round(start, options)
     now = options
     for _ in range(options.rounds - 1):
         if done.pose is None or done.by_chance >= CERTAIN:
             break
         now = _narrowed(now)
-        again = _round(part, renderer, photos, looks, done.pose.world_from_part, now, rng)
+        again = matching.round(done.pose.world_from_part, now)
         if again.pose is None:
             break
         done = replace(again, by_chance=done.by_chance)  # of the first search: later rounds know where to look
@@ -178,40 +179,44 @@ def _narrowed(options: TemplateOptions) -> TemplateOptions:
     )
 
 
-def _round(
-    part: Part,
-    renderer: Renderer,
-    photos: Sequence[Photo],
-    looks: Sequence[Picture],
-    pose: Rigid,
-    options: TemplateOptions,
-    rng: np.random.Generator,
-) -> TemplateMatches:
-    """Return the matches of one drawing of the part, and their pose."""
-    windows = [_windows(part, renderer, photo, pose, options) for photo in photos]
-    photo = np.repeat(np.arange(len(photos)), [len(w) for w in windows]).astype(np.int32)
-    q = np.concatenate([w.q for w in windows])
-    peaks = tuple(
-        _peaks(looks[k], template, at, options)
-        for k, w in enumerate(windows)
-        for template, at in zip(w.templates, w.q, strict=True)
-    )
-    p = np.concatenate([w.p_part for w in windows])
-    gap = np.concatenate([w.gap for w in windows])
-    right = np.concatenate([w.right for w in windows])
-    features = Features(q, p, right, photo, gap, peaks, np.full(len(peaks), -1))
-    return _agreed(features, photos, pose, options, rng)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Matching:
+    """What all rounds of a matching share: part, photos, their appearances (H, W), renderer and random numbers."""
 
+    part: Part
+    photos: Sequence[Photo]
+    looks: Sequence[Picture]
+    renderer: Renderer
+    rng: np.random.Generator
 
-def _windows(part: Part, renderer: Renderer, photo: Photo, pose: Rigid, options: TemplateOptions) -> Windows:
-    camera_from_part = photo.viewpoint.camera_from_world @ pose
-    view = renderer.render(
-        photo.camera, camera_from_part, channels=Channel.IMAGE | Channel.DEPTH, look=Look(background=(0.5, 0.5, 0.5))
-    )
-    wireframe = part.lines.draw(photo.camera, camera_from_part)
-    drawing = of_model(view, wireframe, options.appearance)
-    counts = counted(view, drawing, options.appearance)
-    return salient_windows(drawing, counts, view, camera_from_part, options=options.salient)
+    def round(self, pose: Rigid, options: TemplateOptions) -> TemplateMatches:
+        """Return the matches of the part drawn at one pose, and the pose that they agree on."""
+        windows = [self._windows(photo, pose, options) for photo in self.photos]
+        peaks = tuple(
+            _peaks(look, template, at, options)
+            for look, own in zip(self.looks, windows, strict=True)
+            for template, at in zip(own.templates, own.q, strict=True)
+        )
+        features = Features(
+            window=np.concatenate([w.q for w in windows]),
+            p_part=np.concatenate([w.p_part for w in windows]),
+            right=np.concatenate([w.right for w in windows]),
+            photo=np.repeat(np.arange(len(windows)), [len(w) for w in windows]).astype(np.int32),
+            gap=np.concatenate([w.gap for w in windows]),
+            peaks=peaks,
+            chosen=np.full(len(peaks), -1),
+        )
+        return _agreed(features, self.photos, pose, options, self.rng)
+
+    def _windows(self, photo: Photo, pose: Rigid, options: TemplateOptions) -> Windows:
+        """Return the salient windows of the part drawn as one photo should show it."""
+        camera_from_part = photo.viewpoint.camera_from_world @ pose
+        grey = Look(background=(0.5, 0.5, 0.5))
+        view = self.renderer.render(photo.camera, camera_from_part, channels=Channel.IMAGE | Channel.DEPTH, look=grey)
+        wireframe = self.part.lines.draw(photo.camera, camera_from_part)
+        drawing = of_model(view, wireframe, options.appearance)
+        counts = counted(view, drawing, options.appearance)
+        return salient_windows(drawing, counts, view, camera_from_part, options=options.salient)
 
 
 def _peaks(look: Picture, template: Template, at: Array, options: TemplateOptions) -> Peaks:
@@ -233,41 +238,42 @@ def _peaks(look: Picture, template: Template, at: Array, options: TemplateOption
 def _agreed(
     features: Features, photos: Sequence[Photo], start: Rigid, options: TemplateOptions, rng: np.random.Generator
 ) -> TemplateMatches:
-    """Return the features with the pose that most of them agree on."""
+    """Return the features with the pose that most of them agree on, and which peak of each does."""
     counts = np.array([len(p) for p in features.peaks], int)
-    feature = np.repeat(np.arange(len(features)), counts).astype(np.int32)
-    if len(feature) < 4:
+    if counts.sum() < LEAST_AGREEING:
         return replace(_nothing(), features=features)
-    candidates = PlaceCandidates(
-        feature,
-        np.concatenate([p.q for p in features.peaks]),
-        np.concatenate([p.angle for p in features.peaks]),
-        np.concatenate([p.covariance[:, :2, :2] for p in features.peaks]),
-        np.abs(np.concatenate([p.score for p in features.peaks])),
-        features.p_part,
-        features.right,
-        features.photo,
-        options.reach,
-        options.turn,
-    )
+    candidates = _candidates(features, counts, options)
     best = consensus(candidates, photos, start, tolerance=options.tolerance, rng=rng)
     if best is None:
         return replace(_nothing(), features=features)
+    of = candidates.feature[best.chosen]
+    first = np.cumsum(counts) - counts  # of each feature's candidates
     chosen = np.full(len(features), -1)
-    first = np.cumsum(counts) - counts
-    of = feature[best.chosen]
     chosen[of] = best.chosen - first[of]
-    q, C, p, photo = (
-        candidates.q[best.chosen],
-        candidates.covariance[best.chosen],
-        features.p_part[of],
-        features.photo[of],
+    q, covariance = candidates.q[best.chosen], candidates.covariance[best.chosen]
+    p, photo = features.p_part[of], features.photo[of]
+    pose = pose_of_matches(photos, photo, p, q, covariance, best.world_from_part)
+    return TemplateMatches(q, p, covariance, photo, pose, best.by_chance, 0.0, replace(features, chosen=chosen))
+
+
+def _candidates(features: Features, counts: npt.NDArray[np.int_], options: TemplateOptions) -> PlaceCandidates:
+    """Return the peaks of all features in one list; counts (N,): how many each feature has."""
+    return PlaceCandidates(
+        feature=np.repeat(np.arange(len(features)), counts).astype(np.int32),
+        q=np.concatenate([p.q for p in features.peaks]),
+        angle=np.concatenate([p.angle for p in features.peaks]),
+        covariance=np.concatenate([p.covariance[:, :2, :2] for p in features.peaks]),
+        score=np.abs(np.concatenate([p.score for p in features.peaks])),
+        p_part=features.p_part,
+        right=features.right,
+        photo=features.photo,
+        reach=options.reach,
+        turn=options.turn,
     )
-    pose = pose_of_matches(photos, photo, p, q, C, best.world_from_part)
-    return TemplateMatches(q, p, C, photo, pose, best.by_chance, 0.0, replace(features, chosen=chosen))
 
 
 def _nothing() -> TemplateMatches:
+    """Return the result without any match."""
     none = np.zeros((0, 2))
     whole = np.zeros(0, np.int32)
     empty = Features(none, np.zeros((0, 3)), np.zeros((0, 3)), whole, np.zeros(0), (), whole)

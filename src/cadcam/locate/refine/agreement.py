@@ -10,47 +10,53 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.solution import PoseSolution
 
 SCATTERED_PX = 0.15  # common offset of edges that is rarely exceeded at a good pose
 _TRIALS = 1000
-_CLOSE_PX, _CLOSE = 0.12, 2.5  # tolerance for agreement: px, and sds of an edge's noise
+_CLOSE_PX, _CLOSE_SDS = 0.12, 2.5  # tolerance for agreement: px, and sds of an edge's noise
 _MOST = 0.35  # share of the edges that must agree, beyond those that any motion can fit
 _GAIN = 2.0  # least ratio to the number that agree now
 _NEARBY = 2.0  # largest distance of the right pose from the compromise, relative to the offsets of edges
-BESIDE_BANDS_PX, _BESIDE_BANDS = 0.08, 1.25  # the same beside bands: their far side is as clear a line
+BESIDE_BANDS_PX, _GAIN_BESIDE_BANDS = 0.08, 1.25  # the same beside bands: their far side is as clear a line
 _FLAT = 1e-4  # determinant, of unit columns, below which edges determine no motion
 
 
 def agreed(fitted: PoseSolution) -> list[Rigid]:
-    """Return the poses that most edges of a fit agree on, where far more do than agree on the fitted one.
+    """Return the poses that most edges of a loose fit agree on, where far more do than agree on the fitted one.
 
-    One among all motions, and one among those that move no edge by much more than edges are off: a few edges can be
-    fitted by chance by any motion, but a compromise between two kinds of lines is no farther from either.
+    At most two: the best supported of all motions, and the best of those that move no edge by much more than edges are
+    off. A few edges can be fitted by chance by any motion, but a compromise between two kinds of lines is no farther
+    from either.
     """
     fit, B = fitted.fit, fitted.B
     beside_bands = any((m.doubt > 0).any() for m in fitted.measured)
-    scattered, times = (BESIDE_BANDS_PX, _BESIDE_BANDS) if beside_bands else (SCATTERED_PX, _GAIN)
+    scattered, least_gain = (BESIDE_BANDS_PX, _GAIN_BESIDE_BANDS) if beside_bands else (SCATTERED_PX, _GAIN)
     if fit.between <= scattered:
         return []
-    rows = np.concatenate([at.row[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]) @ B
-    group = fit.group[: len(rows)]
-    count = np.bincount(group)
-    J = np.stack([np.bincount(group, column) / count for column in rows.T], axis=1)
-    unit = np.sqrt(np.mean(J**2, axis=0))
+    J, count = _edge_jacobian(fitted)
+    unit = np.sqrt(np.mean(J**2, axis=0))  # px by a unit step in each direction of B: makes them comparable
     if len(J) <= len(unit) or not (unit > 0).all():
         return []
-    offset, close = fit.offset[: len(J)], np.hypot(_CLOSE_PX, _CLOSE * fit.sd_offset[: len(J)])
-    motions = np.concatenate([np.zeros((1, len(unit))), _motions(offset, J / unit)])
+    offset, close = fit.offset[: len(J)], np.hypot(_CLOSE_PX, _CLOSE_SDS * fit.sd_offset[: len(J)])
+    motions = np.concatenate([np.zeros((1, len(unit))), _motions(offset, J / unit)])  # the first: the fitted pose
     moved = motions @ (J / unit).T
     share = np.maximum(1 - (np.abs(offset - moved) / close) ** 2, 0.0) @ count / count.sum()
     fitted_to = len(unit) / len(J)
-    enough = max(fitted_to + _MOST * (1 - fitted_to), times * share[0])
+    enough = max(fitted_to + _MOST * (1 - fitted_to), least_gain * share[0])
     near = np.abs(moved).max(axis=1) <= _NEARBY * fit.between
     best = dict.fromkeys(int(np.argmax(np.where(among, share, -1.0))) for among in (share >= 0, near))
     return [fitted.pose @ Rigid.exp(B @ (motions[k] / unit)) for k in best if share[k] >= enough]
+
+
+def _edge_jacobian(fitted: PoseSolution) -> tuple[Array, Longs]:
+    """Return the mean derivative (edges, k) of each edge's offset by the motion in B, and its number of samples."""
+    rows = np.concatenate([at.row[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]) @ fitted.B
+    group = fitted.fit.group[: len(rows)]
+    count = np.bincount(group)
+    return np.stack([np.bincount(group, column) / count for column in rows.T], axis=1), count
 
 
 def _motions(offset: Array, J: Array) -> Array:

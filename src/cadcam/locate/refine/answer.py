@@ -21,7 +21,6 @@ from cadcam.locate.lines.sight import Sight, in_noise
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
-from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.contrast import showing
 from cadcam.locate.quality.support import Support, judged_support, support_at
@@ -74,44 +73,51 @@ class PoseAnswer:
         return replace(self, location=replace(self.location, pose=pose))
 
     def better_than(self, other: PoseAnswer) -> bool:
-        """Return whether this answer is better than another.
+        """Return whether this answer is better than another: by quality, and by how closely edges fit.
 
         Edges of a loose fit are met at a larger distance. If one of the two is much looser, both are judged at the
         distance of the other. Beside bands the closer of two is better, if both are found or equally good: with some
         lines on the far sides of bands, which are as clear as the near ones, more may be shown, but they do not agree.
         """
-        quality = [self.location.quality, other.location.quality]
-        both = [a.solution for a in (self, other) if a.solution is not None]
-        bands = any(s.regression.bands for s in both)
-        between = [s.scatter if bands else s.fit.between for s in both]
+        one, two = self.solution, other.solution
+        if one is None or two is None:
+            return self.location.quality > other.location.quality
+        bands = one.regression.bands or two.regression.bands
+        scatter = (one.scatter, two.scatter) if bands else (one.fit.between, two.fit.between)
         looser = _LOOSER_BESIDE_BANDS if bands else _LOOSER
-        if len(both) == 2 and max(between) > max(SCATTERED_PX, looser * min(between)):
-            if bands and self.location.found and other.location.found:
-                return between[0] < between[1]
-            quality = [support_at(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in both]
-            if bands and abs(quality[0] - quality[1]) < CLEARLY:
-                return between[0] < between[1]
+        if max(scatter) <= max(SCATTERED_PX, looser * min(scatter)):
+            return self.location.quality > other.location.quality
+        if bands and self.location.found and other.location.found:
+            return scatter[0] < scatter[1]
+        quality = [support_at(s.sights, s.pose, constraints=s.B.shape[1], scatter=0.0).quality for s in (one, two)]
+        if bands and abs(quality[0] - quality[1]) < CLEARLY:
+            return scatter[0] < scatter[1]
         return quality[0] > quality[1]
 
 
 def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
     """Return the location of a solution. chosen, wider: as for `locate.refine`."""
-    sights, pose, fit = fitted.sights, fitted.pose, fitted.fit
-    B = freedom.at(pose)
+    B = freedom.at(fitted.pose)
+    estimate = _estimate(fitted, B)
+    evidence, doubted = _evidence(part, fitted, B, chosen, wider)
+    reason = _reason(part, estimate, evidence, fitted)
+    return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
+
+
+def _estimate(fitted: PoseSolution, B: Array) -> PoseEstimate:
+    """Return the pose of a solution with its covariance, along the free motions B (6, k)."""
+    fit = fitted.fit
     n = [int(m.usable.sum()) for m in fitted.measured]
-    gains = np.split(B @ fit.gain[:, : sum(n)], np.cumsum(n)[:-1], axis=1)
-    points = [s.samples.p[m.usable] for s, m in zip(sights, fitted.measured, strict=True)]
+    gains = np.split(B @ fit.gain[:, : sum(n)], np.cumsum(n)[:-1], axis=1)  # (6, n) of each photo: twist by offsets
+    points = [s.samples.p[m.usable] for s, m in zip(fitted.sights, fitted.measured, strict=True)]
     normals = [at.normal[m.usable] for at, m in zip(fitted.places, fitted.measured, strict=True)]
-    photos = [s.photo for s in sights]
-    from_calibration = calibration_covariance(photos, points, normals, gains, pose)
     together = sum(
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
-    covariance = B @ (fit.covariance + fitted.hidden_by_blur) @ B.T
-    estimate = PoseEstimate(pose, covariance + together, from_calibration, B, fit.dof)
-    evidence, doubted = _evidence(part, fitted, B, chosen, wider)
-    reason = _reason(part, estimate, evidence, fitted, photos)
-    return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
+    from_noise = B @ (fit.covariance + fitted.hidden_by_blur) @ B.T + together
+    photos = [s.photo for s in fitted.sights]
+    from_calibration = calibration_covariance(photos, points, normals, gains, fitted.pose)
+    return PoseEstimate(fitted.pose, from_noise, from_calibration, B, fit.dof)
 
 
 def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Location:
@@ -148,12 +154,11 @@ def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bo
     return evidence, doubted
 
 
-def _reason(
-    part: Part, estimate: PoseEstimate, evidence: Support, fitted: PoseSolution, photos: Sequence[Photo]
-) -> str:
+def _reason(part: Part, estimate: PoseEstimate, evidence: Support, fitted: PoseSolution) -> str:
+    """Return in one line why the pose is believed, and how well it is known; or why it is not."""
     if evidence.quality < FOUND:
         return f"not found: {evidence}"
-    weakest = weakest_direction(estimate, part.aspects.centre, photos)
+    weakest = weakest_direction(estimate, part.aspects.centre, [s.photo for s in fitted.sights])
     beside = ", many beside bands that the model does not have" * fitted.regression.bands
     return f"{evidence}; edges are off by {fitted.fit.between:.2f} px as a whole{beside}; {weakest}"
 
@@ -176,6 +181,7 @@ def _matches(fitted: PoseSolution) -> EdgeMatches:
 def _as_matches(
     sights: Sequence[Sight], pose: Rigid, offset: Sequence[Array], sigma: Sequence[Array], weight: Sequence[Array]
 ) -> EdgeMatches:
+    """Return the samples of all photos in one list, without those that are not imaged at the pose."""
     places = [s.project(pose) for s in sights]
     kept = [np.isfinite(at.q).all(axis=1) for at in places]
 

@@ -51,10 +51,11 @@ class Regression:
         *,
         on_lines: bool,
     ) -> GroupedFit:
-        """Return the step in the basis B (6, k) given the offsets and the other evidence.
+        """Return the step x (k,) in the basis B (6, k) by the offsets measured at `places`, and by the other evidence.
 
-        on_lines: whether the lines are known to lie on their own steps. Then it is light that shifts them; before, they
-        may lie on others', and clear edges are as far off as faint ones.
+        evidence: offsets, Jacobian and variances of other observations (`locate.evidence.rows_of`). on_lines: whether
+        the lines are known to lie on their own steps. Then it is light that shifts them; before, they may lie on
+        others', and clear edges are as far off as faint ones. Raises `DegenerateGeometry` for evidence behind a camera.
         """
         other, rows, other_variance = evidence
         if not np.isfinite(rows).all():
@@ -64,9 +65,9 @@ class Regression:
         J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
         piece, line = np.concatenate([of[m.usable] for of, m in zip(self.pieces, measured, strict=True)]).T
         bright = -np.concatenate([np.sign(m.contrast[m.usable]) for m in measured])
-        if self.bands:
-            drawn = np.append(np.concatenate([bright, np.zeros(len(other))]), 1.0)
-            J, y = np.column_stack([np.vstack([J, np.zeros(B.shape[1])]), drawn]), np.append(y, 0.0)
+        if self.bands:  # the last unknown is by how much all lines are drawn towards bright; its prior, the last datum
+            column = np.concatenate([bright, np.zeros(len(other))])
+            J, y = np.block([[J, column[:, None]], [np.zeros(B.shape[1]), np.ones(1)]]), np.append(y, 0.0)
             variance = np.append(variance, _DRAWN_PX**2)
         groups = self._groups(measured, variance, piece, line, on_lines=on_lines)
         fit = grouped_fit(y, J, variance, groups, usual=_USUAL_PX, uneven=_UNEVEN, iterations=iterations)
@@ -75,9 +76,10 @@ class Regression:
     def _groups(
         self, measured: Sequence[StepOffsets], variance: Array, piece: Longs, line: Longs, *, on_lines: bool
     ) -> Groups:
-        """Return the groups of offsets, by piece (n,) and, beside bands, line (n,), followed by exact data.
+        """Return the groups of all data: those of offsets, by piece (n,), then one of its own for each exact datum.
 
-        variance: of all data. Each exact datum is a group, and a family, of its own.
+        variance: of all data; exact are those whose error is noise alone: other evidence, and priors. Beside bands, the
+        groups of a line form a family, with an error in common; line (n,): of each offset.
         """
         group, n = _numbered(piece), len(piece)
         expected = _expected(self.sights, measured, group)
@@ -112,11 +114,11 @@ def _numbered(of: Longs) -> Longs:
 
 
 def _relative(variance: Array, group: Longs, on_lines: bool) -> Array:
-    """Return the relative variances (G,) of the groups' offsets: in proportion to the noise variances of their means.
+    """Return the relative variances (G,) of the groups' offsets: on their lines, those of their means by noise; else 1.
 
     Shadows, reflections and texture act on a brightness step like noise: they shift it the less the higher it is, and
     are less correlated along a longer edge. Their amount, which a few edges determine poorly, then hardly affects the
-    pose, only its covariance. on_lines: whether that applies.
+    pose, only its covariance. on_lines: whether lines are known to lie on their own steps, as this assumes.
     """
     told = np.bincount(group, 1 / variance)
     return np.asarray(np.mean(told) / told if on_lines and len(told) else np.ones(len(told)))

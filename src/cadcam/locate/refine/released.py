@@ -30,23 +30,17 @@ _REFUSED = 0.45  # quality of a pose that the photos contradict
 
 def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOptions) -> Location:
     """Return the location of a found answer under a restriction; it says so if the photos contradict that."""
-    found, B = best.location, best.location.pose.freedom
+    found = best.location
     if freedom is FREE or not found.found or best.solution is None:
         return found
     free = _free(part, best, options)
-    if free is None:
+    if free is None or not _contradicted(best, free):
         return found
-    there = free.pose.world_from_part
+    there, B = free.pose.world_from_part, found.pose.freedom
     away = (best.pose.inv @ there).log()
-    N = np.linalg.svd(B)[0][:, B.shape[1] :]  # the motions that are not free
-    beside = N.T @ away
-    squared = float(beside @ np.linalg.solve(N.T @ free.pose.covariance @ N, beside))
-    px = max(s.moved_px(best.pose, there) for s in best.sights)
-    if squared <= _SURELY or px < _LEAST_PX:
-        return found
-    by = B @ (B.T @ away)
-    pose = replace(found.pose, from_noise=found.pose.from_noise + np.outer(by, by))
-    middle = part.aspects.centre
+    moved = B @ (B.T @ away)  # by the restriction, along the motions that are free
+    pose = replace(found.pose, from_noise=found.pose.from_noise + np.outer(moved, moved))
+    middle, px = part.aspects.centre, _moved_px(best, there)
     mm = float(np.linalg.norm(best.pose @ middle - there @ middle))
     degrees = float(np.degrees(np.linalg.norm(away[3:])))
     said = f"free to move it would lie {mm:.2g} mm and {degrees:.2g} degrees off ({px:.1f} px)"
@@ -55,6 +49,20 @@ def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOption
         return replace(found, pose=pose, reason=f"{found.reason}; {said}: {asked}")
     reason = f"not certain: the photos contradict the restricted motion: {said}: {asked} ({found.reason})"
     return replace(found, pose=pose, quality=min(_REFUSED, found.quality), reason=reason)
+
+
+def _contradicted(best: PoseAnswer, free: Location) -> bool:
+    """Return whether the free pose differs, surely and visibly, in motions that the restriction does not allow."""
+    B, there = best.location.pose.freedom, free.pose.world_from_part
+    N = np.linalg.svd(B)[0][:, B.shape[1] :]  # the motions that are not free
+    beside = N.T @ (best.pose.inv @ there).log()
+    squared = float(beside @ np.linalg.solve(N.T @ free.pose.covariance @ N, beside))
+    return squared > _SURELY and _moved_px(best, there) >= _LEAST_PX
+
+
+def _moved_px(best: PoseAnswer, pose: Rigid) -> float:
+    """Return by how many px, at most, the lines move from an answer's pose to another one."""
+    return max(s.moved_px(best.pose, pose) for s in best.sights)
 
 
 def _free(part: Part, best: PoseAnswer, options: EdgeOptions) -> Location | None:

@@ -6,7 +6,7 @@ by a regression with errors common to each edge (`locate.refine.regression`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -135,60 +135,87 @@ def solved(
     bands: bool = False,
     lines: bool = False,
 ) -> PoseSolution:
-    """Return the pose after measuring steps where they are first seen, then on the lines themselves.
+    """Return the pose from steps measured first where they are seen near the lines, then on the lines themselves.
 
-    bands: whether cells model bands beside the lines, which the model lacks (`locate.lines.bands`). lines: whether
-    lines have errors like those beside bands (`locate.refine.regression`).
+    Each round measures the steps near the latest pose and moves the pose to them, until hardly any line moves. bands:
+    whether cells model bands beside the lines, which the model lacks (`locate.lines.bands`). lines: whether lines have
+    errors like those beside bands (`locate.refine.regression`). Raises `DegenerateGeometry` where the steps do not
+    determine the pose.
     """
     half = 0.5 * options.step_px
-    places = [s.project(pose) for s in sights]
     room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
+    places = [s.project(pose) for s in sights]
     where = [nearest_steps(s, at, half_length=half, reach=CLOSE_PX) for s, at in zip(sights, places, strict=True)]
     cells = [Cells.of(s, at, where=w, spread=None, **room) for s, at, w in zip(sights, places, where, strict=True)]
     regression, on_lines = Regression.of(sights, options, bands=lines), False
     for number, iterations in enumerate(_ROUNDS):
-        told = [(c, None if number else c.first) for c in cells]
-        if bands and number:
-            anew = room if number == 1 else None
-            looked = [banded(*one, anew) for one in zip(sights, places, cells, where, strict=True)]
-            cells, told = [c for c, _, _ in looked], [(c, sums) for _, c, sums in looked]
-        measured = [
-            measured_steps(s, at, c, w, sums=sums)
-            for s, at, (c, sums), w in zip(sights, places, told, where, strict=True)
-        ]
-        B = freedom.at(pose)
+        if bands and number:  # before the second round, lines are too far off to tell bands from other lines' steps
+            cells, measured = _steps_beside_bands(sights, places, cells, where, room if number == 1 else None)
+        else:
+            measured = _steps(sights, places, cells, where, again=number > 0)
         other = rows_of(evidence, [s.photo for s in sights], pose)
+        B = freedom.at(pose)
         fit = regression.step(places, measured, other, B, iterations, on_lines=on_lines)
-        on_lines = fit.between < LOOSE_PX
         moved = pose @ Rigid.exp(B @ fit.x)
         last = PoseSolution(sights, pose, moved, B, places, measured, fit, cells, regression, other)
-        pose = last.pose
-        where = [_left(m, moved) for m, moved in zip(measured, last.moved, strict=True)]
-        if number and quantile(np.abs(np.concatenate(last.moved)), 0.9) < _SETTLED_PX:
+        moved_px = last.moved
+        if number and quantile(np.abs(np.concatenate(moved_px)), 0.9) < _SETTLED_PX:
             break
+        pose, on_lines = last.pose, fit.between < LOOSE_PX
+        where = [_left(m, px) for m, px in zip(measured, moved_px, strict=True)]
         places = [s.project(pose) for s in sights]
     return _unbent(last, iterations)
 
 
-def _unbent(last: PoseSolution, iterations: int) -> PoseSolution:
-    """Return the solution with the effect of a nonlinear camera response on the steps removed, where it shows.
+def _steps(
+    sights: Sequence[Sight], places: Sequence[Projected], cells: Sequence[Cells], where: Sequence[Array], *, again: bool
+) -> list[StepOffsets]:
+    """Return the steps of each photo in its cells; where (N,) px along the normals: approximate places of the steps.
 
-    Borders of round surfaces are left out: light shifts them as well, all to the inside.
+    again: whether lines have moved since the cells were laid out; if not, these know their sums over the pixels.
+    """
+    each = zip(sights, places, cells, where, strict=True)
+    return [measured_steps(s, at, c, w, sums=None if again else c.first) for s, at, c, w in each]
+
+
+def _steps_beside_bands(
+    sights: Sequence[Sight],
+    places: Sequence[Projected],
+    cells: Sequence[Cells],
+    where: Sequence[Array],
+    anew: Mapping[str, float] | None,
+) -> tuple[list[Cells], list[StepOffsets]]:
+    """Return cells without bands, and the steps measured in those with bands; where, anew: as in `bands.banded`."""
+    looked = [banded(*one, anew) for one in zip(sights, places, cells, where, strict=True)]
+    each = zip(sights, places, looked, where, strict=True)
+    measured = [measured_steps(s, at, with_bands, w, sums=sums) for s, at, (_, with_bands, sums), w in each]
+    return [plain for plain, _, _ in looked], measured
+
+
+def _unbent(last: PoseSolution, iterations: int) -> PoseSolution:
+    """Return the solution without what a nonlinear camera response (gamma) does to the steps, where that shows.
+
+    The response is estimated from every `_EVERY`-th step. Contours of round surfaces are no evidence of it, as light
+    shifts them as well, all to the inside. iterations: reweightings of the final fit.
     """
     sights, places, measured, blurs = last.sights, last.places, last.measured, [c.blur for c in last.cells]
-    use = [np.flatnonzero(m.usable) for m in measured]
-    ends = np.cumsum([len(u) for u in use])
-    told = [np.flatnonzero(s.samples.chain[u] >= 0)[::_EVERY] for s, u in zip(sights, use, strict=True)]
-    few = [u[k] for u, k in zip(use, told, strict=True)]
+    used = [np.flatnonzero(m.usable) for m in measured]
+    tested = [np.flatnonzero(s.samples.chain[u] >= 0)[::_EVERY] for s, u in zip(sights, used, strict=True)]
+    few = [u[k] for u, k in zip(used, tested, strict=True)]
+    ends = np.cumsum([len(u) for u in used])
     groups = np.split(last.fit.group[: ends[-1]], ends[:-1])
-    group = np.concatenate([g[k] for g, k in zip(groups, told, strict=True)])
-    rows = np.concatenate([at.row[k] for at, k in zip(places, few, strict=True)]) @ last.B
-    lean = np.concatenate([leanings(*one) for one in zip(sights, places, few, blurs, strict=True)])
-    bright = np.concatenate([np.sign(m.contrast[k]) for m, k in zip(measured, few, strict=True)])
-    bend = bend_of(last.fit, rows, lean, bright, group) if len(lean) else None
+    if not any(len(k) for k in few):
+        return last
+    bend = bend_of(
+        last.fit,
+        J=np.concatenate([at.row[k] for at, k in zip(places, few, strict=True)]) @ last.B,
+        lean=np.concatenate([leanings(*one) for one in zip(sights, places, few, blurs, strict=True)]),
+        bright=np.concatenate([np.sign(m.contrast[k]) for m, k in zip(measured, few, strict=True)]),
+        group=np.concatenate([g[k] for g, k in zip(groups, tested, strict=True)]),
+    )
     if bend is None:
         return last
-    leans = [leanings(*one) for one in zip(sights, places, use, blurs, strict=True)]
+    leans = [leanings(*one) for one in zip(sights, places, used, blurs, strict=True)]
     bent = bend.sd * np.concatenate(leans)
     if bend.excess == 0:
         return last._doubting(bent)

@@ -165,21 +165,24 @@ def _slid(aspects: Aspects, stage: FieldLevel, start: Rigid, reach: Reach) -> Ar
 
 
 def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array, reach: Reach) -> Array:
-    """Return poses (N, 12) within reach of the start along the free motions, twists as columns (6, k)."""
-    middle = start @ aspects.centre
+    """Return poses (N, 12) on a grid within reach of the start along the free motions, twists as columns (6, k).
+
+    A step of the grid moves the part's border by `_SPREAD` radii, or more where that would take too many poses.
+    """
+    middle, radius = start @ aspects.centre, aspects.radius
     near = min(photos, key=lambda p: float(np.linalg.norm(middle - p.viewpoint.camera_from_world.origin)))
     distance = float(np.linalg.norm(middle - near.viewpoint.camera_from_world.origin))
-    aside = np.concatenate([np.eye(3), -so3.hat(aspects.centre)], axis=1) @ free  # velocity of the centre
-    far = reach.shift_px * distance / near.camera.fx + reach.depth * distance
-    turn = np.linalg.norm(free[3:], axis=0) * aspects.radius
-    speed = np.maximum(np.linalg.norm(aside, axis=0), turn)  # speed of the part's border
+    far = reach.shift_px * distance / near.camera.fx + reach.depth * distance  # mm that the middle may be off
+    # What a unit of each motion moves, in mm: the middle, and by rotation the border.
+    middle_by = np.linalg.norm(np.concatenate([np.eye(3), -so3.hat(aspects.centre)], axis=1) @ free, axis=0)
+    border_by = np.linalg.norm(free[3:], axis=0) * radius
     most = np.minimum(
-        far / np.maximum(np.linalg.norm(aside, axis=0), 1e-12),
-        math.radians(reach.rotation_deg) * aspects.radius / np.maximum(turn, 1e-12),
+        far / np.maximum(middle_by, 1e-12),
+        math.radians(reach.rotation_deg) * radius / np.maximum(border_by, 1e-12),
     )
-    n = np.maximum(np.ceil(most * speed / (_SPREAD * aspects.radius)), 1)
-    n = np.maximum(np.minimum(n, _MOST_SPREAD ** (1 / len(n)) / 2), 1).astype(int)
-    axes = [np.linspace(-m, m, 2 * k + 1) for m, k in zip(most, n, strict=True)]
+    steps = np.maximum(np.ceil(most * np.maximum(middle_by, border_by) / (_SPREAD * radius)), 1)
+    steps = np.maximum(np.minimum(steps, _MOST_SPREAD ** (1 / len(steps)) / 2), 1).astype(int)
+    axes = [np.linspace(-m, m, 2 * k + 1) for m, k in zip(most, steps, strict=True)]
     twists = np.stack([a.ravel() for a in np.meshgrid(*axes, indexing="ij")], axis=1) @ free.T
     moved = start @ Rigid.exp(twists)
     return np.concatenate([moved.rotation.reshape(-1, 9), moved.translation], axis=1)

@@ -16,6 +16,7 @@ from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.evidence import Evidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.in_photos import locate_part
 from cadcam.locate.location import FOUND, Location
@@ -33,10 +34,11 @@ _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
 # A pose farther than this from the last one needs a quality of _CLEAR to be believed, and else gets _UNCERTAIN.
 _FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45
 _ANYWHERE = ("followed", "searched")  # ways of finding the part that do not depend on the last pose
-_FORETOLD = -2  # constraints credited to a pose predicted to some px: a fit anywhere else would not have been accepted
+# Constraints credited to a pose that is known to some px from the motion, as a fit anywhere else would not have been
+# accepted; and to one by texture, as edges agree there that were not used to fit it.
+_FORETOLD, _FOLLOWED = -2, -5
 _BETTER = 0.2  # quality by which a fit to edges alone must be better to show that the texture has left the part
 _HELD = 0.3  # least quality by its edges of a part that is held by its texture
-_FOLLOWED = -5  # the same for a pose by texture: edges agree there that were not used to fit it
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,7 +124,7 @@ class Tracker:
     def next(self, frame: Frame) -> TrackedFrame:
         """Return the pose of the part in the next frame."""
         followed = self._followed(frame.index, frame.photos)
-        how, location = _located(self._part, frame.photos, self._memory, self._freedom, frame.index, followed)
+        how, location = self._located(frame, followed)
         step = LoggedFrame(frame.index, location.pose if location.found else None, how, frame.photos)
         return TrackedFrame(frame, location, how, self._keep(step, followed))
 
@@ -136,6 +138,92 @@ class Tracker:
         if self._texture is None or predicted is None or not photos:
             return None
         return self._texture.follow(photos, predicted.world_from_part, self._freedom)
+
+    def _located(self, frame: Frame, followed: Followed | None) -> tuple[str, Location]:
+        """Return how and where the part was found, by the cheapest way that finds it; else the best candidate."""
+        memory = self._memory
+        where = memory.last or Rigid()
+        tried = [Location.nowhere(where, "not looked for")]
+        for how, attempt in self._ways(frame, followed):
+            try:
+                location = attempt()
+            except NothingInView as error:
+                if memory.begins:  # the start was the caller's
+                    raise
+                tried[0] = Location.nowhere(where, str(error))
+                continue
+            except BadValue as error:  # a picture without contrast
+                tried[0] = Location.nowhere(where, str(error))
+                continue
+            if location.found:
+                location = memory.nearest(location)
+                if how in _ANYWHERE or location.quality >= _CLEAR or not memory.left(location.pose, frame.photos):
+                    return how, location
+                why = f"not certain: far from where the part was, which takes a quality of {_CLEAR} ({location.reason})"
+                location = replace(location, quality=_UNCERTAIN, reason=why)
+            tried.append(location)
+        return "lost", max(reversed(tried), key=lambda one: one.quality)
+
+    def _ways(self, frame: Frame, followed: Followed | None) -> Iterator[tuple[str, Callable[[], Location]]]:
+        """Yield the ways of finding the part in a frame, cheapest first, each with what tries it."""
+        part, photos, freedom = self._part, frame.photos, self._freedom
+        last, predicted = self._memory.last, self._memory.predicted(frame.index)
+        if followed is not None:
+            yield "followed", lambda: self._by_texture(photos, followed)
+        if predicted is not None:
+            yield "predicted", lambda: self._near_predicted(photos, predicted)
+        if last is not None and self._memory.tracking(frame.index):
+            yield "kept", lambda: refine_pose(part, photos, last, freedom=freedom)
+        if last is not None:
+            yield "recovered", lambda: locate_part(part, photos, last, freedom=freedom)
+        if freedom is FREE and (last is None or self._memory.search_is_due()):
+            yield "searched", lambda: locate_part(part, photos, freedom=freedom)
+
+    def _near_predicted(self, photos: tuple[Photo, ...], predicted: PoseEstimate) -> Location:
+        """Return what is found close to the pose predicted by the motion, without searching farther."""
+        reach_px = self._memory.reach_px(predicted, photos)
+        given = _FORETOLD if reach_px < _MOST_PX else 0
+        return self._refined(photos, predicted.world_from_part, reach_px, chosen=given)
+
+    def _by_texture(self, photos: tuple[Photo, ...], followed: Followed) -> Location:
+        """Return the pose from texture and nearby edges together.
+
+        Texture that is found again shows that this is still the part; so the edges need only not contradict it.
+        """
+        there = followed.evidence
+        start = there.world_from_part
+        reach_px = self._memory.reach_px(PoseEstimate(start, there.covariance), photos)
+        location = self._refined(photos, start, reach_px, evidence=[there], chosen=_FOLLOWED)
+        if location.quality < _CLEAR:
+            alone = self._refined(photos, start, reach_px)
+            if alone.quality > location.quality + _BETTER:
+                return replace(location, quality=0.0, reason="not found: edges are elsewhere than print leads")
+        location = replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))
+        if not _HELD <= location.quality < FOUND:
+            return location
+        why = f"held by {followed.found} patches of print: {location.reason.removeprefix('not found: ')}"
+        return replace(location, quality=FOUND, reason=why)
+
+    def _refined(
+        self,
+        photos: tuple[Photo, ...],
+        start: Rigid,
+        reach_px: float,
+        *,
+        evidence: Sequence[Evidence] = (),
+        chosen: int = 0,
+    ) -> Location:
+        """Return the pose refined near a good start, by edges within reach alone; arguments as for `refine_pose`."""
+        return refine_pose(
+            self._part,
+            photos,
+            start,
+            freedom=self._freedom,
+            evidence=evidence,
+            options=replace(EDGES, search_px=reach_px),
+            chosen=chosen,
+            wider=False,
+        )
 
     def _keep(self, step: LoggedFrame, followed: Followed | None) -> PoseEstimate | None:
         """Take in a frame; return the filtered pose, None where the part was lost."""
@@ -203,90 +291,6 @@ class _Memory:
         was = self.last @ self._corners
         found = [location, *(other for other in location.alternatives if other.found)]
         return min(found, key=lambda one: float(np.abs(one.pose.world_from_part @ self._corners - was).sum()))
-
-
-def _located(
-    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
-) -> tuple[str, Location]:
-    """Return how and where the part was found, by the cheapest way that finds it; else the best candidate."""
-    where = memory.last or Rigid()
-    tried = [Location.nowhere(where, "not looked for")]
-    for how, attempt in _ways(part, photos, memory, freedom, index, followed):
-        try:
-            location = attempt()
-        except NothingInView as error:
-            if memory.begins:  # the start was the caller's
-                raise
-            tried[0] = Location.nowhere(where, str(error))
-            continue
-        except BadValue as error:  # a picture without contrast
-            tried[0] = Location.nowhere(where, str(error))
-            continue
-        if location.found:
-            location = memory.nearest(location)
-            if how in _ANYWHERE or location.quality >= _CLEAR or not memory.left(location.pose, photos):
-                return how, location
-            why = f"not certain: far from where the part was, which takes a quality of {_CLEAR} ({location.reason})"
-            location = replace(location, quality=_UNCERTAIN, reason=why)
-        tried.append(location)
-    return "lost", max(reversed(tried), key=lambda one: one.quality)
-
-
-def _ways(
-    part: Part, photos: tuple[Photo, ...], memory: _Memory, freedom: Freedom, index: int, followed: Followed | None
-) -> Iterator[tuple[str, Callable[[], Location]]]:
-    """Yield the ways of finding the part, cheapest first."""
-    last, predicted = memory.last, memory.predicted(index)
-    if followed is not None:
-        yield "followed", lambda: _by_print(part, photos, followed, memory, freedom)
-    if predicted is not None:
-        yield "predicted", lambda: _foretold(part, photos, predicted, memory.reach_px(predicted, photos), freedom)
-    if last is not None and memory.tracking(index):
-        yield "kept", lambda: refine_pose(part, photos, last, freedom=freedom)
-    if last is not None:
-        yield "recovered", lambda: locate_part(part, photos, last, freedom=freedom)
-    if freedom is FREE and (last is None or memory.search_is_due()):
-        yield "searched", lambda: locate_part(part, photos, freedom=freedom)
-
-
-def _foretold(
-    part: Part, photos: tuple[Photo, ...], predicted: PoseEstimate, reach_px: float, freedom: Freedom
-) -> Location:
-    """Return what is found close to a predicted pose, without searching farther."""
-    options = replace(EDGES, search_px=reach_px)
-    given = _FORETOLD if reach_px < _MOST_PX else 0
-    return refine_pose(
-        part, photos, predicted.world_from_part, freedom=freedom, options=options, chosen=given, wider=False
-    )
-
-
-def _by_print(part: Part, photos: tuple[Photo, ...], followed: Followed, memory: _Memory, freedom: Freedom) -> Location:
-    """Return the pose from texture and nearby edges together.
-
-    Texture that is found again shows that this is still the part; so the edges need only not contradict it.
-    """
-    there = followed.evidence
-    reach_px = memory.reach_px(PoseEstimate(there.world_from_part, there.covariance), photos)
-    location = refine_pose(
-        part,
-        photos,
-        there.world_from_part,
-        freedom=freedom,
-        evidence=[there],
-        options=replace(EDGES, search_px=reach_px),
-        chosen=_FOLLOWED,
-        wider=False,
-    )
-    if location.quality < _CLEAR:
-        options = replace(EDGES, search_px=reach_px)
-        alone = refine_pose(part, photos, there.world_from_part, freedom=freedom, options=options, wider=False)
-        if alone.quality > location.quality + _BETTER:
-            return replace(location, quality=0.0, reason="not found: edges are elsewhere than print leads")
-    location = replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))
-    if not _HELD <= location.quality < FOUND:
-        return location
-    why = f"held by {followed.found} patches of print: {location.reason.removeprefix('not found: ')}"
-    return replace(location, quality=FOUND, reason=why)
 
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:

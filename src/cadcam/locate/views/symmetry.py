@@ -88,13 +88,17 @@ def spins_of(mesh: Mesh, edges: FeatureEdges) -> Array:
         axes = np.eye(3)
     else:
         principal = np.linalg.eigh(moments)[1].T
-        about = (axis for axis in principal if _turned(mesh.vertices - centre, axis, used, edges.vertices))
+        about = (axis for axis in principal if _is_of_revolution(mesh.vertices - centre, axis, used, edges.vertices))
         axes = np.array([*about][:1]).reshape(-1, 3)
     return np.concatenate([np.cross(centre, axes), axes], axis=1).T
 
 
-def _turned(p: Array, axis: Array, used: Ids, edges: Ids) -> bool:
-    """Return whether the used points (V, 3) and the edges between them (S, 2) are those of a part of revolution."""
+def _is_of_revolution(p: Array, axis: Array, used: Ids, edges: Ids) -> bool:
+    """Return whether a part is one of revolution about an axis (3,) through the origin, as far as its facets allow.
+
+    p (V, 3): vertices, of which `used` (n,) belong to faces; edges (S, 2): vertices that edges join. Edges must run
+    along circles about the axis, and the vertices on each circle leave no gap wider than between two facets.
+    """
     across = np.linalg.svd(axis[None])[2][1:]
     height, (x, y) = p @ axis, across @ p.T
     radius = np.hypot(x, y)
@@ -105,14 +109,18 @@ def _turned(p: Array, axis: Array, used: Ids, edges: Ids) -> bool:
     off = used[radius[used] > 2 * tolerance]
     level, ring = (_clusters(value[off], tolerance) for value in (height, radius))
     circle = level * (int(ring.max(initial=0)) + 1) + ring
-    turn = np.arctan2(y, x)[off]
-    order = np.lexsort([turn, circle])
+    return len(off) > 0 and _widest_gap(circle, np.arctan2(y, x)[off]) < _ROUND + _APART
+
+
+def _widest_gap(circle: Ids, turn: Array) -> float:
+    """Return the largest angle (rad) between neighbours on any circle; circle, turn (n,): of each point."""
+    order = np.lexsort((turn, circle))
     circle, turn = circle[order], turn[order]
     first = np.flatnonzero(np.diff(circle, prepend=-1))
     last = np.append(first[1:], len(circle)) - 1
     gap = np.diff(turn, append=0.0)
     gap[last] = turn[first] + 2 * np.pi - turn[last]
-    return len(off) > 0 and float(gap.max()) < _ROUND + _APART
+    return float(gap.max())
 
 
 def _clusters(values: Array, tolerance: float) -> Ids:
