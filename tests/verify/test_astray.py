@@ -13,6 +13,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 from cadcam.verify.bodies.findings import Case, elsewhere_by, findings_of, sure
 from cadcam.verify.bodies.redrawn import redrawn
+from cadcam.verify.bodies.states import state_of
 from cadcam.verify.deviations.astray import Doubt, EdgeGroup, _possible, broken_edges
 from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.ground import uneven_edges
@@ -21,7 +22,7 @@ from cadcam.verify.edges.presence import in_place_ratio
 from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.sightlines import pieces
 from cadcam.verify.edges.survey import surveyed
-from cadcam.verify.inspection import Inspection, _state, inspect
+from cadcam.verify.inspection import Inspection, inspect
 from cadcam.verify.tolerances.tolerance import whole_parts
 
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
@@ -156,7 +157,7 @@ def test_edges_that_are_off_by_no_displacement_of_all_of_it_displace_nothing(rng
             state = State.UNCLEAR if chance > rare and misfit == apart else State.DISPLACED
             told = replace(moved.displacement, value=share * value, misfit=misfit)
             found = Displacement(moved.seen, told, 1e-12, edges=4)
-            assert _state(moved.presence, found, True, 6.5, near=True, rare=rare)[0] is state
+            assert state_of(moved.presence, found, True, 6.5, near=True, rare=rare)[0] is state
 
 
 def test_the_rim_of_a_hole_is_several_pieces_and_a_straight_edge_one() -> None:

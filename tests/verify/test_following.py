@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.verify.adjustment.datum_fit import Adjustment, Estimate, FittedPose
-from cadcam.verify.adjustment.following import following
+from cadcam.verify.adjustment.following import BodyLines, following
 from cadcam.verify.adjustment.scatter import EdgeNoise
 
 SIGMA, TAU, PLACES = 0.1, 0.03, 12
@@ -24,16 +24,8 @@ def measured(rng: np.random.Generator, d: Array, lever: Array) -> Estimate:
     common = TAU * np.einsum("ni,ni->n", noise.Z, rng.normal(size=(3, 2))[noise.edge])
     y = BY_POINT @ d + LEVER * max(-d[1], 0.0) + rng.normal(0, SIGMA, 3 * PLACES) + common
     adjustment = Adjustment(y, np.zeros((len(y), 6)), np.zeros((len(y), 0)), noise, np.ones(len(y), bool))
-    return following(
-        adjustment,
-        np.ones(len(y), bool),
-        BY_POINT,
-        STILL,
-        lever=lever,
-        ground=GROUND,
-        basis=np.eye(3)[:, :2],
-        prior_mm=5.0,
-    )
+    body = BodyLines(BY_POINT, lever, GROUND)
+    return following(adjustment, np.ones(len(y), bool), body, STILL, basis=np.eye(3)[:, :2], prior_mm=5.0)
 
 
 @pytest.mark.parametrize("up", [2.0, 0.5, 0.03, 0.0, -0.03, -0.5, -2.0])
@@ -68,6 +60,7 @@ def test_a_foot_that_stays_where_its_body_sinks_tells_nothing_of_that(rng: np.ra
     y = across @ np.array([0.3, 0.0, 0.0]) + rng.normal(0, SIGMA, 3 * PLACES)
     adjustment = Adjustment(y, np.zeros((len(y), 6)), np.zeros((len(y), 0)), noise, np.ones(len(y), bool))
     rows = np.ones(len(y), bool)
-    told = following(adjustment, rows, across, STILL, lever=stays, ground=GROUND, basis=np.eye(3)[:, :2], prior_mm=5.0)
+    body = BodyLines(across, stays, GROUND)
+    told = following(adjustment, rows, body, STILL, basis=np.eye(3)[:, :2], prior_mm=5.0)
     assert np.sqrt(told.covariance[1, 1]) > 1.0
     assert np.sqrt(told.covariance[0, 0]) < 0.5

@@ -15,10 +15,11 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.bodies.findings import findings_of
+from cadcam.verify.bodies.states import believed, state_of
 from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.measured import Displacement
 from cadcam.verify.edges.presence import Presence
-from cadcam.verify.inspection import Inspection, InspectionOptions, _believed, _state, inspect
+from cadcam.verify.inspection import Inspection, InspectionOptions, inspect
 from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
@@ -207,9 +208,9 @@ def test_what_contradicts_its_own_edges_is_not_believed() -> None:
     """20 +- 4 mm, of edges that are as likely as not of a feature in place; the same of edges that are not is kept."""
     none = np.zeros((1, 1))
     told = Estimate(np.array([20.0]), none + 16.0, none, none, none)
-    assert _believed(Displacement(np.eye(3)[:, :1], told, 0.9, 5)) is None
-    assert _believed(Displacement(np.eye(3)[:, :1], told, 0.04, 5)) is not None
-    assert _believed(Displacement(np.eye(3)[:, :1], replace(told, value=np.array([5.0])), 0.9, 5)) is not None
+    assert believed(Displacement(np.eye(3)[:, :1], told, 0.9, 5)) is None
+    assert believed(Displacement(np.eye(3)[:, :1], told, 0.04, 5)) is not None
+    assert believed(Displacement(np.eye(3)[:, :1], replace(told, value=np.array([5.0])), 0.9, 5)) is not None
 
 
 def test_one_line_alone_where_others_ought_to_show_does_not_tell_how_far_a_body_is_displaced() -> None:
@@ -223,6 +224,6 @@ def test_one_line_alone_where_others_ought_to_show_does_not_tell_how_far_a_body_
         Presence(5, 2, 2.8): State.DISPLACED,
     }
     for presence, state in states.items():
-        told, why = _state(presence, moved, True, 8.0, near=True, rare=0.0025)
+        told, why = state_of(presence, moved, True, 8.0, near=True, rare=0.0025)
         assert told is state, presence
         assert why is (Unclear.ALONE if state is State.UNCLEAR else None)

@@ -14,9 +14,8 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.adjustment.alarms import AS_IN_PLACE, false_discoveries_below, surely_below, tail_probability
+from cadcam.verify.adjustment.alarms import false_discoveries_below
 from cadcam.verify.bodies.findings import (
-    DOUBTFUL,
     OF_DISPLACED,
     Case,
     Findings,
@@ -26,19 +25,18 @@ from cadcam.verify.bodies.findings import (
     sure,
 )
 from cadcam.verify.bodies.redrawn import off_px
+from cadcam.verify.bodies.states import FeatureEvidence, displaced_px
 from cadcam.verify.deviations.astray import Doubt, broken_edges, chances, side_by_side
-from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation, State, Unclear
+from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation
 from cadcam.verify.deviations.extra import unexplained
 from cadcam.verify.deviations.ground import uneven_edges
-from cadcam.verify.deviations.measured import DISAGREE, Displacement, MeasuredEdges, of_known_size
-from cadcam.verify.deviations.unclear import why_doubtful, why_untold
+from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.presence import Presence, in_place_ratio
 from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import Tolerances, whole_parts
 
 _SURVEYS, _REDRAW_PX = 3, 0.3  # the lines are redrawn, at most so often, while the datum moves them by more than this
-_CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
 _LEAST_SEEN = 0.35  # least share of the datum's places that must show an edge for the pose to be believed
 _CARRIED = (
     "the datum edges seen do not hold the part: fitted to them it would move by {:.0f} px, and edges were looked for "
@@ -142,6 +140,7 @@ def inspect(
 
 
 def _why_not(survey: Survey) -> str:
+    """Return why a survey does not show the part, "" if it does."""
     if not len(survey.lines):
         return "none of the part's edges is in view: check the pose, the camera and the model's unit"
     if not (survey.datum & survey.usable).any():
@@ -155,13 +154,13 @@ def _why_not(survey: Survey) -> str:
 
 
 def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspection:
+    """Return what the last drawing of the bodies shows: of features, of edges, and of what is no part of the model."""
     part, photos = look.drawn, case.photos
     survey, presence, measured = look.survey, look.presence, look.measured
     names = survey.names
     measured, doubts, p_values = _doubted(case, look)
     presence = _placed(survey, presence, measured)
-    features = _features(survey, presence, measured, doubts, p_values, options)
-    edges = _edges(part, survey, measured, options)
+    evidence = FeatureEvidence(survey, measured, presence, doubts, p_values, options.reach_px, options.alarms)
     fitted = measured.adjustment.pose()
     by_calibration = fitted.by_cause @ fitted.by_cause.T
     moved = case.world_from_part @ Rigid.exp(fitted.xi)
@@ -169,8 +168,8 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
     shifted = [_shifted(survey, i) for i in range(len(photos))]
     return Inspection(
         pose=pose,
-        features=features,
-        edges=edges,
+        features=evidence.deviations(),
+        edges=_edges(part, survey, measured, options.alarms),
         extra=tuple(unexplained(part, photos, pose.world_from_part, shifted=shifted)),
         datum=tuple(names[i] for i in np.unique(measured.body[measured.adjustment.datum])),
         left_out=tuple(names[i] for i in look.left_out),
@@ -187,7 +186,10 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
 
 
 def _doubted(case: Case, look: Findings) -> tuple[MeasuredEdges, list[Doubt], list[float]]:
-    """Return the measurement without edges astray of features in place, each feature's doubt, and its p-value."""
+    """Return the measurement, each feature's doubt, and its p-value, once edges astray are allowed for.
+
+    Where a feature is in place but for edges astray, the measurement is without these, and no doubt is left.
+    """
     survey, measured = look.survey, look.measured
     moved = [measured.moved(i) for i in range(len(measured.members))]
     doubts = [Doubt.of(measured, i, doubted=not _elsewhere(case, look, i, moved[i])) for i in range(len(moved))]
@@ -213,7 +215,7 @@ def _elsewhere(case: Case, look: Findings, number: int, moved: Displacement | No
     if part is None or not survey.by[part].any():
         return False
     drawn = off_px(survey, survey.members[number], survey.by[part])
-    if min(drawn, _px(survey, number, moved)) <= CAPTURE_PX:
+    if min(drawn, displaced_px(survey, number, moved)) <= CAPTURE_PX:
         return False
     return elsewhere_by(case, look, part) >= sure(look.presence, OF_DISPLACED * case.alarms / (1 - OF_DISPLACED))
 
@@ -239,127 +241,19 @@ def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdge
     return out
 
 
-def _features(
-    survey: Survey,
-    presence: Sequence[Presence],
-    measured: MeasuredEdges,
-    doubts: Sequence[Doubt],
-    p_values: Sequence[float],
-    options: InspectionOptions,
-) -> tuple[FeatureDeviation, ...]:
-    enough = sure(presence, options.alarms)
-    alarms = surely_below(p_values, OF_DISPLACED * options.alarms)
-    out = []
-    for i in range(len(survey.names)):
-        found, alarm = measured.moved(i), bool(alarms[i])
-        near, rare = _px(survey, i, found) <= CAPTURE_PX, OF_DISPLACED * options.alarms
-        state, why = _state(presence[i], found, alarm, enough, near=near, rare=rare)
-        if state in (State.DISPLACED, State.IN_PLACE) and _beyond(survey, i, found, options):
-            state, why = State.UNCLEAR, Unclear.FAR
-        if state is State.IN_PLACE and doubts[i].gone:
-            state, why = State.UNCLEAR, Unclear.ASTRAY
-        if state is State.UNCLEAR and why is None:
-            why = why_untold(survey, measured, i, found)
-        said = found if state is State.DISPLACED else _believed(found)
-        out.append(replace(_feature(i, state, presence[i], said, measured, survey), p_value=p_values[i], why=why))
-    return tuple(out)
-
-
-def _state(
-    presence: Presence, moved: Displacement | None, alarm: bool, enough: float, *, near: bool, rare: float
-) -> tuple[State, Unclear | None]:
-    """Return the state; of an unclear one also the reason, as far as it follows from this evidence.
-
-    rare: accepted share of false alarms of displacements; where edges disagree, their joint evidence has to meet it.
-    """
-    if presence.expected == 0 and moved is None:
-        return State.OUT_OF_VIEW, None
-    if presence.log_ratio <= -enough:
-        return State.MISSING, None
-    if presence.log_ratio < (0.0 if alarm else DOUBTFUL):  # what is measured may be something else
-        return State.UNCLEAR, why_doubtful(presence)
-    if moved is None:
-        return State.UNCLEAR, None
-    alone = presence.seen < 2 and (not near or presence.expected > 2)
-    if alarm and moved.edges < 2 and alone and presence.log_ratio < enough:
-        return State.UNCLEAR, Unclear.ALONE  # others ought to be seen, or the body is far off
-    if not alarm and _believed(moved) is None:
-        return State.UNCLEAR, None  # what cannot be measured is not known to be in place either
-    if alarm and moved.estimate.misfit > DISAGREE and _of_none(moved) > rare:
-        return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no common displacement
-    return (State.DISPLACED if alarm else State.IN_PLACE), None
-
-
-def _believed(moved: Displacement | None) -> Displacement | None:
-    """Return a displacement if its size is known and it does not contradict edges that agree with the body's place.
-
-    It may do so where feet are no evidence of a body that sinks, and a bend of its one other edge suggests how far.
-    """
-    if of_known_size(moved) is None or moved is None or moved.p_value <= AS_IN_PLACE:
-        return of_known_size(moved)
-    return None if _of_none(moved) < _CONTRADICTS else moved
-
-
-def _of_none(moved: Displacement) -> float:
-    """Return the probability of a displacement as large as this where there is none, given its own uncertainty."""
-    return tail_probability(moved.estimate.value, moved.estimate.covariance, np.inf)
-
-
-def _beyond(survey: Survey, number: int, moved: Displacement | None, options: InspectionOptions) -> bool:
-    """Return whether a displacement exceeds the search range: then its edges are not those assigned to it."""
-    return _px(survey, number, moved) > 2 * options.reach_px
-
-
-def _px(survey: Survey, number: int, moved: Displacement | None) -> float:
-    """Return how far (px) a displacement moves a feature in a photo, 0 where there is none."""
-    return 0.0 if moved is None else float(np.linalg.norm(moved.estimate.value)) / survey.mm_per_px(number)
-
-
-def _feature(
-    number: int,
-    state: State,
-    presence: Presence,
-    moved: Displacement | None,
-    measured: MeasuredEdges,
-    survey: Survey,
-) -> FeatureDeviation:
-    rows, every = measured.members[number], survey.rows(number)
-    p = survey.lines.p[every].mean(axis=0) if every.any() else np.full(3, np.nan)
-    name = survey.names[number]
-    if moved is None:
-        fitted = bool(measured.adjustment.datum[rows].any())
-        return FeatureDeviation(name, state, presence, np.zeros((3, 0)), None, p=p, datum=fitted)
-    turn, sigma, axis = measured.turn(rows)
-    return FeatureDeviation(
-        name,
-        state,
-        presence,
-        moved.basis,
-        moved.estimate,
-        turn,
-        sigma,
-        axis,
-        moved.p_value,
-        measured.lines.p[rows].mean(axis=0),
-        float(np.hypot(*survey.matched.shift[every].T).max(initial=0.0)),
-        bool(measured.adjustment.datum[rows].any()),
-    )
-
-
-def _edges(
-    part: Part, survey: Survey, measured: MeasuredEdges, options: InspectionOptions
-) -> tuple[EdgeDeviation, ...]:
-    out = [_edge(part, survey, measured, int(e)) for e in np.unique(survey.lines.edge[survey.usable])]
+def _edges(part: Part, survey: Survey, measured: MeasuredEdges, alarms: float) -> tuple[EdgeDeviation, ...]:
+    """Return the deviation of every edge; `off` are those that deviate, at most the share `alarms` of them wrongly."""
     from scipy.special import stdtr
 
-    p_values = [
-        2 * float(stdtr(measured.dof, -abs(e.value) / e.sigma)) if np.isfinite(e.sigma) else np.nan for e in out
-    ]
-    alarms = false_discoveries_below(p_values, options.alarms)
-    return tuple(replace(e, off=bool(alarm)) for e, alarm in zip(out, alarms, strict=True))
+    edges = [_edge(part, survey, measured, int(e)) for e in np.unique(survey.lines.edge[survey.usable])]
+    dof = measured.dof
+    p_values = [2 * float(stdtr(dof, -abs(e.value) / e.sigma)) if np.isfinite(e.sigma) else np.nan for e in edges]
+    off = false_discoveries_below(p_values, alarms)
+    return tuple(replace(e, off=bool(alarm)) for e, alarm in zip(edges, off, strict=True))
 
 
 def _edge(part: Part, survey: Survey, measured: MeasuredEdges, number: int) -> EdgeDeviation:
+    """Return the deviation of an edge, and of its pieces, from its place at a pose fitted without it."""
     lines = survey.lines
     every = (lines.edge == number) & survey.usable
     rows = measured.lines.edge == number
@@ -392,6 +286,7 @@ def _shifted(survey: Survey, photo: int) -> Array:
 
 
 def _not_found(survey: Survey, world_from_part: Rigid, F: Array, reason: str) -> Inspection:
+    """Return the inspection of a part that is not where the pose has it."""
     nan = float("nan")
     unknown = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=F)
     share, clutter = survey.seen_share, survey.clutter.share

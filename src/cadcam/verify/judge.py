@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
@@ -128,6 +130,7 @@ def _closer(found: FeatureDeviation) -> str:
 
 
 def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    """Judge whether a required feature is there."""
     p = found.presence
     said = f"{p.seen} of {p.expected} edges that should show are seen"
     if found.state is State.MISSING:
@@ -142,29 +145,42 @@ def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
 
 
 def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    """Judge a feature's displacement in all directions that the photos show, or in the one that the limit names."""
     if limit.direction is not None:
         return _along(name, limit, seen)
     assert found.displacement is not None  # else the feature is unclear
     sigma = towards(found.displacement.value, found.displacement.covariance, limit)
+    judgement = partial(Judgement, name, limit, found.size, sigma)
     if found.displacement.misfit > DISAGREE:
-        return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, "its edges do not agree on one place")
+        return judgement(Verdict.UNDECIDED, "its edges do not agree on one place")
     verdict = decided(found.size, sigma, limit)
     reason = f"displaced by {_vector(found.vector)} mm"
     if verdict is Verdict.FAIL and found.p_value > AS_IN_PLACE:  # by a few pixels, or hardly visible there
-        reason += f", but its edges are as likely (p {found.p_value:.2g}) of a feature in place"
-        return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, reason)
+        as_likely = f"but its edges are as likely (p {found.p_value:.2g}) of a feature in place"
+        return judgement(Verdict.UNDECIDED, f"{reason}, {as_likely}")
+    unseen = _unseen(found, seen)
+    if verdict is Verdict.PASS and unseen is not None:
+        hidden = f"but a displacement {_towards(unseen)} would not show: {_ALONG}"
+        return judgement(Verdict.UNDECIDED, f"{reason}, {hidden}", _ALONG)
+    return judgement(verdict, reason)
+
+
+def _unseen(found: FeatureDeviation, seen: Inspection) -> Array | None:
+    """Return a direction (3,) in which a displacement would not show; None if it shows in all that are judged.
+
+    By one photo nothing is judged along the line of sight. Zeros: it shows in no direction.
+    """
     one_photo = seen.measured is not None and seen.measured.eye is not None
-    expected = 2 if one_photo else 3
-    if found.seen.shape[1] < expected and verdict is Verdict.PASS:
-        unseen = np.linalg.svd(found.seen)[0][:, -1] if found.seen.shape[1] else np.zeros(3)
-        if one_photo and found.seen.shape[1]:
-            unseen = np.cross(found.axis, found.seen[:, 0])
-        reason += f", but a displacement {_towards(unseen)} would not show: {_ALONG}"
-        return Judgement(name, limit, found.size, sigma, Verdict.UNDECIDED, reason, _ALONG)
-    return Judgement(name, limit, found.size, sigma, verdict, reason)
+    shown = found.seen.shape[1]
+    if shown >= (2 if one_photo else 3):
+        return None
+    if not shown:
+        return np.zeros(3)
+    return np.cross(found.axis, found.seen[:, 0]) if one_photo else np.linalg.svd(found.seen)[0][:, -1]
 
 
 def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
+    """Judge the displacement in the direction that a limit names."""
     assert seen.measured is not None  # only of inspections that found the part
     rows = seen.measured.members[seen.survey.names.index(name)]
     moved = seen.measured.displacement(rows, along=limit.direction)
@@ -176,6 +192,7 @@ def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
 
 
 def _angle(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    """Judge the turn of a feature about the line of sight."""
     if not np.isfinite(found.turn_sigma):
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "its edges do not show a turn")
     verdict = decided(found.turn, found.turn_sigma, limit)
@@ -213,6 +230,7 @@ def together(k: float, n: int) -> float:
 
 
 def _why(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
+    """Return the verdict's reason in one line: what fails, or what cannot be decided."""
     if not judgements:
         return "no limits given: nothing was judged"
     if verdict is Verdict.PASS:
@@ -250,7 +268,7 @@ def _nothing(reason: str, tolerances: Tolerances, located: Location, seen: Inspe
     return Verification(Verdict.NOT_FOUND, reason, judgements, seen, tolerances, located)
 
 
-def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
+def direction_words(v: Sequence[float] | Array) -> str:
     """Return a direction in the part's axes: the axis' name if it is one, else its components."""
     d = np.asarray(v, np.float64)
     axis = int(np.argmax(np.abs(d)))
@@ -259,12 +277,12 @@ def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
     return _vector(d)
 
 
-def _towards(v: np.typing.NDArray[np.float64]) -> str:
+def _towards(v: Array) -> str:
     """Return a direction (3,) of unknown sign, for people: by the axis near it, or its components."""
     axis = int(np.argmax(np.abs(v)))
     d = v * (np.sign(v[axis]) or 1.0)
     return f"nearly along {'xyz'[axis]}" if d[axis] >= _NEAR_AXIS * np.linalg.norm(d) else f"along {_vector(d)}"
 
 
-def _vector(v: np.typing.NDArray[np.float64]) -> str:
+def _vector(v: Array) -> str:
     return "(" + ", ".join(f"{0.0 if abs(x) < 5e-4 else x:.2f}" for x in v) + ")"

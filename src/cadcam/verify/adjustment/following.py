@@ -11,10 +11,11 @@ between sides add to its covariance.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
 
 _ALIKE = 10.0  # quantisation of unit normals within which grounds are one, steps per unit
@@ -22,45 +23,57 @@ _DIRECTIONS = 200  # of displacements that are sampled to find the possible side
 _NEGLIGIBLE = 1e-3  # weight below which a side is ignored
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class BodyLines:
+    """How n places on a body's lines move in the photo with the body.
+
+    by_point (n, 3) px/mm: motion across the line by a displacement of the body; lever (n,) px/mm: by how much less the
+    line of a foot moves per mm that the body sinks, 0 for other places; ground (n, 3): unit normal of a foot's ground.
+    """
+
+    by_point: Array
+    lever: Array
+    ground: Array
+
+    def grounds(self) -> tuple[Array, Longs]:
+        """Return the distinct grounds (g, 3) of feet, and the number (n,) of each place's; 0 where it is no foot."""
+        number = np.zeros(len(self.lever), np.int64)
+        feet = self.lever != 0
+        if not feet.any():
+            return np.zeros((0, 3)), number
+        ground = self.ground[feet]
+        _, at = np.unique(np.rint(_ALIKE * ground), axis=0, return_inverse=True)
+        number[feet] = at.reshape(-1)
+        normals = np.array([ground[number[feet] == g].mean(axis=0) for g in range(int(number.max()) + 1)])
+        return normals, number
+
+    def moved_by(self, basis: Array, sunk: Mask) -> Array:
+        """Return the motion (n, m) px of the lines by a unit displacement along each vector of a basis (3, m).
+
+        sunk (n,): which places belong to a ground that the body sinks into, where it leaves the line of a foot behind.
+        """
+        behind = np.where(sunk & (self.lever != 0), self.lever, 0.0)
+        return np.asarray((self.by_point - behind[:, None] * self.ground) @ basis)
+
+
 def following(
-    adjustment: Adjustment,
-    rows: Mask,
-    by_point: Array,
-    pose: FittedPose,
-    *,
-    lever: Array,
-    ground: Array,
-    basis: Array,
-    prior_mm: float,
+    adjustment: Adjustment, rows: Mask, body: BodyLines, pose: FittedPose, *, basis: Array, prior_mm: float
 ) -> Estimate:
     """Return the displacement (m,) mm along a basis (3, m) of the body with the offsets of `rows` (N,).
 
-    by_point (n, 3) px/mm, lever (n,) px/mm and ground (n, 3): of these rows. prior_mm: standard deviation of a
-    displacement along each vector of the basis before the measurement; along others there is none.
+    body: the lines of these rows. prior_mm: standard deviation of a displacement along each vector of the basis before
+    the measurement; along others there is none.
     """
-    normals, number = _grounds(ground, lever)
+    normals, number = body.grounds()
     found: list[Estimate] = []
     log_weight = []
     for sunk in _sides(normals, basis):
-        behind = np.where(sunk[number] & (lever != 0), lever, 0.0) if len(normals) else np.zeros(len(lever))
-        design = (by_point - behind[:, None] * ground) @ basis
+        design = body.moved_by(basis, sunk[number] if len(normals) else np.zeros(len(number), bool))
         estimate = adjustment.estimate(rows, design, pose, prior=prior_mm, enlarged=True)
         found.append(estimate)
         on_side = _log_probability(estimate, normals @ basis, sunk)
         log_weight.append(on_side - 0.5 * adjustment.unlikeliness(rows, design, pose, prior=prior_mm))
     return _mixed(found, np.array(log_weight))
-
-
-def _grounds(ground: Array, lever: Array) -> tuple[Array, np.typing.NDArray[np.int64]]:
-    """Return the distinct grounds (g, 3) of feet, and the number (n,) of each place's; 0 where it is no foot."""
-    number = np.zeros(len(lever), np.int64)
-    feet = lever != 0
-    if not feet.any():
-        return np.zeros((0, 3)), number
-    _, at = np.unique(np.rint(_ALIKE * ground[feet]), axis=0, return_inverse=True)
-    number[feet] = at.reshape(-1)
-    normals = np.array([ground[feet][number[feet] == g].mean(axis=0) for g in range(int(number.max()) + 1)])
-    return normals, number
 
 
 def _sides(normals: Array, basis: Array) -> list[Mask]:

@@ -101,36 +101,92 @@ class Tones:
         return _lapsing(edges + there, lapsed) - _lapsing(not_there, other)
 
     def _in_photo(self, photo: Photo, whole: ShownFaces, body: int) -> tuple[float, float, float]:
-        """Return the log densities of the tones with the body, without it, and under any other light."""
+        """Return the log densities of the tones with the body, without it, and under any other light.
+
+        All are 0 where the photo shows too little of the body to be evidence.
+        """
+        camera_from_part = photo.viewpoint.camera_from_world @ self.world_from_part
+        covered = _Covered.of(self.part, photo, camera_from_part, whole, body)
+        if covered is None:
+            return 0.0, 0.0, 0.0
+        own, behind = covered.surfaces()
+        pieces = _pieces(own, behind)
+        if not pieces:
+            return 0.0, 0.0, 0.0
+        light = whole.light(photo, without=whole.shows(body))
+        gray = covered.gray[covered.inside]
+        tones = np.array([np.median(gray[piece]) for piece in pieces])
+        other = _log_normal(tones - light.mean, light.spread**2 * np.eye(len(tones)) + _ANY_SPREAD**2)
+        # Without the body, a piece is as bright as the same surface is beside it; else as the light predicts.
+        noise = noise_of(photo.gray)
+        near = np.array([covered.from_beside(piece, noise) for piece in pieces])
+        known = np.isfinite(near[:, 0])
+        rest = [p for p, beside in zip(pieces, known, strict=True) if not beside]
+        not_there = behind.log_density(light, tones[~known], rest)
+        not_there += _log_normal(near[known, 0], np.diag(near[known, 1] ** 2))
+        return own.log_density(light, tones, pieces), not_there, other
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Covered:
+    """The window of a photo around a body's picture, with what the part shows there with the body and without it.
+
+    gray (h, w); shown, hidden: with the body, and without it; its, inside (h, w): the pixels of the body, and those of
+    them that are not near its border.
+    """
+
+    gray: Array
+    shown: ShownFaces
+    hidden: ShownFaces
+    its: Mask
+    inside: Mask
+
+    @classmethod
+    def of(cls, part: Part, photo: Photo, camera_from_part: Rigid, whole: ShownFaces, body: int) -> _Covered | None:
+        """Return the window of a body, None where too little of it is seen; whole: what the part shows in the photo."""
         from scipy.ndimage import binary_erosion
 
         everywhere = whole.shows(body)
         if not everywhere.any():
-            return 0.0, 0.0, 0.0
+            return None
         window = _around(everywhere, _BESIDE_PX + 4 * _RIM_PX)
         its, shown = everywhere[window], replace(whole, face=whole.face[window])
         inside = binary_erosion(its, iterations=_RIM_PX)
         if inside.sum() < _LEAST_PX:
-            return 0.0, 0.0, 0.0
-        camera_from_part = photo.viewpoint.camera_from_world @ self.world_from_part
-        hidden = ShownFaces.of(self.part, photo, camera_from_part, without=body, window=window)
-        own, behind = _SurfacePixels.of(shown, inside), _SurfacePixels.of(hidden, inside)
-        pieces = _pieces(own, behind)
-        if not pieces:
-            return 0.0, 0.0, 0.0
-        light = whole.light(photo, without=everywhere)
-        gray = photo.gray[window].astype(np.float64)
-        own_gray = gray[inside]
-        tones = np.array([np.median(own_gray[piece]) for piece in pieces])
-        other = _log_normal(tones - light.mean, light.spread**2 * np.eye(len(tones)) + _ANY_SPREAD**2)
-        noise = noise_of(photo.gray)
-        near = np.array([_from_beside(gray, noise, shown, hidden, its, _where(inside, p)) for p in pieces])
-        known = np.isfinite(near[:, 0])
-        not_there = behind.log_density(
-            light, tones[~known], [p for p, beside in zip(pieces, known, strict=True) if not beside]
-        )
-        not_there += _log_normal(near[known, 0], np.diag(near[known, 1] ** 2))
-        return own.log_density(light, tones, pieces), not_there, other
+            return None
+        hidden = ShownFaces.of(part, photo, camera_from_part, without=body, window=window)
+        return cls(photo.gray[window].astype(np.float64), shown, hidden, its, inside)
+
+    def surfaces(self) -> tuple[_SurfacePixels, _SurfacePixels]:
+        """Return what the n pixels inside of the body show, and what they would show without it."""
+        return _SurfacePixels.of(self.shown, self.inside), _SurfacePixels.of(self.hidden, self.inside)
+
+    def from_beside(self, numbers: Longs, noise: float) -> tuple[float, float]:
+        """Return how much brighter a piece is than what it would hide is beside it, and how uneven that is.
+
+        numbers: of the piece's pixels among those inside; noise: of a pixel. nan where too little of the surface that
+        it would hide is visible beside it.
+        """
+        from scipy.ndimage import binary_dilation, distance_transform_edt
+
+        shown, hidden, piece = self.shown, self.hidden, _where(self.inside, numbers)
+        window = _around(piece, _BESIDE_PX + 2 * _RIM_PX)
+        piece, gray, its = piece[window], self.gray[window], self.its[window]
+        there = hidden.face[window]
+        here = int(there[piece][0])
+        alike = (hidden.part == hidden.part[here]) & (hidden.color == hidden.color[here])
+        same = (alike & (hidden.normal @ hidden.normal[here] > _ONE_SURFACE))[there]
+        in_sight = shown.part[shown.face[window]] == hidden.part[there]
+        beside = same & in_sight & ~binary_dilation(its, iterations=_RIM_PX)
+        beside &= distance_transform_edt(~piece) <= _BESIDE_PX + 2 * _RIM_PX
+        if hidden.part[here] < 0 or beside.sum() < _LEAST_PX:
+            return np.nan, np.nan
+        own = piece & (distance_transform_edt(~beside) <= _BESIDE_PX + 2 * _RIM_PX)
+        if own.sum() < _LEAST_PX:
+            return np.nan, np.nan
+        level, uneven = _level(gray[beside])
+        tone, uneven_too = _level(gray[own])
+        return tone - level, float(np.sqrt(_UNEVEN**2 + max(uneven**2 + uneven_too**2 - 2 * noise**2, 0.0)))
 
 
 def _pieces(own: _SurfacePixels, behind: _SurfacePixels) -> list[Longs]:
@@ -165,34 +221,6 @@ def _where(inside: Mask, piece: Longs) -> Mask:
     return out
 
 
-def _from_beside(
-    gray: Array, noise: float, shown: ShownFaces, hidden: ShownFaces, its: Mask, piece: Mask
-) -> tuple[float, float]:
-    """Return how much brighter a piece (h, w) is than what it would hide is beside it, and how uneven that is.
-
-    nan where too little of that surface is visible beside it.
-    """
-    from scipy.ndimage import binary_dilation, distance_transform_edt
-
-    window = _around(piece, _BESIDE_PX + 2 * _RIM_PX)
-    piece, gray, its = piece[window], gray[window], its[window]
-    there = hidden.face[window]
-    here = int(there[piece][0])
-    alike = (hidden.part == hidden.part[here]) & (hidden.color == hidden.color[here])
-    same = (alike & (hidden.normal @ hidden.normal[here] > _ONE_SURFACE))[there]
-    in_sight = shown.part[shown.face[window]] == hidden.part[there]
-    beside = same & in_sight & ~binary_dilation(its, iterations=_RIM_PX)
-    beside &= distance_transform_edt(~piece) <= _BESIDE_PX + 2 * _RIM_PX
-    if hidden.part[here] < 0 or beside.sum() < _LEAST_PX:
-        return np.nan, np.nan
-    own = piece & (distance_transform_edt(~beside) <= _BESIDE_PX + 2 * _RIM_PX)
-    if own.sum() < _LEAST_PX:
-        return np.nan, np.nan
-    level, uneven = _level(gray[beside])
-    tone, uneven_too = _level(gray[own])
-    return tone - level, float(np.sqrt(_UNEVEN**2 + max(uneven**2 + uneven_too**2 - 2 * noise**2, 0.0)))
-
-
 def _level(gray: Array) -> tuple[float, float]:
     """Return the median of brightnesses and their robust standard deviation."""
     level = float(np.median(gray))
@@ -211,6 +239,7 @@ def _lapsing(as_told: float, other: float) -> float:
 
 
 def _log_normal(r: Array, V: Array) -> float:
+    """Return the log density of r (n,), normally distributed about 0 with covariance V (n, n)."""
     if not len(r):
         return 0.0
     return float(-0.5 * (r @ np.linalg.solve(V, r) + np.linalg.slogdet(2 * np.pi * V)[1]))

@@ -103,13 +103,13 @@ class Doubt:
         kept, apart, tried = rows, rows, list[Array]()
         rest: Displacement | None = moved
         p = moved.p_value
-        while left and len(tried) < _MOST and p < AS_IN_PLACE:
-            says = [measured.displacement(kept & ~places[i], apart=apart | places[i]) for i in left]
+        while left and len(tried) < _MOST and p < AS_IN_PLACE:  # leave out the group that most of it is due to
+            without = [measured.displacement(kept & ~places[i], apart=apart | places[i]) for i in left]
             ps = np.zeros(len(groups))
-            ps[left] = [1.0 if s is None else s.p_value for s in says]
+            ps[left] = [1.0 if found is None else found.p_value for found in without]
             tried.append(ps)
             worst = int(np.argmax(ps))
-            rest, p = says[left.index(worst)], float(ps[worst])
+            rest, p = without[left.index(worst)], float(ps[worst])
             kept, apart = kept & ~places[worst], apart | places[worst]
             left.remove(worst)
         return cls(tuple(groups), own, tuple(tried), kept, rest)

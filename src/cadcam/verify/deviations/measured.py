@@ -10,7 +10,7 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment.alarms import either, tail_probability
 from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
-from cadcam.verify.adjustment.following import following
+from cadcam.verify.adjustment.following import BodyLines, following
 from cadcam.verify.adjustment.scatter import EdgeNoise, common_error, improbability, white_scale
 from cadcam.verify.edges.sightlines import Sightlines
 from cadcam.verify.edges.survey import Survey
@@ -161,16 +161,9 @@ class MeasuredEdges:
         return tail_probability(in_place.value, in_place.covariance, self.dof)
 
     def _followed(self, rows: Mask, basis: Array, pose: FittedPose) -> Estimate:
-        return following(
-            self.adjustment,
-            rows,
-            self.lines.by_point[rows],
-            pose,
-            lever=self.lever[rows],
-            ground=self.ground[rows],
-            basis=basis,
-            prior_mm=self._unseen_mm(rows),
-        )
+        """Return the displacement along a basis (3, m), allowing for feet that need not follow."""
+        body = BodyLines(self.lines.by_point[rows], self.lever[rows], self.ground[rows])
+        return following(self.adjustment, rows, body, pose, basis=basis, prior_mm=self._unseen_mm(rows))
 
     def _edges(self, rows: Mask) -> int:
         return len(np.unique(self.lines.edge[rows]))
@@ -217,21 +210,25 @@ class MeasuredEdges:
         return improbability(self.adjustment.offset[rows], noise, self.adjustment.J[rows] @ self.adjustment.freedom, K)
 
     def turn(self, rows: Mask) -> tuple[float, float, Array]:
-        """Return the rotation (rad) about the line of sight through the places' middle, its sigma, that axis (3,)."""
-        axis = self.axis(rows)
+        """Return the rotation (rad) about the line of sight through the places' middle, its sigma, that axis (3,).
+
+        nan where the edges do not determine it.
+        """
+        nan, axis = float("nan"), self.axis(rows)
         basis, pose = self.directions(rows), self.pose_without(rows)
         if pose is None or not basis.shape[1]:
-            return float("nan"), float("nan"), axis
+            return nan, nan, axis
         p, G = self.lines.p[rows], self.lines.by_point[rows]
-        lever = np.einsum("ni,ni->n", G, np.cross(axis, p - p.mean(axis=0)))
-        size = float(np.abs(lever).max(initial=0.0))
+        lever = np.einsum("ni,ni->n", G, np.cross(axis, p - p.mean(axis=0)))  # px/rad
+        size, most = float(np.abs(lever).max(initial=0.0)), np.linalg.norm(G, axis=1).max()
         if size == 0:
-            return float("nan"), float("nan"), axis
-        design = np.column_stack([G @ basis, lever / size * np.linalg.norm(G, axis=1).max()])
-        scale = np.linalg.norm(G, axis=1).max() / size
+            return nan, nan, axis
+        # In px/mm, like the displacements that are estimated with it; so the conditioning of all can be judged.
+        design = np.column_stack([G @ basis, lever / size * most])
+        scale = most / size
         w = np.linalg.eigvalsh(self.adjustment.information(rows, design))
         if w[0] <= 1e-9 * w[-1]:
-            return float("nan"), float("nan"), axis
+            return nan, nan, axis
         found = self.adjustment.estimate(rows, design, pose)
         return float(found.value[-1] * scale), float(np.sqrt(found.covariance[-1, -1]) * scale), axis
 

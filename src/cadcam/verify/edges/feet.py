@@ -4,7 +4,6 @@ A foot is a contact line. A body that is lifted, or slides on the other, takes i
 other does not: then the visible line is where its side meets the other's surface, farther up the side. The same line
 moves when the other body does. How a foot follows a displacement thus depends on the sign of the component normal to
 the ground, and it measures the displacement once both cases are considered (`cadcam.verify.adjustment.following`).
-goes to, and it tells the displacement once both are considered (`cadcam.verify.adjustment.following`).
 """
 
 from __future__ import annotations

@@ -36,8 +36,9 @@ class Survey:
     each place in exactly one: the widest feature that contains it, or its part. usable (N,): whether its edge is
     distinguishable from its neighbours; datum (N,): whether the pose may be fitted to it; stated: whether the
     tolerances state the datum. lever (N,) px/mm, mate (N,) and ground (N, 3): the place as a foot (`Feet`), with mate a
-    body; ought (N,): whether the light gives its edge contrast; shown: what the part shows in each photo.
-    a body; ought (N,): whether the light gives its edge contrast; shown: what the part shows in each photo.
+    body; ought (N,): whether the light gives its edge contrast; evidence: of all edges, seen or not; clutter: how often
+    the photos show an edge where there is none; by (P, 3) mm: where the bodies were drawn, from their places in the
+    CAD; shown: what the part shows in each photo.
     """
 
     lines: Sightlines
@@ -129,17 +130,17 @@ def surveyed(
     """
     by = np.zeros((len(part.scene.mesh.part_names), 3)) if by is None else by
     lines, sights = sightlines(part, photos, world_from_part)
-    in_place = replace(lines, p=lines.p - by[lines.part])
+    in_place = replace(lines, p=lines.p - by[lines.part])  # features are chosen by their places in the CAD
     names, members = _members(part.scene, in_place, asked)
     body = _bodies(members)
     usable = lines.room >= SEARCH_ROOM_PX
     moved_as_one = np.where(usable, body, -1)
     shown = [ShownFaces.of(part, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]
     beside = edge_surroundings(photos, shown, lines)
-    found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     ought = usable & (beside.contrast > FAINT)
+    found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
-    matched = _from_place(matched, lines, photos, world_from_part, by)
+    matched = _relative_to_cad(matched, lines, photos, world_from_part, by)
     matched = replace(matched, common=np.hypot(matched.common, limb_errors(lines, beside, matched.offset)))
     feet = Feet.of(lines, beside)
     return Survey(
@@ -163,7 +164,7 @@ def surveyed(
     )
 
 
-def _from_place(
+def _relative_to_cad(
     matched: Association, lines: Sightlines, photos: Sequence[Photo], world_from_part: Rigid, by: Array
 ) -> Association:
     """Return offsets and shifts relative to the CAD for bodies that were drawn displaced `by` (P, 3) mm."""
