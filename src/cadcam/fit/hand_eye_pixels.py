@@ -38,7 +38,6 @@ class InternalsPrior:
 
     columns (f,): indices into (aspect, focal, skew, U0, V0, lens ...); mean (f,); root (f, f): root^T root = inverse
     covariance. No columns: the internals are fixed.
-    covariance. No columns: the internals are fixed.
     """
 
     columns: Longs
