@@ -181,7 +181,7 @@ def _inverse(N: Array, F: Array) -> Array:
     if not len(w) or w[0] <= _BLIND * max(len(N), 1) or not np.isfinite(w).all():
         free = F @ (V[:, 0] / scale) if len(w) else np.zeros(6)
         kind = "translation" if np.linalg.norm(free[:3]) > 1000 * np.linalg.norm(free[3:]) else "motion"
-        direction = np.round(free / max(float(np.linalg.norm(free)), 1e-300), 3).tolist()
+        direction = (np.round(free / max(float(np.linalg.norm(free)), 1e-300), 3) + 0.0).tolist()  # no -0.0
         raise DegenerateGeometry(
             f"the datum edges seen do not hold the part: the {kind} {direction} (mm, rad, part axes) moves none of "
             "them in the photos; take more features into the datum, or another photo"
