@@ -8,13 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.camera.optics import STANDARD_MM
-from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import CadcamError
-from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess
 from cadcam.plan.layout import Layout
 from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
-from cadcam.plan.sight.candidate import Candidate, placed
+from cadcam.plan.sight.candidate import Candidate, Placing
 from cadcam.plan.sight.visibility import Visibility, seen_from
 from cadcam.plan.uncertainty.finding import Finder
 
@@ -75,17 +73,10 @@ def _changes(scene: LayoutScene, cameras: Sequence[Candidate]) -> Iterator[tuple
 
 def rebuilt(scene: LayoutScene, cameras: Sequence[Candidate], *, stretch: float = 1.0) -> tuple[Candidate, ...]:
     """Return the cameras with the types and assumptions of a scene, moved along their axes to or from their aims."""
-    mounts = {mount.name: mount for mount in scene.mounts}
-    homes: dict[tuple[str, str], dict[str, tuple[ErrorSource, Rigid]]] = {}
+    mounts, placing = {mount.name: mount for mount in scene.mounts}, Placing(scene)
     return tuple(
-        placed(
-            scene,
-            mounts[c.mount],
-            c.name,
-            scene.cameras[c.type.name],
-            c.aim + stretch * (c.eye - c.aim),
-            c.aim,
-            homes=homes.setdefault((c.mount, c.type.name), {}),
+        placing.candidate(
+            c.name, mounts[c.mount], scene.cameras[c.type.name], eye=c.aim + stretch * (c.eye - c.aim), aim=c.aim
         )
         for c in cameras
     )

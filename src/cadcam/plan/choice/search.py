@@ -54,28 +54,25 @@ def best_set(
 
     complete: try all sets; default where they are few. step: called at each stage, for a progress display.
     """
-    free = [c for c in range(problem.candidates) if c not in set(fixed)]
-    if not 0 <= k <= len(free):
-        raise BadValue("number of cameras", k, f"at most the {len(free)} candidates that there are")
-    if complete or (complete is None and comb(len(free), k) <= _TRIED):
+    search = _Search.of(problem, fixed)
+    if not 0 <= k <= len(search.free):
+        raise BadValue("number of cameras", k, f"at most the {len(search.free)} candidates that there are")
+    if complete or (complete is None and comb(len(search.free), k) <= _TRIED):
         return exhausted(problem, k, fixed=fixed)
     best: tuple[Score, Choice] | None = None
     exchanges = 0
-    starts = [_greedy(problem, k, tuple(fixed), free, judge) for judge in (_by_information, _by_mean, _by_softest)]
-    rng = np.random.default_rng(len(free))  # a fixed seed: the same scene gives the same set
-    spare = min(_STARTS, _WORK // max(len(free) * k * problem.targets, 1))
-    starts += [tuple(int(c) for c in rng.choice(free, k, replace=False)) for _ in range(spare)]
+    starts = search.starts(k)
     for start in starts:
-        chosen, n = _exchanged(problem, start, tuple(fixed), free)
-        score = problem.score((*fixed, *chosen))
+        chosen, n = search.exchanged(start)
+        score = search.score(chosen)
         exchanges += n
         if best is None or score.value > best[0].value:
             best = score, chosen
         step()
     assert best is not None
-    chosen, n = _pairs_exchanged(problem, best[1], tuple(fixed), free)
+    chosen, n = search.pairs_exchanged(best[1])
     step()
-    return BestSet(tuple(sorted(chosen)), problem.score((*fixed, *chosen)), False, len(starts), exchanges + n)
+    return BestSet(tuple(sorted(chosen)), search.score(chosen), False, len(starts), exchanges + n)
 
 
 def exhausted(problem: SelectionProblem, k: int, *, fixed: Sequence[int] = ()) -> BestSet:
@@ -99,17 +96,16 @@ def exhausted(problem: SelectionProblem, k: int, *, fixed: Sequence[int] = ()) -
 
 def one_fewer(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
     """Return the score of a good set with one camera fewer: `chosen` without the least useful, then exchanged."""
-    free = [c for c in range(problem.candidates) if c not in set(fixed)]
-    sets = [tuple(c for c in chosen if c != gone) for gone in chosen]
-    kept = max(sets, key=lambda s: problem.score((*fixed, *s)).value)
-    return problem.score((*fixed, *_exchanged(problem, kept, tuple(fixed), free)[0]))
+    search = _Search.of(problem, fixed)
+    kept = max((tuple(c for c in chosen if c != gone) for gone in chosen), key=lambda s: search.score(s).value)
+    return search.score(search.exchanged(kept)[0])
 
 
 def one_more(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
     """Return the score of a good set with one camera more: `chosen` with the most useful added, then exchanged."""
-    free = [c for c in range(problem.candidates) if c not in set(fixed)]
-    first = ranked(problem, (*fixed, *chosen), free)[0][0]
-    return problem.score((*fixed, *_exchanged(problem, (*chosen, first), tuple(fixed), free)[0]))
+    search = _Search.of(problem, fixed)
+    first = ranked(problem, (*fixed, *chosen), search.free)[0][0]
+    return search.score(search.exchanged((*chosen, first))[0])
 
 
 def ranked(problem: SelectionProblem, chosen: Sequence[int], among: Iterable[int]) -> list[tuple[int, Score]]:
@@ -122,42 +118,98 @@ def ranked(problem: SelectionProblem, chosen: Sequence[int], among: Iterable[int
 
 
 def _by_information(total: Array, ratios: Array) -> Array:
+    """Return the mean log determinant of the information (n, 6, T): D-optimality, which always grows."""
     return np.asarray(np.log(np.maximum(determinant(total), 1e-300)).mean(axis=-1))
 
 
 def _by_mean(total: Array, ratios: Array) -> Array:
+    """Return the mean logarithm of the ratios (n, T)."""
     return np.asarray(np.log(ratios).mean(axis=-1))
 
 
 def _by_softest(total: Array, ratios: Array) -> Array:
+    """Return a soft minimum of the ratios (n, T)."""
     return np.asarray(-np.mean(np.maximum(ratios, 1e-3) ** -_SHARP, axis=-1))
 
 
-def _greedy(
-    problem: SelectionProblem, k: int, fixed: Choice, free: Sequence[int], judge: Callable[[Array, Array], Array]
-) -> Choice:
-    chosen: Choice = ()
-    for _ in range(k):
-        left = [c for c in free if c not in chosen]
-        gains = problem.with_each(problem.sum((*fixed, *chosen)), left, judge)
-        chosen = (*chosen, left[int(np.argmax(gains))])
-    return chosen
+@dataclass(frozen=True, slots=True)
+class _Search:
+    """A search for sets of candidates: those that are fixed, in every set, and those that are free to be chosen.
 
+    Sets are given without the fixed candidates.
+    """
 
-def _exchanged(problem: SelectionProblem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> tuple[Choice, int]:
-    """Return the set after the best exchanges of one camera, while one improves it, and how many were made."""
-    score, n = problem.score((*fixed, *chosen)), 0
-    while True:
-        before, hard = score, problem.hardest((*fixed, *chosen))
-        others, better = [c for c in free if c not in chosen], chosen
-        for i in range(len(chosen)):
-            kept = chosen[:i] + chosen[i + 1 :]
-            found = _best_addition(problem, hard, (*fixed, *kept), others, score)
-            if found is not None:
-                score, better = found[1], (*kept, found[0])
-        if not score.beats(before):
-            return chosen, n
-        chosen, n = better, n + 1
+    problem: SelectionProblem
+    fixed: Choice
+    free: Choice
+
+    @classmethod
+    def of(cls, problem: SelectionProblem, fixed: Sequence[int]) -> _Search:
+        """Return the search in which all candidates but the fixed ones are free."""
+        return cls(problem, tuple(fixed), tuple(c for c in range(problem.candidates) if c not in set(fixed)))
+
+    def score(self, chosen: Choice) -> Score:
+        """Return how good a set is."""
+        return self.problem.score((*self.fixed, *chosen))
+
+    def starts(self, k: int) -> list[Choice]:
+        """Return sets of k candidates to improve: greedy ones, and random ones as far as they cost little."""
+        greedy = [self._greedy(k, judge) for judge in (_by_information, _by_mean, _by_softest)]
+        rng = np.random.default_rng(len(self.free))  # a fixed seed: the same scene gives the same set
+        spare = min(_STARTS, _WORK // max(len(self.free) * k * self.problem.targets, 1))
+        return greedy + [tuple(int(c) for c in rng.choice(self.free, k, replace=False)) for _ in range(spare)]
+
+    def _greedy(self, k: int, judge: Callable[[Array, Array], Array]) -> Choice:
+        """Return the set of k candidates, each the best to add to those before it."""
+        chosen: Choice = ()
+        for _ in range(k):
+            left = [c for c in self.free if c not in chosen]
+            gains = self.problem.with_each(self.problem.sum((*self.fixed, *chosen)), left, judge)
+            chosen = (*chosen, left[int(np.argmax(gains))])
+        return chosen
+
+    def exchanged(self, chosen: Choice) -> tuple[Choice, int]:
+        """Return the set after the best exchanges of one camera, while one improves it, and how many were made."""
+        score, n = self.score(chosen), 0
+        while True:
+            before, hard = score, self.problem.hardest((*self.fixed, *chosen))
+            others, better = [c for c in self.free if c not in chosen], chosen
+            for i in range(len(chosen)):
+                kept = chosen[:i] + chosen[i + 1 :]
+                found = _best_addition(self.problem, hard, (*self.fixed, *kept), others, score)
+                if found is not None:
+                    score, better = found[1], (*kept, found[0])
+            if not score.beats(before):
+                return chosen, n
+            chosen, n = better, n + 1
+
+    def pairs_exchanged(self, chosen: Choice) -> tuple[Choice, int]:
+        """Return the set after exchanges of two cameras at once, while one improves it, and how many were made.
+
+        Exchanges of one that follow from these are among them.
+        """
+        n = 0
+        while (better := self._pair_exchanged(chosen)) is not None:
+            chosen, more = self.exchanged(better)
+            n += 1 + more
+        return chosen, n
+
+    def _pair_exchanged(self, chosen: Choice) -> Choice | None:
+        """Return a better set with two cameras exchanged, or None.
+
+        The first of the new pair is among the best single additions: how many are tried depends on how many there are.
+        """
+        score, pairs = self.score(chosen), list(combinations(range(len(chosen)), 2))
+        promising = max(1, _PAIRS // max(len(pairs) * len(self.free), 1))
+        hard = self.problem.hardest((*self.fixed, *chosen))
+        for i, j in pairs:
+            kept = tuple(c for place, c in enumerate(chosen) if place not in (i, j))
+            left = [c for c in self.free if c not in kept]
+            for first, _ in ranked(hard, (*self.fixed, *kept), left)[:promising]:
+                found = _best_addition(self.problem, hard, (*self.fixed, *kept, first), left, score)
+                if found is not None:
+                    return (*kept, first, found[0])
+        return None
 
 
 def _best_addition(
@@ -183,34 +235,7 @@ def _best_addition(
 
 
 def _may_beat(bound: Score, floor: Score) -> bool:
+    """Return whether a set may beat a score, given a bound of its own."""
     if bound.unmeasured != floor.unmeasured:
         return bound.unmeasured < floor.unmeasured
     return bound.worst >= floor.worst * (1 - ROUNDING)
-
-
-def _pairs_exchanged(
-    problem: SelectionProblem, chosen: Choice, fixed: Choice, free: Sequence[int]
-) -> tuple[Choice, int]:
-    """Return the set after exchanges of two cameras at once, while one improves it.
-
-    The first of the new pair is among the best single additions: how many are tried depends on how many there are.
-    """
-    n = 0
-    while (better := _pair_exchanged(problem, chosen, fixed, free)) is not None:
-        chosen, more = _exchanged(problem, better, fixed, free)
-        n += 1 + more
-    return chosen, n
-
-
-def _pair_exchanged(problem: SelectionProblem, chosen: Choice, fixed: Choice, free: Sequence[int]) -> Choice | None:
-    """Return a better set with two cameras exchanged, or None."""
-    score, pairs = problem.score((*fixed, *chosen)), list(combinations(range(len(chosen)), 2))
-    promising, hard = max(1, _PAIRS // max(len(pairs) * len(free), 1)), problem.hardest((*fixed, *chosen))
-    for i, j in pairs:
-        kept = tuple(c for place, c in enumerate(chosen) if place not in (i, j))
-        left = [c for c in free if c not in kept]
-        for first, _ in ranked(hard, (*fixed, *kept), left)[:promising]:
-            found = _best_addition(problem, hard, (*fixed, *kept, first), left, score)
-            if found is not None:
-                return (*kept, first, found[0])
-    return None

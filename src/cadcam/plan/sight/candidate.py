@@ -24,7 +24,8 @@ _ALONG = 1e-6  # sine of the angle to "up" below which a view counts as vertical
 class Candidate:
     """A camera that could be mounted: its viewpoint, with all the errors it will have, and its optics.
 
-    shared: the name of the mount if its cameras are one camera that is moved; else "".
+    aim (3,) mm: the point that it looks at. fixed: it exists already. shared: the name of the mount if its cameras are
+    one camera that is moved; else "". spread: its place is one of many spread over a zone.
     """
 
     name: str
@@ -51,14 +52,14 @@ class Candidate:
 def candidates(scene: LayoutScene) -> tuple[Candidate, ...]:
     """Return all candidates of a scene, in the order of its mounts, numbered within each mount."""
     out: list[Candidate] = []
+    placing = Placing(scene)
     for mount in scene.mounts:
-        homes: dict[str, tuple[ErrorSource, Rigid]] = {}
         several = len(mount.cameras) > 1
         for i, (eye, aim) in enumerate(zip(mount.eyes, mount.aims, strict=True), 1):
             for kind in mount.cameras:
                 name = f"{mount.name} {i}" if len(mount.eyes) > 1 else mount.name
                 name += f" ({kind})" if several else ""
-                out.append(placed(scene, mount, name, scene.cameras[kind], eye, aim, homes=homes))
+                out.append(placing.candidate(name, mount, scene.cameras[kind], eye, aim))
     return tuple(out)
 
 
@@ -67,35 +68,47 @@ def count_candidates(scene: LayoutScene) -> int:
     return sum(len(mount.eyes) * len(mount.cameras) for mount in scene.mounts)
 
 
-def placed(
-    scene: LayoutScene,
-    mount: Mount,
-    name: str,
-    kind: CameraType,
-    eye: Array,
-    aim: Array,
-    *,
-    homes: dict[str, tuple[ErrorSource, Rigid]],
-) -> Candidate:
-    """Return one candidate of a mount.
+class Placing:
+    """Places cameras in a scene, with all the errors they will have.
 
-    homes: the calibration of each camera type that is moved, and where it was calibrated: its first place.
+    It remembers where each camera that is moved was placed first: there it is calibrated, and at all other places the
+    same calibration errs in the same way.
     """
-    distance = float(np.linalg.norm(np.asarray(aim) - np.asarray(eye)))
-    if not distance > 0:
-        raise DegenerateGeometry(f"candidate {name!r} aims at itself: position and aim are both {eye.tolist()}")
-    pose = aimed(eye, aim, mount.up)
-    camera = kind.camera(distance)
-    sigma = scene.finder.sigma_px or 1.0
-    if mount.one_camera:
-        source, home = homes.setdefault(kind.name, (_calibration(scene, kind, camera, pose), pose))
-        errors = _moved(source, home, pose, scene.motion, name)
-    else:
-        source = _calibration(scene, kind, camera, pose)
-        errors = ((source, np.eye(len(source.covariance))),)
-    viewpoint = Viewpoint(name, camera, pose, sigma, errors)
-    shared = mount.name if mount.one_camera else ""
-    return Candidate(name, mount.name, kind, viewpoint, aim, kind.optics(distance), mount.fixed, shared, mount.spread)
+
+    def __init__(self, scene: LayoutScene) -> None:
+        self._scene = scene
+        self._calibrated: dict[tuple[str, str], tuple[ErrorSource, Rigid]] = {}  # by mount and type
+
+    def candidate(self, name: str, mount: Mount, kind: CameraType, eye: Array, aim: Array) -> Candidate:
+        """Return a camera at `eye` (3,) mm that looks at `aim` (3,). Raises `DegenerateGeometry` if these are one."""
+        distance = float(np.linalg.norm(np.asarray(aim) - np.asarray(eye)))
+        if not distance > 0:
+            raise DegenerateGeometry(f"candidate {name!r} aims at itself: position and aim are both {eye.tolist()}")
+        pose, camera = aimed(eye, aim, mount.up), kind.camera(distance)
+        sigma, errors = self._scene.finder.sigma_px or 1.0, self._errors(mount, kind, camera, pose)
+        return Candidate(
+            name=name,
+            mount=mount.name,
+            type=kind,
+            viewpoint=Viewpoint(name, camera, pose, sigma, errors),
+            aim=aim,
+            optics=kind.optics(distance),
+            fixed=mount.fixed,
+            shared=mount.name if mount.one_camera else "",
+            spread=mount.spread,
+        )
+
+    def _errors(
+        self, mount: Mount, kind: CameraType, camera: Camera, pose: Rigid
+    ) -> tuple[tuple[ErrorSource, Array], ...]:
+        """Return the errors of a camera at a pose, with the effect of each on its local coordinates."""
+        scene, key = self._scene, (mount.name, kind.name)
+        if not mount.one_camera:
+            source = _calibration(scene, kind, camera, pose)
+            return ((source, np.eye(len(source.covariance))),)
+        if key not in self._calibrated:
+            self._calibrated[key] = _calibration(scene, kind, camera, pose), pose
+        return _moved(*self._calibrated[key], pose, scene.motion)
 
 
 def aimed(eye: Array, aim: Array, up: tuple[float, float, float]) -> Rigid:
@@ -159,9 +172,7 @@ def _spread_in_view(camera: Camera, n: int, near: float, far: float) -> Array:
     return np.asarray(points[np.isfinite(points).all(axis=1)])
 
 
-def _moved(
-    source: ErrorSource, home: Rigid, pose: Rigid, sigmas: Sigmas, name: str
-) -> tuple[tuple[ErrorSource, Array], ...]:
+def _moved(source: ErrorSource, home: Rigid, pose: Rigid, sigmas: Sigmas) -> tuple[tuple[ErrorSource, Array], ...]:
     """Return the errors of a camera that was calibrated at `home` and moved from there (`Viewpoint.moved`)."""
     motion = KnownMotion(pose.inv @ home).known_to(sigmas.position_mm, sigmas.rotation, about=home.origin)
     of_home, of_motion = motion.effects(home.origin, len(source.covariance))

@@ -18,10 +18,12 @@ _MOST_STATIONS = 48  # on the edges of a selection
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Places:
-    """The places of F features in one list: p (S, 3) mm, whose (S,), sighted and measured (S,), tangents and lengths.
+    """The S places of F features in one list.
 
-    tangent (S, 3) is NaN, length and from_middle (S,) mm are 0 except on edges. centre, normal (F, 3; NaN: none), axes
-    (F, 3, 2) across the normal, diameter (F,; NaN), ends (F, 2, 3) of straight edges (else the centre twice).
+    Of each place: p (S, 3) mm; feature (S,): whose it is; sighted, measured (S,): whether it has to be visible, and
+    whether it is measured; on edges, tangent (S, 3), length (mm) of edge that it stands for and from_middle (mm), its
+    place along the edge; elsewhere NaN, 0 and 0. Of each feature: centre (F, 3); normal (F, 3; NaN: none) and axes (F,
+    3, 2) across it; diameter (F,; NaN: none); ends (F, 2, 3) of a straight edge, of others the centre twice.
     """
 
     p: Array

@@ -118,38 +118,52 @@ def seen_from(
 
 
 class _View:
-    """The places as the camera images them: q (P, S, 2) px, J (P, S, 2, 3) by the part's axes."""
+    """The places of F features as one camera images them in P poses of the part.
+
+    Of each of all S places: q (P, S, 2) px, J (P, S, 2, 3) px/mm by the part's axes, border (P, S) px: distance inside
+    of the picture's border, -inf where it is not imaged. Of each feature (P, F): distance (mm) from the camera and
+    incidence (rad; NaN without a normal), defocus and blur (px; NaN behind the camera); A (P, F, 2, 2): the image of
+    the unit circle in its own plane, or of its own circle. R (P, 3, 3), t (P, 3): world_from_part; eye (P, 3): the
+    camera in the part frame; sharp: the blur in focus; central (F,): the place that stands for a feature.
+    """
 
     def __init__(self, viewpoint: Viewpoint, optics: Optics | None, places: Places, poses: Sequence[Rigid]) -> None:
         self.viewpoint, self.optics, self.places = viewpoint, optics, places
         self.R = np.stack([pose.rotation for pose in poses])
         self.t = np.stack([pose.translation for pose in poses])
-        camera, pose = viewpoint.camera, viewpoint.camera_from_world
-        p_world = self.world(places.p)
-        self.in_camera = pose @ p_world
-        self.q, J = camera.project_with_jacobian(self.in_camera)
+        self._first = np.flatnonzero(np.diff(places.feature, prepend=-1))
+        self.central = self._central()
+        self._image()
+        self._slant()
+        self._blur()
+
+    def _image(self) -> None:
+        """Set what the camera's projection of the places gives."""
+        camera, pose, places = self.viewpoint.camera, self.viewpoint.camera_from_world, self.places
+        self.q, J = camera.project_with_jacobian(pose @ self.world(places.p))
         self.J = J @ pose.rotation @ self.R[:, None]
         inside = self.q + 0.5
         border = np.minimum(inside, np.array(camera.size) - inside).min(axis=-1)
         self.border = np.where(np.isfinite(border), border, -np.inf)
-        eye = pose.origin - self.t
-        self.eye = np.einsum("pji,pj->pi", self.R, eye)  # in the part frame
-        towards = self.eye[:, None] - places.centre
-        self.distance = np.linalg.norm(towards, axis=-1)
-        cosine = np.einsum("pfi,fi->pf", towards, places.normal) / self.distance
-        self.incidence = np.arccos(np.clip(cosine, -1, 1))
-        z = (pose @ self.world(places.centre))[..., 2]
-        z = np.where(z > 0, z, np.nan)
-        self.defocus = defocus(optics, z)
-        self.blur = blur_sigmas(optics, z)
-        self.sharp = (
-            float(blur_sigmas(optics, optics.distance_mm)) if optics is not None else float(blur_sigmas(None, 1.0))
-        )
-        # the image of the unit circle in each feature's own plane, where it has one
-        self._first = np.flatnonzero(np.diff(places.feature, prepend=-1))
-        self.central = self._central()
         radius = np.where(places.is_circle, places.diameter / 2, 1.0)
         self.A = self.J[:, self.central] @ (places.axes * radius[:, None, None])
+
+    def _slant(self) -> None:
+        """Set from where the camera looks at the features."""
+        eye = self.viewpoint.camera_from_world.origin - self.t
+        self.eye = np.einsum("pji,pj->pi", self.R, eye)  # in the part frame
+        towards = self.eye[:, None] - self.places.centre
+        self.distance = np.linalg.norm(towards, axis=-1)
+        cosine = np.einsum("pfi,fi->pf", towards, self.places.normal) / self.distance
+        self.incidence = np.arccos(np.clip(cosine, -1, 1))
+
+    def _blur(self) -> None:
+        """Set how blurred the features are, by their depth."""
+        z = (self.viewpoint.camera_from_world @ self.world(self.places.centre))[..., 2]
+        z = np.where(z > 0, z, np.nan)
+        self.defocus, self.blur = defocus(self.optics, z), blur_sigmas(self.optics, z)
+        in_focus = 1.0 if self.optics is None else self.optics.distance_mm
+        self.sharp = float(blur_sigmas(self.optics, in_focus))
 
     def world(self, p: Array) -> Array:
         """Return part points (n, 3) in the world (P, n, 3)."""
@@ -201,6 +215,7 @@ class _Share:
 
 
 def _share_seen(view: _View, surroundings: Surroundings, seeing: Seeing) -> _Share:
+    """Return which places are visible; rays are cast only to those that may be, as that takes most of the time."""
     places = view.places
     inside = view.border >= seeing.border_px
     sighted = np.broadcast_to(places.sighted, inside.shape)
@@ -216,6 +231,7 @@ def _share_seen(view: _View, surroundings: Surroundings, seeing: Seeing) -> _Sha
 
 
 def _why(view: _View, share: _Share, seeing: Seeing) -> Codes:
+    """Return the first reason (P, F) by which a feature is not seen, in the order of `Why`."""
     places = view.places
     needed = np.where(places.is_edge | places.is_circle, seeing.share, 1.0)
     inside_needed = np.where(places.is_edge, seeing.share, 1.0)
@@ -232,7 +248,7 @@ def _why(view: _View, share: _Share, seeing: Seeing) -> Codes:
         (Why.OUTSIDE, share.inside < inside_needed - 1e-9),
     )
     why = np.zeros(share.seen.shape, np.int8)
-    for code, applies in tests:
+    for code, applies in tests:  # from the last reason to the first, which remains
         why[applies] = code
     return why
 
