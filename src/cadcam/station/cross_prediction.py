@@ -149,11 +149,13 @@ def plate_effect(one: PlaneCalibration, by_entry: Array, p: Array) -> Array:
 
 
 def _by_plate(one: PlaneCalibration) -> Array:
+    """Return the derivative of where a calibration sees the centre of its plate by the plate's points."""
     _, by_entry = one.by_entries(one.centre[None])
     return np.asarray(plate_effect(one, by_entry, one.centre[None] + one.position)[0])
 
 
 def _from_pixels(one: PlaneCalibration) -> Array:
+    """Return the covariance (2, 2) mm^2 of where a calibration sees the centre of its plate, by its pixels' noise."""
     _, by_entry = one.by_entries(one.centre[None])
     known = np.isfinite(one.estimate.noise_px)
     covariance = one.estimate.covariance if known else np.zeros((9, 9))
@@ -180,19 +182,19 @@ def _predicted(positions: Sequence[PlaneCalibration]) -> Array:
 
 def _scatter(one: PlaneCalibration) -> Array:
     """Return the variances (K, 2) of another plate picture's marks about their mean, as measured by this one."""
-    fit, plate = one.estimate, one.placement.plate
+    fit, plate, placement = one.estimate, one.placement.plate, one.placement
     noise = fit.noise_px if np.isfinite(fit.noise_px) else 0.0
-    back, by_entry = one.by_entries(fit.observations.p_world[:, :2])
+    p = fit.observations.p_world[:, :2]
+    back, by_entry = one.by_entries(p)
     K = len(back)
-    own = np.einsum("kl,kxy->kxly", np.eye(K), noise * back).reshape(K, 2, 2 * K)
+    # The effect (K, 2, ...) of each independent unit error, cause by cause, on the marks.
+    their_pixels = np.einsum("kl,kxy->kxly", np.eye(K), noise * back).reshape(K, 2, 2 * K)
     calibration = noise * by_entry @ _root(fit.cofactor)
     itself = np.einsum("kl,xy->kxly", np.eye(K), np.eye(2)).reshape(K, 2, 2 * K)
     made = plate.sigma_mm * (by_entry @ one.by_marks + itself)
-    placement = one.placement  # the plate's rotation is surveyed twice, once per picture
-    surveyed = (
-        np.sqrt(2.0) * placement.moves(fit.observations.p_world[:, :2] + one.position) @ _root(placement.covariance)
-    )
-    all_causes = np.concatenate([own, calibration, made, surveyed], axis=2)
+    # The plate's rotation is surveyed twice, once per picture.
+    surveyed = np.sqrt(2.0) * placement.moves(p + one.position) @ _root(placement.covariance)
+    all_causes = np.concatenate([their_pixels, calibration, made, surveyed], axis=2)
     return np.asarray(np.sum((all_causes - all_causes.mean(axis=0)) ** 2, axis=2))
 
 

@@ -28,7 +28,7 @@ from cadcam.station.plate import Plate, turn
 ROBOTS = {"1": (19000.0, 27500.0, 12800.0, 22300.0), "6": (4500.0, 13000.0, 12800.0, 22300.0)}
 ROBOTS |= {"7": (19000.0, 27500.0, 1600.0, 11100.0), "12": (4500.0, 13000.0, 1600.0, 11100.0)}
 SENSOR = Sensor(name="hall", noise=Noise(10_000.0, 60.0), gamma=Gamma(1 / 2.2), quantisation=Quantisation(8))
-"""The camera of the hall unless told otherwise: 40 dB at white, bent for the eye."""
+"""The camera of the hall by default: 40 dB at white, and a gamma of 1 / 2.2."""
 _WAVES = 4
 _DOWN = np.diag([-1.0, 1.0, -1.0])  # camera axes in the world: x to -x, y to +y, z down, as in Prog 4
 
@@ -89,13 +89,12 @@ class Gantry:
         s, t = (p[..., 0] - x0) / (x1 - x0), (p[..., 1] - y0) / (y1 - y0)
         phase = 2 * np.pi * (s[..., None] * self.waves[:, 0] + t[..., None] * self.waves[:, 1]) + self.waves[:, 2]
         twist = np.sin(phase) @ self.waves[:, 3:6]
-        sag = 16 * np.stack(
-            [(t * (1 - t)) ** 2, (s * (1 - s)) ** 2, 0 * s], axis=-1
-        )  # a load moving on a beam with two supports
+        # A load that moves on a beam with two supports bends it by (t (1 - t))^2 of the largest, here at most 1.
+        sag = 16 * np.stack([(t * (1 - t)) ** 2, (s * (1 - s)) ** 2, 0 * s], axis=-1)
         return np.asarray(twist + sag * np.append(self.bend, 0.0))
 
 
-def gantry(
+def random_gantry(
     name: str,
     *,
     area: tuple[float, float, float, float],
@@ -113,12 +112,13 @@ def gantry(
     shares = rng.normal(size=(_WAVES, 3)) * np.array([0.35, 0.35, 0.5])
     waves = np.column_stack([frequency, rng.uniform(0, 2 * np.pi, _WAVES), shares])
     tilt = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(-0.02, 0.02)])
-    raw = Gantry(name, area, 1.0, twist_rad, waves, rng.choice([-1.0, 1.0], 2) * rng.uniform(0.5, 1.0, 2), tilt)
+    bend = rng.choice([-1.0, 1.0], 2) * rng.uniform(0.5, 1.0, 2)
+    unscaled = Gantry(name, area, 1.0, twist_rad, waves, bend, tilt)
     x0, x1, y0, y1 = area
     x, y = np.meshgrid(np.linspace(x0, x1, 15), np.linspace(y0, y1, 15))
-    m = raw.deviation(np.stack([x, y], axis=-1)).reshape(-1, 2)
-    worst = float(np.linalg.norm(m[:, None] - m[None], axis=2).max())
-    return Gantry(name, area, deflection_mm / worst, twist_rad, waves, raw.bend, tilt)
+    deviation = unscaled.deviation(np.stack([x, y], axis=-1)).reshape(-1, 2)
+    worst = float(np.linalg.norm(deviation[:, None] - deviation[None], axis=2).max())
+    return replace(unscaled, deflection_mm=deflection_mm / worst)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -214,8 +214,9 @@ def make_hall(
 ) -> Hall:
     """Return a hall like B4: 768 x 576 pixels of about 1.3 x 1.2 mm, four robots on 8.5 x 9.5 m each.
 
-    deflection_mm: difference of the views' deviations between a gantry's two worst places. sensor: of its cameras.
-    Raises `UnknownName`, and `BadValue` for no robot, noise below 0, or a sensor that would change the pictures' size.
+    deflection_mm: difference of the views' deviations between a gantry's two worst places. plate_mm: standard deviation
+    of the plate's points as made. survey_mm, backlash_mm, vibration_mm, noise_px, sensor: as for `Hall`. Raises
+    `UnknownName`, and `BadValue` for no robot, noise below 0, or a sensor that would change the pictures' size.
     """
     if not robots:
         raise BadValue("robots of the hall", "none", f"at least one of {', '.join(ROBOTS)}")
@@ -226,6 +227,6 @@ def make_hall(
         raise BadValue("pixel_aspect of the hall's sensor", "given", "none: the camera's fx and fy hold it already")
     plate = Plate.b4(sigma_mm=plate_mm)
     made = plate.points + plate_mm * rng.normal(size=plate.points.shape)
-    gantries = {name: gantry(name, area=ROBOTS[name], deflection_mm=deflection_mm, rng=rng) for name in robots}
+    gantries = {name: random_gantry(name, area=ROBOTS[name], deflection_mm=deflection_mm, rng=rng) for name in robots}
     lens = camera or Camera.from_focal((768, 576), 4650.0, fy=5070.0)
     return Hall(gantries, lens, plate, made, survey_mm, backlash_mm, vibration_mm, noise_px, sensor)

@@ -65,7 +65,7 @@ def measure_marks(
         own = [i for i, s in enumerate(sightings) if s.camera == camera]
         index += own
         seen = [sightings[i] for i in own]
-        parts.append(_measured(known[camera], seen, _Choice(rule, extrapolate, near_mm)))
+        parts.append(_measured(known[camera], seen, _Interpolation(rule, extrapolate, near_mm)))
     return _joined(parts, index, sightings, rule)
 
 
@@ -73,7 +73,7 @@ def estimates(
     station: GantryCalibration, sighting: Sighting, *, rule: Rule = "smooth", extrapolate: bool = False
 ) -> tuple[PointEstimate, ...]:
     """Return each calibration's estimate of a sighting and its weight, largest first, as Prog 6 lists them."""
-    W = _weights(station, [sighting], _Choice(rule, extrapolate, NEAR_MM))[:, 0]
+    W = _weights(station, [sighting], _Interpolation(rule, extrapolate, NEAR_MM))[:, 0]
     order = np.argsort(-np.abs(W).sum(axis=0))
     return tuple(
         PointEstimate(
@@ -104,7 +104,9 @@ def repeatability(station: GantryCalibration, sightings: Iterable[Sighting]) -> 
 
 
 @dataclass(frozen=True, slots=True)
-class _Choice:
+class _Interpolation:
+    """How calibrations are weighted: by which rule, whether beyond their positions, and how near is near (mm)."""
+
     rule: Rule
     extrapolate: bool
     near_mm: float
@@ -119,12 +121,12 @@ class _CameraPoints:
     effects: list[tuple[ErrorSource, Array]]
 
 
-def _measured(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> _CameraPoints:
+def _measured(station: GantryCalibration, seen: Sequence[Sighting], how: _Interpolation) -> _CameraPoints:
     """Return the camera's points, with the error at the re-calibration's mark subtracted."""
     if station.recalibration is None:
-        return _raw(station, seen, choice)
+        return _raw(station, seen, how)
     mark = station.recalibration
-    raw = _raw(station, [mark.sighting, *seen], choice)
+    raw = _raw(station, [mark.sighting, *seen], how)
     effects = [(source, E[1:] - E[:1]) for source, E in raw.effects]
     pixels = ErrorSource(KNOWN_MARK, raw.pixels[0], mark.sighting)
     place = ErrorSource(KNOWN_MARK, mark.sigma_mm**2 * np.eye(2), mark)
@@ -134,8 +136,9 @@ def _measured(station: GantryCalibration, seen: Sequence[Sighting], choice: _Cho
     )
 
 
-def _raw(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> _CameraPoints:
-    W = _weights(station, seen, choice)
+def _raw(station: GantryCalibration, seen: Sequence[Sighting], how: _Interpolation) -> _CameraPoints:
+    """Return the camera's points as its calibrations have them: the weighted means of their estimates."""
+    W = _weights(station, seen, how)
     n, q, at = len(seen), np.stack([s.q for s in seen]), np.stack([s.position for s in seen])
     points, by_pixel = np.zeros((n, 2)), np.zeros((n, 2, 2))
     effects: list[tuple[ErrorSource, Array]] = []
@@ -208,26 +211,48 @@ def _of_gantry(station: GantryCalibration, at: Array, W: Array) -> list[tuple[Er
     return out
 
 
-def _weights(station: GantryCalibration, seen: Sequence[Sighting], choice: _Choice) -> Array:
+def _weights(station: GantryCalibration, seen: Sequence[Sighting], how: _Interpolation) -> Array:
     """Return the weights (2, n, N), for x and y, of the calibrations in each sighting."""
     grid, at = station.grid, np.stack([s.position for s in seen])
-    if choice.rule == "smooth":
+    if how.rule == "smooth":
         for place in at:
-            check_inside(grid, place, extrapolate=choice.extrapolate, near_mm=choice.near_mm)
+            check_inside(grid, place, extrapolate=how.extrapolate, near_mm=how.near_mm)
         return station.field.weights(at)
-    near, beyond = choice.near_mm, choice.extrapolate
-    each = np.stack([weights(grid, place, choice.rule, extrapolate=beyond, near_mm=near) for place in at])
+    near, beyond = how.near_mm, how.extrapolate
+    each = np.stack([weights(grid, place, how.rule, extrapolate=beyond, near_mm=near) for place in at])
     return np.stack([each, each])
 
 
 def _joined(
     parts: Sequence[_CameraPoints], index: Sequence[int], sightings: Sequence[Sighting], rule: Rule
 ) -> Measurement:
-    """Return all cameras' points in the order of the sightings, sources of one owner combined."""
+    """Return all cameras' points in the order of the sightings; index: the sighting of each point, part by part."""
     n = len(sightings)
     points, pixels = np.zeros((n, 3)), np.zeros((n, 3, 3))
     points[list(index), :2] = np.concatenate([part.points for part in parts])
     pixels[list(index), :2, :2] = np.concatenate([part.pixels for part in parts])
+    nothing = np.full(n, np.nan)
+    return Measurement(
+        names=tuple(s.name for s in sightings),
+        points=points,
+        noise=(PixelNoise(pixels),),
+        effects=_merged_effects(parts, index),
+        seen_by=tuple((s.camera,) for s in sightings),
+        chi2=np.zeros(n),
+        dof=np.zeros(n, dtype=np.int32),
+        gap=nothing,
+        gap_sigma=nothing,
+        angle=nothing,
+        method=f"gantry, {rule}",
+    )
+
+
+def _merged_effects(parts: Sequence[_CameraPoints], index: Sequence[int]) -> tuple[tuple[ErrorSource, Array], ...]:
+    """Return the effects (n, 3, k) of every error source on all n points, those of one owner added up.
+
+    Cameras may share a source: a plate is the same whichever station file it was read from.
+    """
+    n = len(index)
     merged: dict[int | bytes, tuple[ErrorSource, Array]] = {}
     first = 0
     for part in parts:
@@ -239,17 +264,4 @@ def _joined(
             key = source.owner.key if isinstance(source.owner, Plate) else id(source.owner)
             before = merged.get(key)
             merged[key] = (source, whole if before is None else before[1] + whole)
-    nothing = np.full(n, np.nan)
-    return Measurement(
-        names=tuple(s.name for s in sightings),
-        points=points,
-        noise=(PixelNoise(pixels),),
-        effects=tuple(merged.values()),
-        seen_by=tuple((s.camera,) for s in sightings),
-        chi2=np.zeros(n),
-        dof=np.zeros(n, dtype=np.int32),
-        gap=nothing,
-        gap_sigma=nothing,
-        angle=nothing,
-        method=f"gantry, {rule}",
-    )
+    return tuple(merged.values())

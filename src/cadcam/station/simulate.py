@@ -134,13 +134,13 @@ def day(hall: Hall, rng: np.random.Generator, *, marks: int) -> Day:
 def distances(
     stations: Mapping[str, GantryCalibration], work: Day, *, rule: Rule = "smooth", longest_mm: float = 30_000.0
 ) -> DistanceErrors:
-    """Return the distances between each two marks of a day's work, up to a length, with the true ones.
+    """Return the distances between the marks of a day's work, two by two in their order, with the true ones.
 
-    Raises `TooFewPoints` where all are longer.
+    Those longer than `longest_mm` are left out. Raises `TooFewPoints` where all are.
     """
     measured = measure_marks(stations, work.sightings, rule=rule)
     rows = []
-    for i in range(0, len(work.points) - 1, 2):
+    for i in range(0, len(work.points) - 1, 2):  # no mark is in two distances: their errors are nearly independent
         true = float(np.linalg.norm(work.points[i + 1] - work.points[i]))
         if 0 < true <= longest_mm:
             found = measured.distance(work.sightings[i].name, work.sightings[i + 1].name)
@@ -191,6 +191,7 @@ def _pictured(
 
 
 def _lens(hall: Hall) -> Camera | None:
+    """Return the camera whose distortion is to be removed; None if it has none."""
     return None if isinstance(hall.camera.lens, Ideal) else hall.camera
 
 
