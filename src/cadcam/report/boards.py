@@ -72,29 +72,14 @@ def _board_notes(calibration: BoardCalibration) -> list[str]:
 
 def pictures_table(calibration: BoardCalibration) -> Table:
     """Return the outcome for each picture."""
-    estimate = calibration.estimate
-    each, tilt, distance = estimate.view_residuals, calibration.tilt_deg, calibration.distance_mm
     view = {i: j for j, i in enumerate(calibration.used)}
     rows = []
     for i, picture in enumerate(calibration.pictures):
         name = Path(picture.name).name
-        if i not in view:
+        if i in view:
+            rows.append((name, *_used_cells(calibration, view[i])))
+        else:
             rows.append((name, "", "", "", "", "", f"LEFT OUT: {calibration.left_out.get(i, picture.problem)}"))
-            continue
-        j = view[i]
-        found = calibration.detection(j)
-        dropped = f", {calibration.dropped[j]} strays left out" if calibration.dropped[j] else ""
-        rows.append(
-            (
-                name,
-                f"{len(estimate.views[j])}/{len(calibration.pattern.cells)}",
-                f"{each[j]:.3f}",
-                f"{found.sigma_px * np.sqrt(2):.3f}",
-                f"{distance[j]:.4g}",
-                f"{tilt[j]:.0f}",
-                found.detector + dropped,
-            )
-        )
     return Table(
         "Pictures",
         ("picture", "points", "residual px", "fit says px", "distance mm", "tilt deg", "found by"),
@@ -106,6 +91,19 @@ def pictures_table(calibration: BoardCalibration) -> Table:
             "left out by rule: points beyond six robust sigmas and 0.3 px; pictures whose residual is twice the median "
             "and more than chance allows (1 in 1000); --keep-all keeps them",
         ),
+    )
+
+
+def _used_cells(calibration: BoardCalibration, view: int) -> tuple[str, ...]:
+    """Return the cells of a picture that the calibration uses, after its name; view: its number among these."""
+    estimate, found, strays = calibration.estimate, calibration.detection(view), calibration.dropped[view]
+    return (
+        f"{len(estimate.views[view])}/{len(calibration.pattern.cells)}",
+        f"{estimate.view_residuals[view]:.3f}",
+        f"{found.sigma_px * np.sqrt(2):.3f}",
+        f"{calibration.distance_mm[view]:.4g}",
+        f"{calibration.tilt_deg[view]:.0f}",
+        found.detector + (f", {strays} strays left out" if strays else ""),
     )
 
 

@@ -114,19 +114,13 @@ def write_correlations(path: str | os.PathLike[str], names: Sequence[str], matri
 def write_map(path: str | os.PathLike[str], m: ProjectionMap) -> None:
     """Write sigma over the picture with contours, colour scale and the calibration's points."""
     width, height = np.ptp(m.x), np.ptp(m.y)
+    finite = m.sigma[np.isfinite(m.sigma)]
+    # values far outside the points would leave a single colour for the region of interest
+    top = float(min(finite.max(), 8 * np.median(finite)))
     with figure(6.4, 6.4 * height / width * 0.84 + 0.7) as drawn:
-        from matplotlib.patheffects import withStroke
-
         ax = drawn.subplots()
-        finite = m.sigma[np.isfinite(m.sigma)]
-        # values far outside the points would leave a single colour for the region of interest
-        top = float(min(finite.max(), 8 * np.median(finite)))
         picture = ax.pcolormesh(m.x, m.y, m.sigma, cmap="viridis", vmin=0, vmax=top, shading="gouraud", rasterized=True)
-        levels = _round_levels(float(finite.min()), top)
-        lines = ax.contour(m.x, m.y, m.sigma, levels=levels, colors="white", linewidths=0.9)
-        outline = withStroke(linewidth=2.2, foreground=INK)
-        for label in ax.clabel(lines, fontsize=8.5, fmt=lambda v: f"{v:g}"):
-            label.set(path_effects=[outline], zorder=5)
+        _contours(ax, m, _round_levels(float(finite.min()), top))
         ax.plot(*m.q.T, "+", color="#ffffff", mew=2.6, ms=8)
         ax.plot(*m.q.T, "+", color=ORANGE, mew=1.2, ms=7, label="points of the calibration")
         ax.set(xlim=(m.x[0], m.x[-1]), ylim=(m.y[-1], m.y[0]), aspect="equal", xlabel="x, px", ylabel="y, px")
@@ -137,6 +131,16 @@ def write_map(path: str | os.PathLike[str], m: ProjectionMap) -> None:
         )
         drawn.legend(loc="outside lower center", handletextpad=0.3)
         write_figure(path, drawn)
+
+
+def _contours(ax: Axes, m: ProjectionMap, levels: Array) -> None:
+    """Draw labelled lines of equal sigma, legible on any colour."""
+    from matplotlib.patheffects import withStroke
+
+    lines = ax.contour(m.x, m.y, m.sigma, levels=levels, colors="white", linewidths=0.9)
+    outline = withStroke(linewidth=2.2, foreground=INK)
+    for label in ax.clabel(lines, fontsize=8.5, fmt=lambda v: f"{v:g}"):
+        label.set(path_effects=[outline], zorder=5)
 
 
 def _distribution(ax: Axes, name: str, studies: Mapping[str, Variability], first: FirstOrder) -> None:

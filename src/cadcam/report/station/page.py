@@ -26,6 +26,10 @@ h1{font-size:1.5rem}.wide{overflow-x:auto}
 table{width:auto}th,td{text-align:right;padding:4px 12px 4px 0}.left{text-align:left}
 .wide .left:first-child{position:sticky;left:0;background:#fff}
 """
+_ARROW_HEAD = (
+    '<defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="6" markerHeight="6" orient="auto">'
+    '<path d="M0 0L6 3L0 6z" fill="#0072b2"/></marker></defs>'
+)
 _WIDTH, _HEIGHT, _MARGIN = 900.0, 620.0, 60.0  # px; upper limits
 _LATEST = 500  # entries of a log that a page shows
 _SIGMAS = 10.0  # magnification of the ellipses of uncertainty relative to the arrows
@@ -70,25 +74,20 @@ def arrows(maps: Mapping[str, DeviationMap]) -> str:
     places = np.concatenate([m.positions for m in maps.values()])
     low, high = places.min(axis=0), places.max(axis=0)
     extent = np.maximum(high - low, 1.0)
-    px = float(min((_WIDTH - 2 * _MARGIN) / extent[0], _HEIGHT / extent[1]))
-    width = px * float(extent[0]) + 2 * _MARGIN
-    height = px * float(extent[1]) + 2 * _MARGIN
+    px = float(min((_WIDTH - 2 * _MARGIN) / extent[0], _HEIGHT / extent[1]))  # px per mm of the floor
+    width, height = (px * float(side) + 2 * _MARGIN for side in extent)
     most = max(float(np.linalg.norm(m.deviation, axis=1).max()) for m in maps.values()) or 1.0
     gain = min(0.6 * px * min(_spacing(m.positions) for m in maps.values()), _MARGIN) / most  # px per mm of deviation
-    body = [
-        '<defs><marker id="tip" viewBox="0 0 6 6" refX="5" refY="3" markerWidth="6" markerHeight="6" orient="auto">'
-    ]
-    body.append('<path d="M0 0L6 3L0 6z" fill="#0072b2"/></marker></defs>')
-    over, names = [], []  # arrows may leave their area: names are drawn above all of them
+    areas, drawn, names = [], [], []
     for name, seen in maps.items():
         q = np.column_stack([(seen.positions[:, 0] - low[0]) * px, (high[1] - seen.positions[:, 1]) * px]) + _MARGIN
-        body.append(_area(q))
+        areas.append(_area(q))
         names.append(_name(q, gain * seen.deviation * (1, -1), name))
-        over += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
-    body += [*over, *names]
+        drawn += [_arrow(*row, gain) for row in zip(q, seen.deviation, seen.sigma, seen.positions, strict=True)]
+    body = "".join([_ARROW_HEAD, *areas, *drawn, *names])  # arrows may leave their area; names are above all of them
     label = "deviations of the mechanics as arrows on the floor plan"
     shape = f'viewBox="0 0 {width:.0f} {height:.0f}" style="max-width:{width:.0f}px"'
-    return f'<svg {shape} role="img" aria-label="{label}">{"".join(body)}</svg>'
+    return f'<svg {shape} role="img" aria-label="{label}">{body}</svg>'
 
 
 def _spacing(positions: Array) -> float:
