@@ -31,7 +31,7 @@ from cadcam.camera.camera import Camera
 from cadcam.dataset.make import make_dataset
 from cadcam.dataset.plan import DatasetPlan, Span
 from cadcam.dataset.processes import cores
-from cadcam.dataset.shot import Director, Shot
+from cadcam.dataset.shot import Shot, ShotSampler
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Channel, Scene
 from render_peers import NO_EDGES, peer
@@ -46,8 +46,8 @@ def plan_of(views: int, fill: Span) -> DatasetPlan:
 
 
 def shots(count: int, start: int, fill: Span) -> list[Shot]:
-    director = Director(plan_of(10**6, fill), Scene.of(ship_block(triangles=TRIANGLES), edges=NO_EDGES), ())
-    return [director.shot(start + index) for index in range(count)]
+    sampler = ShotSampler(plan_of(10**6, fill), Scene.of(ship_block(triangles=TRIANGLES), edges=NO_EDGES), ())
+    return [sampler.shot(start + index) for index in range(count)]
 
 
 def rendered(name: str, views: list[Shot]) -> Rate:

@@ -13,8 +13,8 @@ from cadcam.camera.camera import Camera
 from cadcam.dataset.key_points import corners
 from cadcam.dataset.plan import NOISE, PLAIN, DatasetPlan, Occluders, middle_and_radius
 from cadcam.dataset.props import props_of
-from cadcam.dataset.shot import Director
-from cadcam.dataset.studio import Stage, Studio
+from cadcam.dataset.shot import ShotSampler
+from cadcam.dataset.view_renderer import ViewInputs, ViewRenderer
 from cadcam.render.lines.seen import drawable_edges
 from cadcam.render.view import Scene
 
@@ -33,15 +33,15 @@ def plan(views: int = 8, **changed: Any) -> DatasetPlan:
     return DatasetPlan(**({"views": views, "camera": CAMERA} | how | changed))
 
 
-def stage_and_director(of: DatasetPlan, part: Scene | None = None) -> tuple[Stage, Director]:
+def inputs_and_sampler(of: DatasetPlan, part: Scene | None = None) -> tuple[ViewInputs, ShotSampler]:
     part = part or scene()
     props = props_of(of.occluders, 2 * middle_and_radius(part.mesh)[1], of.seed)
     points = corners(part)[1] if of.key_points is None else of.key_points
-    return Stage(part, props, points, of.sensor, of.gray, 0.05), Director(of, part, props)
+    return ViewInputs(part, props, points, of.sensor, of.gray, 0.05), ShotSampler(of, part, props)
 
 
-def studio_of(stage: Stage) -> Studio:
-    return Studio(stage, drawable_edges(stage.scene))
+def renderer_of(inputs: ViewInputs) -> ViewRenderer:
+    return ViewRenderer(inputs, drawable_edges(inputs.scene))
 
 
 def contents(folder: Path) -> dict[str, bytes]:

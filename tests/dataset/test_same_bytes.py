@@ -26,7 +26,7 @@ from cadcam.image.picture import read_picture, write_picture
 from cadcam.render.lines.seen import drawable_edges
 from cadcam.render.view import Scene
 
-from .sets import contents, plan, same, scene, stage_and_director
+from .sets import contents, inputs_and_sampler, plan, same, scene
 
 HERE = Path(__file__).parent
 RUN = "import sys; sys.path.insert(0, {here!r}); from sets import *; from cadcam.dataset.make import make_dataset; "
@@ -122,10 +122,10 @@ def test_a_view_that_kills_every_worker_is_named(tmp_path: Path, monkeypatch: py
 def test_a_mistake_of_ours_in_a_worker_is_told_with_its_traceback(tmp_path: Path) -> None:
     """It is no error of the caller's: the command line prints it as a bug."""
     broken = plan(1, sensor="no sensor")
-    stage, director = stage_and_director(broken)
-    job = Job(stage, drawable_edges(stage.scene), DatasetFiles("train", "rgb"))
+    inputs, sampler = inputs_and_sampler(broken)
+    job = Job(inputs, drawable_edges(inputs.scene), DatasetFiles("train", "rgb"))
     with pytest.raises(RuntimeError, match=r"in a worker:\nTraceback(.|\n)*has no attribute 'apply'"):
-        list(processes.on_processes(lambda: job, [Task(director.shot(0))], 1))
+        list(processes.on_processes(lambda: job, [Task(sampler.shot(0))], 1))
 
 
 def test_a_full_disk_is_one_error_and_the_run_goes_on_when_there_is_room(

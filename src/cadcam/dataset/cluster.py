@@ -10,9 +10,13 @@ import threading
 from collections.abc import Iterable, Iterator
 from importlib.util import find_spec
 from itertools import islice
+from typing import TYPE_CHECKING
 
 from cadcam.dataset.worker import Answer, Files, Job, Maker, Task, files_in
 from cadcam.errors import MissingExtra, UnreachableCluster, WorkerDied
+
+if TYPE_CHECKING:
+    from distributed import Client
 
 _AHEAD = 4  # views in progress or waiting, per thread of the cluster
 _PATIENCE_S = 20
@@ -31,18 +35,9 @@ def on_cluster(job: Job, tasks: Iterable[Task], address: str) -> Iterator[Files]
     Raises `MissingExtra` without Dask, `UnreachableCluster`, `WorkerDied`, and the error that a task ended with.
     """
     require_dask()
-    from distributed import Client, KilledWorker, as_completed
-    from distributed.comm import get_address_host_port
+    from distributed import KilledWorker, as_completed
 
-    try:  # before there is a client, which cannot be closed without an address
-        get_address_host_port(address, strict=True)
-    except ValueError as error:
-        raise UnreachableCluster(address, str(error)) from None
-
-    try:
-        client = Client(address, timeout=_PATIENCE_S, set_as_default=False)
-    except (OSError, ValueError) as error:
-        raise UnreachableCluster(address, str(error) or type(error).__name__) from None
+    client = _connected(address)
     with client, client.as_current():
         threads = sum(client.nthreads().values())
         if not threads:
@@ -58,6 +53,21 @@ def on_cluster(job: Job, tasks: Iterable[Task], address: str) -> Iterator[Files]
             yield files_in(answer)
             for more in islice(work, 1):
                 running.add(more)
+
+
+def _connected(address: str) -> Client:
+    """Return a client of the scheduler at an address. Raises `UnreachableCluster`."""
+    from distributed import Client
+    from distributed.comm import get_address_host_port
+
+    try:  # before there is a client, which cannot be closed without an address
+        get_address_host_port(address, strict=True)
+    except ValueError as error:
+        raise UnreachableCluster(address, str(error)) from None
+    try:
+        return Client(address, timeout=_PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UnreachableCluster(address, str(error) or type(error).__name__) from None
 
 
 def _answer(job: Job, task: Task) -> Answer:

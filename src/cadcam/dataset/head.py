@@ -12,7 +12,7 @@ import cadcam
 from cadcam.cad.mesh import Mesh
 from cadcam.dataset.layout import DATASET, OBJECT, DatasetFiles
 from cadcam.dataset.plan import DatasetPlan
-from cadcam.dataset.studio import Stage
+from cadcam.dataset.view_renderer import ViewInputs
 from cadcam.errors import BadValue, UnreadableFile
 from cadcam.files.camera import bare_camera_as_json
 from cadcam.files.jsontext import as_json, shortened
@@ -26,10 +26,10 @@ _WORDS = {"part.sha256": "part or unit", "part.name": "part", "plan.poses_sha256
 
 
 def head_of(
-    plan: DatasetPlan, stage: Stage, layout: DatasetFiles, *, name: str, key_point_names: tuple[str, ...]
+    plan: DatasetPlan, inputs: ViewInputs, layout: DatasetFiles, *, name: str, key_point_names: tuple[str, ...]
 ) -> dict[str, Any]:
     """Return the document that `dataset.json` holds."""
-    mesh = stage.scene.mesh
+    mesh = inputs.scene.mesh
     return {
         "format": FORMAT,
         "version": VERSION,
@@ -37,10 +37,10 @@ def head_of(
         "views": plan.views,
         "split": layout.split,
         "part": {"obj_id": OBJECT, "name": name, "sha256": _hash(mesh), "parts": list(mesh.part_names)},
-        "key_points": {"names": list(key_point_names), "p_mm": stage.key_points.tolist()},
+        "key_points": {"names": list(key_point_names), "p_mm": inputs.key_points.tolist()},
         "plan": _plan(plan),
-        "depth_scale": stage.depth_step,
-        "props": [{"name": prop.name, "sha256": _hash(prop.scene.mesh)} for prop in stage.props],
+        "depth_scale": inputs.depth_step,
+        "props": [{"name": prop.name, "sha256": _hash(prop.scene.mesh)} for prop in inputs.props],
     }
 
 

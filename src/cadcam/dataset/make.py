@@ -24,8 +24,8 @@ from cadcam.dataset.processes import cores, on_processes
 from cadcam.dataset.props import props_of
 from cadcam.dataset.record import DEEPEST
 from cadcam.dataset.sheet import contact_sheet
-from cadcam.dataset.shot import Director
-from cadcam.dataset.studio import Stage
+from cadcam.dataset.shot import ShotSampler
+from cadcam.dataset.view_renderer import ViewInputs
 from cadcam.dataset.worker import Files, Job, Task
 from cadcam.errors import BadValue, MissingCore, UnreadableFile
 from cadcam.files.jsontext import as_json
@@ -81,15 +81,15 @@ def make_dataset(
     _check_makers(workers, cluster)
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
     props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
-    director = Director(plan, scene, props)
-    stage = Stage(scene, props, points, plan.sensor, plan.gray, _depth_step(director.farthest()))
-    begin(folder, head_of(plan, stage, layout, name=name, key_point_names=names))
+    sampler = ShotSampler(plan, scene, props)
+    inputs = ViewInputs(scene, props, points, plan.sensor, plan.gray, _depth_step(sampler.farthest()))
+    begin(folder, head_of(plan, inputs, layout, name=name, key_point_names=names))
     write_model_files(folder, scene)
-    write_whole(folder / CAMERA, _bop_camera(plan.camera, stage))
+    write_whole(folder / CAMERA, _bop_camera(plan.camera, inputs))
     todo = missing(folder, layout, plan.views)
     if on_start:
         on_start(len(todo), plan.views - len(todo))
-    with closing(_made(stage, layout, director, todo, workers or cores(), cluster)) as made:
+    with closing(_made(inputs, layout, sampler, todo, workers or cores(), cluster)) as made:
         for files in made:
             for path, content in files.items():
                 write_whole(f"{folder}/{path}", content)
@@ -97,7 +97,7 @@ def make_dataset(
                 on_view()
     visible = assemble(folder, layout, plan.views, name=name, key_points=names)
     write_whole(folder / CONTACT, contact_sheet(folder, layout, plan.views))
-    return Made(folder, layout, len(todo), tuple(visible), stage.depth_step)
+    return Made(folder, layout, len(todo), tuple(visible), inputs.depth_step)
 
 
 def _check_makers(workers: int | None, cluster: str | None) -> None:
@@ -136,23 +136,23 @@ def _swept(folder: Path) -> Iterator[str]:
 
 
 def _made(
-    stage: Stage, layout: DatasetFiles, director: Director, todo: list[int], workers: int, cluster: str | None
+    inputs: ViewInputs, layout: DatasetFiles, sampler: ShotSampler, todo: list[int], workers: int, cluster: str | None
 ) -> Generator[Files, None, None]:
     """Yield the files of views as they arrive."""
 
     def job() -> Job:
-        return Job(stage, drawable_edges(stage.scene), layout)
+        return Job(inputs, drawable_edges(inputs.scene), layout)
 
-    tasks = _tasks(director, todo)
+    tasks = _tasks(sampler, todo)
     if todo and cluster:
         yield from on_cluster(job(), tasks, cluster)
     elif todo:
         yield from on_processes(job, tasks, min(workers, len(todo)))
 
 
-def _tasks(director: Director, todo: Iterable[int]) -> Iterator[Task]:
+def _tasks(sampler: ShotSampler, todo: Iterable[int]) -> Iterator[Task]:
     left = iter(todo)
-    while some := [director.shot(index) for index in islice(left, _TOGETHER)]:
+    while some := [sampler.shot(index) for index in islice(left, _TOGETHER)]:
         for shot in some:
             yield Task(shot, _content(shot.backdrop.kind) if isinstance(shot.backdrop.kind, Path) else None)
 
@@ -175,7 +175,7 @@ def _depth_step(farthest: float) -> float:
     return next((step for step in _STEPS_MM if farthest / step <= DEEPEST), _STEPS_MM[-1])
 
 
-def _bop_camera(camera: Camera, stage: Stage) -> bytes:
+def _bop_camera(camera: Camera, inputs: ViewInputs) -> bytes:
     cx, cy = camera.principal_point.tolist()
-    values = {"cx": cx, "cy": cy, "depth_scale": stage.depth_step, "fx": camera.fx, "fy": camera.fy}
+    values = {"cx": cx, "cy": cy, "depth_scale": inputs.depth_step, "fx": camera.fx, "fy": camera.fy}
     return as_json(values | {"height": camera.height, "width": camera.width})

@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.arrays import Picture
 from cadcam.dataset.assembly import read_record
 from cadcam.dataset.layout import DatasetFiles
-from cadcam.dataset.studio import VISIBLE
+from cadcam.dataset.view_renderer import VISIBLE
 from cadcam.image.draw import draw_points, draw_polylines, draw_text
 from cadcam.image.picture import read_picture, to_rgb
 from cadcam.image.png import packed

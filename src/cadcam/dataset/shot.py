@@ -55,8 +55,8 @@ class Shot:
     sensor_seed: int
 
 
-class Director:
-    """Draws the shots of a plan: what does not depend on the view is computed once."""
+class ShotSampler:
+    """Draws the random shots of a plan; what does not depend on the view is computed once."""
 
     def __init__(self, plan: DatasetPlan, scene: Scene, props: tuple[Prop, ...]) -> None:
         self.plan, self.props = plan, props

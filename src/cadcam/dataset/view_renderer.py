@@ -1,4 +1,4 @@
-"""Makes the views: from a shot to the picture and all of its labels, as arrays; one studio per worker."""
+"""Renders and labels the views: from a shot to the picture and all of its labels, as arrays."""
 
 from __future__ import annotations
 
@@ -30,8 +30,12 @@ ABSENT, HIDDEN, VISIBLE = 0, 1, 2  # COCO's words for key points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Stage:
-    """The common data of all views of a data set; depth_step: mm per step of the depth files."""
+class ViewInputs:
+    """What all views of a data set are made from, beside their shots.
+
+    props: what may hide the part; key_points (K, 3) mm in the part frame; gray: whether pictures are grey; depth_step:
+    mm per step of the depth files.
+    """
 
     scene: Scene
     props: tuple[Prop, ...]
@@ -42,7 +46,7 @@ class Stage:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Take:
+class LabelledView:
     """A view and its labels, all at pixel centres, occluders included in all but `mask` and `silhouette`.
 
     picture: uint8 (H, W) or (H, W, 3). depth (H, W) mm, inf behind everything; normal (H, W, 3) in the camera frame.
@@ -68,38 +72,57 @@ class Take:
     seen: Ids
 
 
-class Studio:
-    """Renders and labels the shots of one stage; one thread at a time. edges: the scene's, prepared for all views."""
+class ViewRenderer:
+    """Renders and labels shots; each worker has one. edges: the scene's, prepared for all views."""
 
-    def __init__(self, stage: Stage, edges: Drawable) -> None:
-        self.stage = stage
-        self._part = RasterRenderer(stage.scene, threads=1, backs=False, solid=edges.solid)
+    def __init__(self, inputs: ViewInputs, edges: Drawable) -> None:
+        self.inputs = inputs
+        self._part = RasterRenderer(inputs.scene, threads=1, backs=False, solid=edges.solid)
         self._props: dict[int, RasterRenderer] = {}
-        self._edges = SeenEdges(stage.scene, edges)
-        self._tolerance = COINCIDENT_SHARE * 2 * middle_and_radius(stage.scene.mesh)[1]
+        self._edges = SeenEdges(inputs.scene, edges)
+        self._tolerance = COINCIDENT_SHARE * 2 * middle_and_radius(inputs.scene.mesh)[1]
 
-    def take(self, shot: Shot, photo: bytes | None = None) -> Take:
+    def view(self, shot: Shot, photo: bytes | None = None) -> LabelledView:
         """Return the labelled view of a shot; `photo`: content of the background's file, where it is one."""
-        quick = shot.backdrop.kind == PLAIN and not shot.occluders and self.stage.sensor is None and not self.stage.gray
+        quick = self._is_plain(shot)
         color = Channel.RGB if quick else Channel.IMAGE
         look = shot.look if quick else replace(shot.look, background=(0.0, 0.0, 0.0))
         part = self._part.render(shot.camera, shot.camera_from_part, channels=_GEOMETRY | color, look=look)
         before = [self._prop(placed.prop, shot.camera, placed.camera_from_occluder, look) for placed in shot.occluders]
-        view = _in_front([part, *before])
+        nearest = _in_front([part, *before])
         mask = part.depth < np.inf
-        visible = mask & (view.depth == part.depth) if before else mask
-        p = shot.camera_from_part @ self.stage.key_points
-        q = shot.camera.project(p)
-        picture = part.rgb if quick else self._developed(shot, part, before, photo)
+        visible = mask & (nearest.depth == part.depth) if before else mask
         count, box = mask_region(mask)
-        shown = mask_region(visible) if before else (count, box)
-        whole = (count, box) if count and _within(box, mask) else self._silhouette(shot)
-        edges, seen = self._edges.draw(view), self._seen(view, p, q)
-        return Take(shot, picture, view.depth, view.normal, mask, count, visible, *shown, *whole, edges, q, seen)
+        visible_count, visible_box = mask_region(visible) if before else (count, box)
+        whole_count, whole_box = (count, box) if count and _within(box, mask) else self._silhouette(shot)
+        p = shot.camera_from_part @ self.inputs.key_points
+        q = shot.camera.project(p)
+        return LabelledView(
+            shot=shot,
+            picture=part.rgb if quick else self._developed(shot, part, before, photo),
+            depth=nearest.depth,
+            normal=nearest.normal,
+            mask=mask,
+            count=count,
+            visible=visible,
+            visible_count=visible_count,
+            visible_box=visible_box,
+            whole_count=whole_count,
+            whole_box=whole_box,
+            edges=self._edges.draw(nearest),
+            q=q,
+            seen=self._seen(nearest, p, q),
+        )
+
+    def _is_plain(self, shot: Shot) -> bool:
+        """Return whether the renderer's own bytes are the picture: nothing is laid behind or before the part."""
+        plain = shot.backdrop.kind == PLAIN and not shot.occluders
+        return plain and self.inputs.sensor is None and not self.inputs.gray
 
     def _prop(self, number: int, camera: Camera, pose: Rigid, look: Look) -> View:
+        """Return the rendering of a prop in its place; its renderer is made when it is needed first."""
         if number not in self._props:
-            self._props[number] = RasterRenderer(self.stage.props[number].scene, threads=1, backs=False)
+            self._props[number] = RasterRenderer(self.inputs.props[number].scene, threads=1, backs=False)
         return self._props[number].render(camera, pose, channels=_GEOMETRY | Channel.IMAGE, look=look)
 
     def _developed(self, shot: Shot, part: View, before: list[View], photo: bytes | None) -> npt.NDArray[np.uint8]:
@@ -107,10 +130,10 @@ class Studio:
         image = backdrop_picture(shot.backdrop, shot.camera.size, photo)
         for layer in (part, *reversed(before)):  # rendered over black: colours are premultiplied by coverage
             image = image * (1 - layer.coverage[..., None]) + layer.image
-        if self.stage.gray:
+        if self.inputs.gray:
             image = to_gray(image)
-        if self.stage.sensor is not None:
-            image = self.stage.sensor.apply(image, rng=np.random.default_rng(shot.sensor_seed))
+        if self.inputs.sensor is not None:
+            image = self.inputs.sensor.apply(image, rng=np.random.default_rng(shot.sensor_seed))
         return (np.clip(image, 0, 1) * np.float32(255) + np.float32(0.5)).astype(np.uint8)
 
     def _seen(self, view: View, p: Array, q: Array) -> Ids:
@@ -118,7 +141,7 @@ class Studio:
         eye, shown = view.camera_from_world.origin, np.flatnonzero(seen_points(view, p, q))
         inside = view.camera.sees(q)
         seen = np.where(inside, HIDDEN, ABSENT).astype(np.int32)
-        hidden = self._part.hides(self.stage.key_points[shown], eye, tolerance=self._tolerance)
+        hidden = self._part.hides(self.inputs.key_points[shown], eye, tolerance=self._tolerance)
         seen[shown[~hidden]] = VISIBLE
         return seen
 
@@ -136,7 +159,7 @@ class Studio:
         """Return left, top, right, bottom (exclusive) of the area the part may cover, to a picture's size outside."""
         width, height = shot.camera.size
         low, high = np.array([-width, -height]), np.array([2 * width, 2 * height])
-        q = shot.camera.project(shot.camera_from_part @ self.stage.scene.mesh.vertices)
+        q = shot.camera.project(shot.camera_from_part @ self.inputs.scene.mesh.vertices)
         # through a lens edges bow out from between their ends, and what passes the camera may appear anywhere
         if isinstance(shot.camera.lens, Ideal) and np.isfinite(q).all():
             low, high = np.maximum(low, np.floor(q.min(axis=0)) - 1), np.minimum(high, np.ceil(q.max(axis=0)) + 2)

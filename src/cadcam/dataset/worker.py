@@ -1,4 +1,4 @@
-"""A worker process: reads a stage, then shots, from its standard input, and writes the files of each to its output.
+"""A worker process: reads its job, then shots, from its standard input, and writes the files of each to its output.
 
 `dataset.processes` starts it. It ends when its input ends, so that it never outlives its parent.
 """
@@ -16,7 +16,7 @@ from typing import TypeAlias
 from cadcam.dataset.layout import DatasetFiles
 from cadcam.dataset.record import files_of
 from cadcam.dataset.shot import Shot
-from cadcam.dataset.studio import Stage, Studio
+from cadcam.dataset.view_renderer import ViewInputs, ViewRenderer
 from cadcam.errors import CadcamError
 from cadcam.render.lines.seen import Drawable
 
@@ -27,7 +27,7 @@ Files: TypeAlias = dict[str, bytes]  # content by path, the record of the view l
 class Job:
     """What a worker needs of a data set; edges: the scene's, prepared for all views."""
 
-    stage: Stage
+    inputs: ViewInputs
     edges: Drawable
     layout: DatasetFiles
 
@@ -54,11 +54,11 @@ class Maker:
     """Makes the files of one view after the other; one thread at a time."""
 
     def __init__(self, job: Job) -> None:
-        self._job, self._studio = job, Studio(job.stage, job.edges)
+        self._job, self._renderer = job, ViewRenderer(job.inputs, job.edges)
 
     def files(self, task: Task) -> Files:
         """Return the content of the view's files by path, its record last."""
-        return files_of(self._studio.take(task.shot, task.photo), self._job.stage, self._job.layout)
+        return files_of(self._renderer.view(task.shot, task.photo), self._job.inputs, self._job.layout)
 
     def answer(self, task: Task) -> Answer:
         """Return the files, or the error: for another process to read."""
