@@ -16,7 +16,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import fitted_light
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
-from cadcam.verify.bodies.likeness import likenesses
+from cadcam.verify.bodies.likelihood import log_likelihoods
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.bodies.tones import Tones, _SurfacePixels
 from cadcam.verify.deviations.deviation import State
@@ -142,7 +142,7 @@ def test_the_photo_looks_most_like_the_body_where_it_stands(rng: np.random.Gener
     for i, place in enumerate(places):
         by[i][body] = place
     guesses = [g for g in (redrawn(part(), b) for b in by) if g is not None]
-    found, without = likenesses([shot], Rigid(), guesses, body, [shown_in(shot)])
+    found, without = log_likelihoods([shot], Rigid(), guesses, body, [shown_in(shot)])
     assert off[int(np.argmax(found))] < 1.5
     assert found.max() > without
 
@@ -153,7 +153,7 @@ def test_where_a_body_is_missing_the_photo_looks_most_like_the_part_without_it(r
     by[body] = 3.0, 3.0, 0.0
     moved = redrawn(part(), by)
     assert moved is not None
-    found, without = likenesses([shot], Rigid(), [part(), moved], body, [shown_in(shot)])
+    found, without = log_likelihoods([shot], Rigid(), [part(), moved], body, [shown_in(shot)])
     assert without > found.max()
 
 
@@ -169,6 +169,6 @@ def test_a_body_of_another_tone_than_the_light_says_stays_where_its_borders_are(
     by = np.zeros((9, 5, 3))
     by[1:, body, :2] = 9.0 * np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=1)
     guesses = [g for g in (redrawn(part(), b) for b in by) if g is not None]
-    found, without = likenesses([shot], Rigid(), guesses, body, [shown_in(shot)])
+    found, without = log_likelihoods([shot], Rigid(), guesses, body, [shown_in(shot)])
     assert np.argmax(found) == 0
     assert found[0] > without

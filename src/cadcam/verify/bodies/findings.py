@@ -14,7 +14,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
-from cadcam.verify.bodies.likeness import likenesses
+from cadcam.verify.bodies.likelihood import log_likelihoods
 from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
 from cadcam.verify.bodies.tones import Tones
 from cadcam.verify.bodies.uncovered import uncovered_ratio
@@ -171,16 +171,16 @@ def _likeliest(case: Case, look: Findings, number: int) -> tuple[Array | None, f
     guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
     drawable = [(p, guess) for p, guess in guesses if guess is not None]
     drawn = [look.drawn, *(guess for _, guess in drawable)]
-    likeness, without = likenesses(case.photos, case.world_from_part, drawn, part, survey.shown)
-    best = int(np.argmax(likeness))
-    if best == 0 or likeness[best] <= without:
+    likelihood, without = log_likelihoods(case.photos, case.world_from_part, drawn, part, survey.shown)
+    best = int(np.argmax(likelihood))
+    if best == 0 or likelihood[best] <= without:
         return None, 0.0
     place = drawable[best - 1][0]
     if moved is not None:
         apart = place - moved.basis @ moved.estimate.value
         if off_px(survey, survey.rows(number), apart) <= AGREES_PX:
             return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it really is
-    return place, float(likeness[best] - likeness[0])
+    return place, float(likelihood[best] - likelihood[0])
 
 
 def elsewhere_by(case: Case, look: Findings, part: int) -> float:
@@ -188,7 +188,9 @@ def elsewhere_by(case: Case, look: Findings, part: int) -> float:
     there = redrawn(case.part, _with(look.survey.by, part, np.zeros(3)))
     if there is None:
         return 0.0
-    (drawn, in_place), _ = likenesses(case.photos, case.world_from_part, [look.drawn, there], part, look.survey.shown)
+    (drawn, in_place), _ = log_likelihoods(
+        case.photos, case.world_from_part, [look.drawn, there], part, look.survey.shown
+    )
     return float(drawn - in_place)
 
 

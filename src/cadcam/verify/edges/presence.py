@@ -6,9 +6,9 @@ its edges is seen, apart from lapses; without contrast, or where the feature is 
 clutter lies. All three probabilities are estimated from the picture itself: contrast and lapse from the edges of the
 other features, clutter from decoys, lines shifted to where the model has nothing. The log likelihood ratio L of
 "present" against "absent" is a sum over groups. The places of an edge lie on one line, while those of texture lie
-anywhere near it: that is evidence, too, and estimated likewise (`cadcam.verify.edges.closeness`). By Wald's inequality
-(Sequential Analysis, 1947) a feature that is present gives L <= -T with probability of at most exp(-T), and one that is
-absent gives L >= T as rarely.
+anywhere near it: that is evidence, too, and estimated likewise (`cadcam.verify.edges.straightness`). By Wald's
+inequality (Sequential Analysis, 1947) a feature that is present gives L <= -T with probability of at most exp(-T), and
+one that is absent gives L >= T as rarely.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.verify.edges.association import Association, nearest
-from cadcam.verify.edges.closeness import as_close, on_one_line, scatter_of
 from cadcam.verify.edges.shifts import CAPTURE_PX, best_shift
 from cadcam.verify.edges.sightlines import Sightlines, pieces
+from cadcam.verify.edges.straightness import on_one_line, scatter_of, straightness_ratio
 from cadcam.verify.edges.surroundings import EdgeSurroundings, alike
 
 LEAST_PLACES = 4  # fewest places of an edge that are evidence
@@ -108,7 +108,7 @@ def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: Clutter, elsewhere:
     any_light = log_ratio(evidence, mine & ~evidence.faint, others, clutter.share, contrast=0.5)
     seen = int(evidence.seen[mine].sum())
     less = elsewhere if seen else 0.0
-    less -= as_close(evidence.scatter[mine], evidence.scatter[~mine], clutter.on_one_line)
+    less -= straightness_ratio(evidence.scatter[mine], evidence.scatter[~mine], clutter.on_one_line)
     return Presence(int(mine.sum()), seen, total - less, any_light - less)
 
 

@@ -1,4 +1,4 @@
-"""The likelihood of photos given the part with its bodies in some places: surfaces as bright as the light makes them.
+"""The likelihood of photos given the part with its bodies in some places, by how bright its surfaces then are.
 
 Edges alone are mistaken for each other where a displacement brings one near another's place. The surfaces between them
 are not: a wrong guess leaves strips of a wrong tone beside every edge. Places of a body are compared over all pixels
@@ -33,7 +33,7 @@ _FALL = 5e-4  # sd of the gradient of brightness along a surface, per px
 _ROUNDS = 3
 
 
-def likenesses(
+def log_likelihoods(
     photos: Sequence[Photo], world_from_part: Rigid, guesses: Sequence[Part], body: int, shown: Sequence[ShownFaces]
 ) -> tuple[Array, float]:
     """Return the log likelihoods (k,) of the photos wherever any of the guesses has a body, and that without the body.

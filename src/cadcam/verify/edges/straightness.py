@@ -34,12 +34,13 @@ def on_one_line(scatter: Array) -> Mask:
     return np.asarray(scatter < _ON_LINE_PX)
 
 
-def as_close(mine: Array, others: Array, clutter: float) -> float:
-    """Return what it adds to L of a body how the places of its edges `mine` (n,) scatter, nan where that is not known.
+def straightness_ratio(mine: Array, others: Array, clutter: float) -> float:
+    """Return what the straightness of a body's edges adds to L, the log likelihood ratio of "present" to "absent".
 
-    others (m,): scatter of the edges of other bodies; clutter: share of what is seen where nothing is that lies on one
-    line. A body may as well be rougher than others, or less sharp, and what is left where there is none its trace or
-    its shadow: this never decides alone.
+    mine (n,) px: how the places of its edges scatter about their lines, nan where that is not known; others (m,): the
+    same of the edges of other bodies; clutter: of what is seen where nothing is, the share that lies on one line. This
+    never decides alone: a body may be rougher than others, or less sharp; and where it is absent, a straight trace or
+    shadow of it may be left.
     """
     mine, others = mine[np.isfinite(mine)], others[np.isfinite(others)]
     own = (on_one_line(others).sum() + 1.0) / (len(others) + 2.0)

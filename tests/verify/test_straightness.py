@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.verify.edges.closeness import as_close, on_one_line, scatter_of
 from cadcam.verify.edges.shifts import CAPTURE_PX
+from cadcam.verify.edges.straightness import on_one_line, scatter_of, straightness_ratio
 
 NONE = np.zeros(0)
 
@@ -45,16 +45,16 @@ def test_what_does_not_tell_edges_from_clutter_adds_nothing() -> None:
     """Clutter that lies on lines as often as the others' edges; no scatter known."""
     others = np.r_[np.full(8, 0.1), 1.0]
     own = 9 / 11
-    assert as_close(np.full(3, 0.1), others, own) == pytest.approx(0.0, abs=1e-12)
-    assert as_close(np.full(3, np.nan), others, 0.1) == pytest.approx(0.0, abs=1e-12)
-    assert as_close(NONE, NONE, 0.1) == pytest.approx(0.0, abs=1e-12)
+    assert straightness_ratio(np.full(3, 0.1), others, own) == pytest.approx(0.0, abs=1e-12)
+    assert straightness_ratio(np.full(3, np.nan), others, 0.1) == pytest.approx(0.0, abs=1e-12)
+    assert straightness_ratio(NONE, NONE, 0.1) == pytest.approx(0.0, abs=1e-12)
 
 
 def test_before_texture_what_lies_on_one_line_is_there_and_what_does_not_is_not() -> None:
     """Each edge adds, up to five to one for a body, two to one against it, which may as well be rough."""
     others, close, loose = np.full(20, 0.1), 0.1, 0.9
-    told = [as_close(np.full(n, close), others, 0.1) for n in range(30)]
-    against = [as_close(np.full(n, loose), others, 0.1) for n in range(30)]
+    told = [straightness_ratio(np.full(n, close), others, 0.1) for n in range(30)]
+    against = [straightness_ratio(np.full(n, loose), others, 0.1) for n in range(30)]
     assert (np.diff(told) > 0)[:3].all()
     assert (np.diff(against) < 0)[:3].all()
     assert told[2] > 1.0
