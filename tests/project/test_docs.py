@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import pkgutil
 import re
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -74,6 +75,32 @@ def test_names_in_docstrings_are_names_of_the_code() -> None:
             said += [(file.stem, name) for d in documents for name in re.findall(r"`(\w*[a-z]_\w+)`", d)]
     assert len(said) > 100
     assert not [(file, name) for file, name in said if name not in code]
+
+
+def test_no_line_of_a_docstring_is_left_beside_the_one_that_replaces_it() -> None:
+    """Of two such lines the beginnings are the same, or the ends."""
+    twice = []
+    for file in sorted(PACKAGE.rglob("*.py")):
+        documented = (n for n in ast.walk(ast.parse(file.read_text())) if isinstance(n, DOCUMENTED))
+        for line, after in (two for n in documented for two in pairwise((ast.get_docstring(n) or "").splitlines())):
+            if left_beside(line, after):
+                twice.append(f"{file.relative_to(ROOT)}: {after}")
+    assert not twice
+
+
+def left_beside(line: str, after: str) -> bool:
+    """Return whether two lines of prose begin or end alike; listings and tables, indented, may."""
+    alike = line[:20] == after[:20] or line[-30:] == after[-30:]
+    return alike and min(len(line), len(after)) > 30 and not line.startswith((" ", "|", "#"))
+
+
+def test_a_line_left_twice_is_recognised() -> None:
+    assert left_beside(
+        "dark or towards bright: one more unknown, with a prior.", "dark or towards bright; it is unknown."
+    )
+    assert not left_beside(
+        "A foot is a contact line. A body that is lifted takes it", "along; one that sinks does not."
+    )
 
 
 def identifiers(tree: ast.AST) -> set[str]:
