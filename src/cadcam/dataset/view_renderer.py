@@ -47,7 +47,7 @@ class ViewInputs:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LabelledView:
-    """A view and its labels, all at pixel centres, occluders included in all but `mask` and `silhouette`.
+    """A view and its labels, all at pixel centres; occluders hide the part in all but `mask` and the `whole_` ones.
 
     picture: uint8 (H, W) or (H, W, 3). depth (H, W) mm, inf behind everything; normal (H, W, 3) in the camera frame.
     mask: where the part is, hidden or not, and how many pixels that is; visible: where it is seen, how many pixels that

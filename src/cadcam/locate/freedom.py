@@ -95,8 +95,8 @@ def aligned(B: Array, point: Array, sight: Array) -> Array:
     """Return a basis (6, k) of the span of B (6, k) made, as far as possible, of motions along and about three axes.
 
     point (3,), mm, is where the axes meet, on the part; sight (3,) is the last of them, from a camera to that point, in
-    the part's frame. With such a basis a solver may damp each motion by itself and still leave all of them free: in
-    other axes a part far from the camera can only come nearer by sliding, and one far from its frame's origin not turn.
+    the part's frame. In such a basis a solver may damp each motion by itself. In other axes coming nearer is mixed with
+    sliding where the part is far from the camera, and turning with sliding where it is far from its frame's origin.
     """
     along = sight / np.linalg.norm(sight)
     axes = np.array([*axes_across(along), along]).T
@@ -109,11 +109,11 @@ def aligned(B: Array, point: Array, sight: Array) -> Array:
 
 
 def carried(pose: Rigid, B: Array, x: Array, point: Array) -> Rigid:
-    """Return the pose moved by the twist B x, of those that B (6, k) spans: slid, and turned about a point of the part.
+    """Return the pose moved by the twist B x of B (6, k): translated, and rotated about a point (3,) of the part.
 
-    To first order that is pose @ Rigid.exp(B x). But along a screw, what nears by a share d while it turns by w slides
-    by d w / 2 of its distance, which a long lens shows as far more px than either. Where the freedom does not hold
-    slide and turn each by itself, the screw it is.
+    To first order that is pose @ Rigid.exp(B x). But a screw motion that brings the part nearer by a share d of its
+    distance, and turns it by w, also moves it aside by d w / 2 of that distance: through a long lens that is far more
+    px than either. The screw is used only where B does not span the translation and the rotation each by itself.
     """
     xi = B @ x
     w, slide = xi[3:], xi[:3] + np.cross(xi[3:], point)
@@ -124,7 +124,7 @@ def carried(pose: Rigid, B: Array, x: Array, point: Array) -> Rigid:
 
 
 def _holds(B: Array, slide: Array, point: Array) -> bool:
-    """Return whether a slide (3,) is by itself a motion of those that B (6, k) spans."""
+    """Return whether the translation of a point by `slide` (3,) alone is among the motions that B (6, k) spans."""
     at = np.concatenate([B[:3] + np.cross(B[3:].T, point).T, B[3:]])  # how they move the point, and turn the part
     at[:3] /= np.linalg.norm(slide)
     Q = np.linalg.qr(at / np.linalg.norm(at, axis=0))[0]

@@ -99,7 +99,10 @@ def locate_part(
 
 
 def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: NothingInView | None = None) -> Location:
-    """Return the best pose that refining hypotheses, and the start, finds; `outside`: raised instead of no pose."""
+    """Return the best pose that refining hypotheses, and the start, finds, checked against its rivals.
+
+    outside: raised where no pose is found, if given.
+    """
     if not hypotheses:
         pose = Rigid() if task.start is None else task.start
         hypotheses = [Hypothesis(pose, 0.0, 0.0, task.options.search_px)]
@@ -109,6 +112,7 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
         return task.start is not None or _stands_out(task.part, trial, hypotheses)
 
     trials = _refined(task, hypotheses, basins, clear)
+    # If nothing stands out among the hypotheses by its score, a pose may still do so by its quality (`_alone`).
     none_clear = not any(clear(trial) for trial in trials if trial.location.found)
     trials += _start_refined(task, hypotheses, trials, basins)
     rivals = Rivals(task.part, task.photos, task.freedom, task.options, task.chosen)
@@ -211,7 +215,10 @@ def _ranked(trials: Sequence[_Trial]) -> list[_Trial]:
 
 
 def _led_by_own_lines(ranked: Sequence[_Trial], rivals: Rivals) -> list[_Trial]:
-    """Return them led by one as good as the first whose own lines show, if the first one's own lines do not."""
+    """Return the trials, led by one that is as good as the first but shows lines that only it has.
+
+    The first stays in front where the photos show the lines that it alone has.
+    """
     best = ranked[0].location
     least = max(FOUND, best.quality - _AS_GOOD)
     return _led_by(ranked, lambda location: location.quality >= least and rivals.prefers(location, best))
@@ -305,6 +312,7 @@ def _distinct(part: Part, best: Location, others: Sequence[Location]) -> list[Lo
 
 
 def _check(photos: Sequence[Photo]) -> None:
+    """Raise `BadValue` where there is no photo, or one without contrast, or hardly any but black and white pixels."""
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
     for photo in photos:

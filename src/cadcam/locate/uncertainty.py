@@ -51,6 +51,7 @@ def weakest_direction(pose: PoseEstimate, centre: Array, photos: Sequence[Photo]
 
 
 def _named(axis: Array, pose: Rigid, centre: Array, photos: Sequence[Photo]) -> str:
+    """Return a direction (3,) of the part in words: by a camera that looks along it, by an axis, or by its numbers."""
     for photo in photos:
         sight = (photo.viewpoint.camera_from_world @ pose) @ centre
         view = sight @ (photo.viewpoint.camera_from_world.rotation @ pose.rotation) / np.linalg.norm(sight)

@@ -227,6 +227,7 @@ def _outside(
 
 
 def _refuse_unseen(scene: LayoutScene, visibility: Sequence[Visibility]) -> None:
+    """Raise `UnseenFeatures` for features that no candidate sees in any pose, with the reasons by their frequency."""
     seen = np.any([o.seen.any(axis=0) for o in visibility], axis=0)
     if seen.all():
         return

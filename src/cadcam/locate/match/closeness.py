@@ -161,6 +161,7 @@ def _share(offsets: Array, of: npt.NDArray[np.intp], count: int) -> Array:
 
 
 def _median_and_scatter(offsets: Array, of: npt.NDArray[np.intp], count: int) -> tuple[Array, Array]:
+    """Return median and robust standard deviation (count,) of each edge's offsets; nan where it has none."""
     median, scatter = np.full(count, np.nan), np.full(count, np.nan)
     for k in range(count):
         mine = offsets[of == k]
