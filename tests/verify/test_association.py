@@ -9,7 +9,7 @@ from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
-from cadcam.verify.edges.association import ROOM_PX
+from cadcam.verify.edges.step_fit import ROOM_PX
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import whole_parts
 

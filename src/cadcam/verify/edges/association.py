@@ -12,33 +12,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs, Mask, quantile
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.image.profile import step_candidates
-from cadcam.locate.lines.cells import Cells, measured_steps
-from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.verify.edges.shifts import CAPTURE_PX, NEAR_PX, all_round, best_shift, grown, supported
-from cadcam.verify.edges.sightlines import REACH_PX, STEP_PX, Sightlines, pieces
+from cadcam.verify.edges.sightlines import STEP_PX, Sightlines, pieces
+from cadcam.verify.edges.step_fit import NEIGHBOURS, ON_LINE_PX, fitted_steps, median, robust_line
 
-ROOM_PX = 2.5  # room without other lines that a place needs for a step to be fitted to the pixels
-_APART = 1.5  # blurs: the same again, for the steps of other lines
 SEARCH_ROOM_PX = 1.5  # room needed to search for an edge
 _MOST = 6  # candidates per place
 _COARSE_PX = 0.3  # approximate sigma of a candidate
-_NEIGHBOURS = 4  # places of other lines compared with a candidate
-_ON_LINE_PX = 1.2  # largest distance across a line of a candidate that belongs to it
-# A twin's own step, of a blur slightly different from the assumed one, biases the fit: by so much at so many blurs'
-# distance (measured in simulated pictures: 0.03 px at 3.5 blurs, 0.01 px at 4.5), falling fast with the distance.
-_TWIN_ERROR_PX, _TWIN_BLURS = 0.035, 3.5
-# The error of sampling by pixels averages out along an edge that crosses many rows, not along one that follows a row:
-# an edge of a picture drawn with 4 x 4 samples a pixel is off by anything up to half the distance of the samples, if it
-# spans less of the way from row to row than this. Diagonals and knight's moves are rows as well: the closer rows are to
-# each other, the smaller their error.
-_ROW_ERROR_PX, _ROW_SPAN = 0.25 / np.sqrt(12.0), 0.5
-_ROWS = np.array([(1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)], float)  # across which 1, 2, ...
-_LEAST_STEP = 1e-3  # of brightness: fainter ones are no steps
-_TWIN_SHARE = 0.6  # least distance of twins in the photo, as a share of that in the model
 _PARALLEL = np.cos(np.radians(20.0))
 _STRAYS = 3.5  # robust sigmas
 _LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree for it to count as seen
@@ -116,7 +100,7 @@ def associated(
     growth = _rims(lines, found, coarse, body, shift, reach_px=reach_px)
     asked, coarse_sigma = body >= 0, np.full(len(lines), _COARSE_PX)
     coarse[strays(coarse, coarse_sigma, lines.edge, lines.along, asked, ought)] = np.nan
-    offset, sigma, common, step = _refined(lines, sights, body, coarse, shift, growth)
+    offset, sigma, common, step = fitted_steps(lines, sights, body, coarse, shift, growth)
     offset[~np.isfinite(coarse)] = np.nan
     offset[strays(offset, sigma, lines.edge, lines.along, asked, ought)] = np.nan
     return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), common, step, shift, growth)
@@ -135,22 +119,6 @@ def _assigned(lines: Sightlines, found: Array, body: Longs, ought: Mask, *, reac
     coarse_again, shift_again = _shifted(lines, left, left_free, others, ought, reach_px=reach_px)
     again = others >= 0
     return np.where(again, coarse_again, coarse), np.where(again[:, None], shift_again, shift)
-
-
-def _refined(
-    lines: Sightlines, sights: Sequence[Sight], body: Longs, coarse: Array, shift: Array, growth: Array
-) -> tuple[Array, Array, Array, Array]:
-    """Return offsets (N,), sigmas, common errors and steps, measured where each edge's coarse offsets predict them.
-
-    The fit is linear, and most accurate where the steps are, above all with twins: so it is done twice.
-    """
-    along_edge = _expected(coarse, lines)
-    by_shift = np.einsum("ni,ni->n", lines.normal, shift) + growth
-    places = np.where(np.isfinite(along_edge), along_edge, by_shift)
-    distinct = _told_from_twins(lines, sights, body, along_edge)
-    first, *_ = _measured(lines, sights, places, distinct)
-    closer = _expected(first, lines)
-    return _measured(lines, sights, np.where(np.isfinite(closer), closer, places), distinct)
 
 
 def _shifted(
@@ -195,109 +163,6 @@ def _faces_all_ways(lines: Sightlines, rows: Mask) -> bool:
     return lines.kind[rows][0] != EdgeKind.CONTOUR and all_round(lines.normal[rows])
 
 
-def _expected(coarse: Array, lines: Sightlines) -> Array:
-    """Return the offset (N,) px of the straight line through each edge's coarse offsets; nan for edges not seen."""
-    out = np.full(len(coarse), np.nan)
-    for e in np.unique(lines.edge[np.isfinite(coarse)]):
-        rows = np.flatnonzero(lines.edge == e)
-        have = rows[np.isfinite(coarse[rows])]
-        slope, level = _robust_line(lines.along[have], coarse[have])
-        out[rows] = level + slope * lines.along[rows]
-    return out
-
-
-def _measured(
-    lines: Sightlines, sights: Sequence[Sight], expected: Array, free: Mask
-) -> tuple[Array, Array, Array, Array]:
-    """Return offsets (N,), sigmas, common errors and steps, fitted to the pixels about the expected offsets.
-
-    free (N,): places whose step cannot be confused with that of another line.
-    """
-    offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
-    common = np.zeros(len(lines))
-    for i, sight in enumerate(sights):
-        rows = lines.photo == i
-        at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
-        cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
-        found = measured_steps(sight, at, cells, expected[rows], as_lines=True)
-        clear = (lines.room[rows] >= ROOM_PX + _APART * cells.blur) | free[rows]
-        usable = found.usable & clear
-        offset[rows] = np.where(usable, found.offset, np.nan)
-        sigma[rows] = np.where(usable, found.sigma, np.nan)
-        step[rows] = np.where(clear, found.contrast, np.nan)
-        index = np.flatnonzero(rows)
-        common[rows] = _by_twins(lines, index, sight.samples.twins[:, :, 0], step, cells.blur)
-    return offset, sigma, np.hypot(common, _along_rows(lines)), step
-
-
-def _by_twins(lines: Sightlines, rows: Longs, away: Array, step: Array, blur: float) -> Array:
-    """Return the error (n,) px of places `rows` (n,) due to twins `away` (n, 2) px along their normals.
-
-    The residual of a twin's step is proportional to that step, and shifts a fainter one the more.
-    """
-    out = np.zeros(len(rows))
-    for side in range(2):
-        twin = np.flatnonzero(np.isfinite(away[:, side]))
-        its = _places_at(lines, rows, rows[twin], away[twin, side])
-        ratio = np.abs(step[its]) / np.maximum(np.abs(step[rows[twin]]), _LEAST_STEP)
-        stronger = np.where((its >= 0) & np.isfinite(ratio), np.maximum(ratio, 1.0), 1.0)
-        blurs = np.maximum(np.abs(away[twin, side]) / blur, 1.0)
-        out[twin] = np.maximum(out[twin], stronger * _TWIN_ERROR_PX * (_TWIN_BLURS / blurs) ** 4)
-    return out
-
-
-def _along_rows(lines: Sightlines) -> Array:
-    """Return the error (N,) px of edges that cross all pixels of a row at nearly the same place within the pixel.
-
-    A row is any straight line of pixel centres, a column or a diagonal as well.
-    """
-    out = np.zeros(len(lines))
-    apart = 1.0 / np.linalg.norm(_ROWS, axis=1)
-    for e in np.unique(lines.edge):
-        rows = lines.edge == e
-        across = np.ptp(lines.q[rows] @ _ROWS.T, axis=0)
-        out[rows] = (_ROW_ERROR_PX * apart * np.maximum(1.0 - across / _ROW_SPAN, 0.0)).max()
-    return out
-
-
-def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, expected: Array) -> Mask:
-    """Return which places (N,) have parallel lines nearby, twins, and are distinguishable from all of them.
-
-    A twin on another body may be displaced; for twins of one body the fit knows their distance. Twins are distinguished
-    where both are seen, each in a place of its own. expected (N,) px: where the steps are, nan for edges not seen.
-    """
-    there = lines.q + expected[:, None] * lines.normal
-    out = np.zeros(len(lines), bool)
-    for i, sight in enumerate(sights):
-        rows = np.flatnonzero(lines.photo == i)
-        certain = np.ones((len(rows), 2), bool)
-        for side in range(2):
-            away = sight.samples.twins[:, side, 0]
-            twin = np.flatnonzero(np.isfinite(away))
-            mine, its = rows[twin], _places_at(lines, rows, rows[twin], away[twin])
-            found = np.einsum("ni,ni->n", there[its] - there[mine], lines.normal[mine])
-            certain[twin, side] = (its >= 0) & (body[mine] == body[its]) & (found / away[twin] > _TWIN_SHARE)
-        twins = np.isfinite(sight.samples.twins[:, :, 0])
-        out[rows] = twins.any(axis=1) & certain.all(axis=1)
-    return out
-
-
-def _places_at(lines: Sightlines, among: Longs, rows: Longs, away: Array) -> Longs:
-    """Return the places nearest to what lies `away` (n,) px along the normals of places `rows`; -1 where none is."""
-    from scipy.spatial import cKDTree
-
-    if not len(rows):
-        return np.zeros(0, np.int64)
-    q = lines.q[rows] + away[:, None] * lines.normal[rows]
-    distance, near = cKDTree(lines.q[among]).query(q, k=_NEIGHBOURS, distance_upper_bound=STEP_PX)
-    known = np.isfinite(distance)
-    j = among[np.where(known, near, 0)]
-    across = np.abs(np.einsum("nki,nki->nk", q[:, None] - lines.q[j], lines.normal[j]))
-    on_it = known & (lines.edge[j] != lines.edge[rows][:, None]) & (across < _ON_LINE_PX)
-    first = np.argmax(on_it, axis=1)
-    return np.where(on_it.any(axis=1), j[np.arange(len(rows)), first], -1)
-
-
 def _explained(lines: Sightlines, found: Array, body: Longs, shift: Array, *, by: Mask | None = None) -> Mask:
     """Return which candidates (N, K) are a line of another body of the model, each place shifted by `shift` (N, 2) px.
 
@@ -312,14 +177,14 @@ def _explained(lines: Sightlines, found: Array, body: Longs, shift: Array, *, by
     counts = np.ones(len(lines), bool) if by is None else by
     for photo in np.unique(lines.photo[counts]):
         mine, there = np.flatnonzero(lines.photo[row] == photo), np.flatnonzero((lines.photo == photo) & counts)
-        _, near = cKDTree(places[there]).query(q[mine], k=_NEIGHBOURS, distance_upper_bound=STEP_PX)
+        _, near = cKDTree(places[there]).query(q[mine], k=NEIGHBOURS, distance_upper_bound=STEP_PX)
         for neighbour in np.asarray(near).T:
             known = np.flatnonzero(neighbour < len(there))
             i, j = mine[known], there[neighbour[known]]
             across = np.abs(np.einsum("ni,ni->n", q[i] - places[j], lines.normal[j]))
             parallel = np.abs(np.einsum("ni,ni->n", lines.normal[row[i]], lines.normal[j])) > _PARALLEL
             other = body[row[i]] != body[j]
-            out[row[i], k[i]] |= other & parallel & (across < _ON_LINE_PX)
+            out[row[i], k[i]] |= other & parallel & (across < ON_LINE_PX)
     return out
 
 
@@ -349,28 +214,11 @@ def strays(offset: Array, sigma: Array, edge: Longs, along: Array, asked: Mask, 
         if np.isfinite(offset[showing]).sum() < max(_LEAST_SAMPLES, _LEAST_SHARE * len(showing)):
             out[have] = True
             continue
-        slope, level = _robust_line(along[have], offset[have])
+        slope, level = robust_line(along[have], offset[have])
         r = np.abs(offset[have] - level - slope * along[have])
-        scale = max(1.4826 * _median(r), _median(sigma[have]))
+        scale = max(1.4826 * median(r), median(sigma[have]))
         out[have[r > _STRAYS * scale]] = True
     return out
-
-
-def _robust_line(t: Array, y: Array) -> tuple[float, float]:
-    """Return slope and level of a line through y(t) that outliers do not turn: medians of its two halves."""
-    half = len(t) // 2
-    if half < 3:
-        return 0.0, _median(y)
-    order = np.argsort(t)
-    low, high = order[:half], order[-half:]
-    run = _median(t[high]) - _median(t[low])
-    slope = (_median(y[high]) - _median(y[low])) / run if run > 0 else 0.0
-    return slope, _median(y - slope * t)
-
-
-def _median(values: Array) -> float:
-    """Return the median of numbers, none of them nan: what np.median does, quicker for a few of them."""
-    return quantile(values, 0.5)
 
 
 def nearest(found: Array, expected: Array) -> Array:
