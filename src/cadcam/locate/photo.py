@@ -49,7 +49,10 @@ class Photo:
     def of(
         cls, picture: npt.ArrayLike, camera: Camera, camera_from_world: Rigid | None = None, *, name: str = "photo"
     ) -> Photo:
-        """Return the photo, grey or in colour, of an exactly known camera whose frame is, by default, the world."""
+        """Return the photo, grey or in colour, of an exactly known camera whose frame is, by default, the world.
+
+        Of whole numbers white is 255 or 65535; divide 12 bits in 16, as cameras give them, by 4095 first.
+        """
         pose = Rigid() if camera_from_world is None else camera_from_world
         return cls(checked(picture), Viewpoint.exact(name, camera, pose, sigma_px=_EDGE_PX))
 
