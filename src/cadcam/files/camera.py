@@ -49,6 +49,11 @@ class CameraFile:
     camera_from_world: Rigid | None = None
     estimate: CameraEstimate | None = None
 
+    @property
+    def calibrated(self) -> Camera | CameraEstimate:
+        """Return the estimate if the file has one, so that its covariance counts; else the camera."""
+        return self.camera if self.estimate is None else self.estimate
+
 
 def read_camera(path: str | os.PathLike[str]) -> CameraFile:
     """Return the contents of a camera file (layout: see this module).

@@ -221,10 +221,10 @@ def _photo(arguments: argparse.Namespace) -> tuple[Photo, Any, dict[str, Any]]:
     from cadcam.image.picture import to_gray
     from cadcam.locate.photo import Photo
 
-    camera, start = camera_and_pose(arguments.camera, arguments.pose)
+    known, start = camera_and_pose(arguments.camera, arguments.pose)
     gray = to_gray(_picture(arguments))
     try:
-        return Photo.of(gray, camera), start, view_as_json(camera, start)
+        return Photo.of(gray, known.calibrated), start, view_as_json(known.camera, start)
     except SizeMismatch as error:
         raise SizeMismatch(arguments.photo, error.size, error.expected, "give the camera that took it") from None
 
@@ -265,7 +265,8 @@ def _print_pose(matches: TemplateMatches) -> None:
     for row in T.matrix[:3]:
         print("  " + " ".join(f"{v:14.8f}" for v in row))
     mm, deg = (" ".join(f"{v:.3g}" for v in part) for part in (sigma[:3], np.degrees(sigma[3:])))
-    print(f"+- {mm} mm, {deg} degrees along and about the part's axes")
+    known = "calibration included" if matches.pose.from_calibration.any() else "the camera taken as exact"
+    print(f"+- {mm} mm, {deg} degrees along and about the part's axes, {known}")
 
 
 def _say_written(arguments: argparse.Namespace) -> None:

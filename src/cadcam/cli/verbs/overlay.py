@@ -108,7 +108,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
 
 def _camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid, CameraEstimate | None]:
     if arguments.points is None:
-        return (*camera_and_pose(arguments.camera, arguments.pose), None)
+        known, pose = camera_and_pose(arguments.camera, arguments.pose)
+        return known.camera, pose, None
     from cadcam.calibrate.points.camera import locate_camera
 
     observations = read_points_as_asked(arguments, arguments.points)
