@@ -8,6 +8,7 @@ follow.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -18,6 +19,12 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment.scatter import EdgeNoise
 
 CAUSES = ("noise", "edges", "pose", "calibration")
+CAUSE_WORDS = {
+    "noise": "pixel noise",
+    "edges": "edges' own errors",
+    "pose": "pose",
+    "calibration": "camera calibration",
+}
 _BLIND = 1e-12  # of the largest: information below it is rounding
 
 
@@ -42,11 +49,23 @@ class Estimate:
         """Return the covariance (m, m) by all causes, which are independent of each other."""
         return np.asarray(self.noise + self.edges + self.pose + self.calibration)
 
+    @property
+    def shares(self) -> dict[str, float]:
+        """Return the share of each cause in the variance, in the direction in which that is largest."""
+        w = np.linalg.eigh(self.covariance)[1][:, -1]
+        return shares_of([float(w @ getattr(self, cause) @ w) for cause in CAUSES])
+
     def along(self, direction: Array) -> Estimate:
         """Return the estimate of D @ value for D (k, m)."""
         D = np.atleast_2d(direction)
         noise, edges, pose, calibration = (D @ getattr(self, cause) @ D.T for cause in CAUSES)
         return Estimate(D @ self.value, noise, edges, pose, calibration, self.misfit)
+
+
+def shares_of(variances: Sequence[float] | Array) -> dict[str, float]:
+    """Return the share of each of `CAUSES` in the sum of its variances (4,); as they are where that is 0."""
+    total = float(np.sum(variances))
+    return dict(zip(CAUSES, (float(v) / (total if total > 0 else 1.0) for v in variances), strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -181,7 +200,7 @@ def _inverse(N: Array, F: Array) -> Array:
     if not len(w) or w[0] <= _BLIND * max(len(N), 1) or not np.isfinite(w).all():
         free = F @ (V[:, 0] / scale) if len(w) else np.zeros(6)
         kind = "translation" if np.linalg.norm(free[:3]) > 1000 * np.linalg.norm(free[3:]) else "motion"
-        direction = np.round(free / max(float(np.linalg.norm(free)), 1e-300), 3).tolist()
+        direction = (np.round(free / max(float(np.linalg.norm(free)), 1e-300), 3) + 0.0).tolist()  # no -0.0
         raise DegenerateGeometry(
             f"the datum edges seen do not hold the part: the {kind} {direction} (mm, rad, part axes) moves none of "
             "them in the photos; take more features into the datum, or another photo"
