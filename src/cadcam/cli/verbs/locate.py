@@ -94,7 +94,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.pose_out and location.found:
         from cadcam.files.pose_estimate import write_part_pose
 
-        write_part_pose(arguments.pose_out, location.pose)
+        model = {"path": str(report.path), "sha256": report.sha256}
+        cameras = [photo.viewpoint for photo in shots.photos]
+        write_part_pose(arguments.pose_out, location.pose, viewpoints=cameras, model=model)
     if arguments.json:
         document = _as_json(arguments, location, shots, report)
         print_json(document | {"faults": faults, "model": model_as_json(report, mesh)})
