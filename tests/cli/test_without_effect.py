@@ -43,6 +43,7 @@ CASES = [
     (("convert", "camera.json", "-", "--fit"), "--fit"),
     (("convert", "camera.json", "-", "--pixel-um", "5"), "--pixel-um"),
     (("convert", "camera.json", "-", "--unit", "m"), "--unit"),
+    (("convert", "camera.json", "-", "--stretched"), "--stretched"),
     (("convert", "camera.json", "a.py", "--unit", "m"), "--unit"),
     (("calibrate", *POINTS, "--full-scale", "4095"), "--full-scale"),
     (("overlay", *ON_PHOTO, "-o", "a.png", "--full-scale", "4095"), "--full-scale"),

@@ -166,7 +166,7 @@ def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, str]
     try:
         return Photo(fitting(picture, view.camera), view), info.sha256
     except SizeMismatch as error:
-        raise SizeMismatch(path, error.size, error.expected, str(error).partition("; ")[2]) from None
+        raise SizeMismatch(path, error.size, error.expected) from None
 
 
 def _camera_files(cameras: Sequence[str], rig: str | None) -> list[tuple[str, str]]:

@@ -40,7 +40,7 @@ class Photo:
         gray = frozen(to_gray(self.gray), f"photo {self.viewpoint.name!r}", (None, None), "float32")
         size, expected = (gray.shape[1], gray.shape[0]), self.viewpoint.camera.size
         if size != expected:
-            raise SizeMismatch(f"photo {self.viewpoint.name!r}", size, expected, "give the camera that took it")
+            raise SizeMismatch(f"photo {self.viewpoint.name!r}", size, expected)
         object.__setattr__(self, "gray", gray)
         if self.chroma is not None:
             chroma = frozen(self.chroma, f"chroma of {self.viewpoint.name!r}", (*gray.shape, 2), "float32")

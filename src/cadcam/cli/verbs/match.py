@@ -226,7 +226,7 @@ def _photo(arguments: argparse.Namespace) -> tuple[Photo, Any, dict[str, Any]]:
     try:
         return Photo.of(gray, known.calibrated), start, view_as_json(known.camera, start)
     except SizeMismatch as error:
-        raise SizeMismatch(arguments.photo, error.size, error.expected, "give the camera that took it") from None
+        raise SizeMismatch(arguments.photo, error.size, error.expected) from None
 
 
 def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: Closeness) -> None:

@@ -131,7 +131,7 @@ def _photo(arguments: argparse.Namespace, camera: Camera) -> Picture:
     try:
         return fitting(photo, camera)
     except SizeMismatch as error:
-        raise SizeMismatch(path, error.size, error.expected, str(error).partition("; ")[2]) from None
+        raise SizeMismatch(path, error.size, error.expected) from None
 
 
 def _write(arguments: argparse.Namespace, photo: Picture, scene: Scene, wireframe: Wireframe) -> None:

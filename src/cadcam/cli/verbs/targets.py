@@ -206,7 +206,7 @@ def _find(arguments: argparse.Namespace, mark: Mark, file: str, white: float | N
     if arguments.camera:
         camera = read_any_camera(arguments.camera).camera
         if camera.size != gray.shape[::-1]:
-            raise SizeMismatch(file, gray.shape[::-1], camera.size, "give the camera that took it")
+            raise SizeMismatch(file, gray.shape[::-1], camera.size)
     radius = arguments.radius
     if radius and len(radius) > 2:
         raise BadValue("--radius", radius, "one number, or two: from, to")

@@ -126,7 +126,7 @@ def _photo(shot: _Shot, viewpoint: Viewpoint) -> Photo:
     try:
         return Photo(shot.gray, viewpoint)
     except SizeMismatch as error:
-        raise SizeMismatch(shot.name, error.size, error.expected, "give the camera that took it") from None
+        raise SizeMismatch(shot.name, error.size, error.expected) from None
 
 
 def _pictures(source: str, files: list[str] | None, white: float | None) -> Iterator[_Shot]:
