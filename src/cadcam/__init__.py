@@ -97,6 +97,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.geometry.plane import Plane as Plane
     from cadcam.geometry.ray import Ray as Ray
     from cadcam.geometry.rigid import Rigid as Rigid
+    from cadcam.image.camera_picture import read_camera_picture as read_camera_picture
     from cadcam.image.correlate import CorrelateOptions as CorrelateOptions
     from cadcam.image.correlate import Peaks as Peaks
     from cadcam.image.correlate import correlate as correlate
@@ -330,6 +331,7 @@ _HOME = {
     "predict_points": "cadcam.plan.uncertainty.predict",
     "projection_map": "cadcam.calibrate.variability.projection_map",
     "read_camera": "cadcam.files.camera",
+    "read_camera_picture": "cadcam.image.camera_picture",
     "read_cameras": "cadcam.files.foreign.registry",
     "read_layout_scene": "cadcam.plan.scene.file",
     "read_matrix": "cadcam.files.matrix",

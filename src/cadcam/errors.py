@@ -108,13 +108,22 @@ class InconsistentViews(CadcamError):
 
 
 class SizeMismatch(CadcamError):
-    """A picture's size is not the camera's."""
+    """A picture's size is not the camera's; the usual remedy is another camera file, or to convert this one."""
 
-    def __init__(self, what: str, size: tuple[int, int], expected: tuple[int, int], remedy: str) -> None:
-        super().__init__(
-            f"{what} is {size[0]} x {size[1]} px but the camera is {expected[0]} x {expected[1]} px; {remedy}"
-        )
+    def __init__(self, what: str, size: tuple[int, int], expected: tuple[int, int], remedy: str = "") -> None:
+        said = f"{what} is {size[0]} x {size[1]} px but the camera is {expected[0]} x {expected[1]} px"
+        super().__init__(f"{said}; {remedy or _for_size(size, expected)}")
         self.size, self.expected = size, expected
+
+
+def _for_size(size: tuple[int, int], expected: tuple[int, int]) -> str:
+    """Return what to do about a picture of another size than expected."""
+    if size == expected[::-1]:
+        return "the photo is turned by 90 degrees: turn it back, or correct its EXIF orientation"
+    return (
+        "give the camera that took it; was it scaled, binned or cut since (camera.resize)? cadcam convert CAMERA NEW "
+        f"--resize {size[0]}x{size[1]}, --binning 2 or --crop X,Y,{size[0]}x{size[1]}"
+    )
 
 
 class NoOrder(CadcamError):

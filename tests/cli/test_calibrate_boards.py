@@ -67,6 +67,21 @@ def test_json_says_the_same(cadcam: Cadcam, folder: Path) -> None:
     assert said["take_next"][0]["worst_sigma_px"][1] < said["take_next"][0]["worst_sigma_px"][0]
 
 
+def test_pictures_of_twelve_bits_in_sixteen_give_what_files_that_say_it_give(cadcam: Cadcam, tmp_path: Path) -> None:
+    for k, (t, d, a) in enumerate(VIEWS[:3]):
+        picture = shot(CHESS, turn=t, distance=d, aside=a, seed=k)[0] * (0.24 if k else 1.0)  # alone, of 10 bits
+        raw = np.round(np.clip(picture, 0, 1) * 4095).astype(">u2")
+        for name, white in (("raw", 65535), ("said", 4095)):
+            (tmp_path / name).mkdir(exist_ok=True)
+            head = b"P5 %d %d %d\n" % (raw.shape[1], raw.shape[0], white)
+            (tmp_path / name / f"{k}.pgm").write_bytes(head + raw.tobytes())
+    options = ("--board", CHESS, "--lens", "brown-conrady:k1", "--no-advice", "--json")
+    ran, said = (cadcam("calibrate", tmp_path / name, *options) for name in ("raw", "said"))
+    assert "0.pgm and 2 more: read as 12 bits in 16" in ran.err
+    assert "bits in 16" not in said.err
+    assert ran.json["covariance"] == said.json["covariance"]
+
+
 @pytest.mark.parametrize(
     ("words", "says"),
     [

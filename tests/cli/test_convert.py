@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
+from cadcam.camera.observations import Observations
 from cadcam.files.camera import read_camera, write_camera
 from cadcam.files.foreign.registry import NAMES
 from cadcam.geometry.rigid import Rigid
@@ -116,6 +118,15 @@ def test_one_camera_of_many_is_chosen_by_name_or_number(cadcam: Run, tmp_path: P
         (["plain.json", "o.json", "--size", "10x10"], "size is"),
         (["plain.json", "o.dat", "--fit", "--pixel-um", "0.005"], r"--pixel-um is 0.005; expected .* um, such as 3.45"),
         (["plain.json", "plain.json"], "plain.json: cannot be written: is an input of this command"),
+        (
+            ["plain.json", "o.json", "--resize", "320x200"],
+            "another ratio .*320 x 240 or 267 x 200; --crop",
+        ),
+        (["plain.json", "o.json", "--crop", "1,2,640x480"], r"cut is 640 x 480 px from \(1, 2\) on"),
+        (
+            ["plain.json", "o.json", "--crop", "1,2,9x9", "--binning", "2"],
+            "--crop is given beside --binning",
+        ),
     ],
 )
 def test_mistakes_end_with_2_and_the_remedy(
@@ -128,6 +139,47 @@ def test_mistakes_end_with_2_and_the_remedy(
     assert ran.code == 2
     assert re.search(message, ran.err), ran.err
     assert ran.err.count("\n") == 1
+
+
+@pytest.mark.parametrize(
+    ("option", "text", "message"),
+    [
+        ("--binning", "0", "--binning: '0' is not N or NxM px"),
+        ("--binning", "2x", "--binning: '2x' is not N or NxM px"),
+        ("--crop", "1,2", "--crop: '1,2' is not X,Y,WxH"),
+        ("--crop", "1,-2,3x4", "--crop: '1,-2,3x4' is not X,Y,WxH"),
+        ("--crop", "1,2,3", "--crop: '3' is not a picture size"),
+    ],
+)
+def test_what_is_no_such_picture_is_refused_before_anything_is_read(
+    cadcam: Run, capsys: pytest.CaptureFixture[str], option: str, text: str, message: str
+) -> None:
+    with pytest.raises(SystemExit, match="2"):
+        cadcam("convert", "none.json", "o.json", option, text)
+    assert message in capsys.readouterr().err
+
+
+def test_a_camera_is_made_one_of_other_pictures_with_its_covariance(cadcam: Run, tmp_path: Path) -> None:
+    p = np.random.default_rng(4).uniform([-300, -200, 700], [300, 200, 1100], size=(30, 3))
+    seen = PLAIN.project(p) + np.random.default_rng(5).normal(scale=0.2, size=(30, 2))
+    estimate = calibrate_camera(Observations(p, seen), PLAIN.size, lens=PLAIN.lens)
+    write_camera(tmp_path / "full.json", estimate)
+    ran = cadcam("convert", tmp_path / "full.json", tmp_path / "half.json", "--resize", "320x240")
+    assert ran.code == 0, ran.err
+    assert "camera: for pictures of 320 x 240 px instead of 640 x 480 px" in ran.err
+    half = read_camera(tmp_path / "half.json")
+    assert half.camera.size == (320, 240)
+    assert half.estimate is not None
+    for name, scale in (("focal", 0.5), ("U0", 0.5), ("V0", 0.5), ("aspect", 1.0), ("X", 1.0)):
+        assert half.estimate.sigma(name) == pytest.approx(scale * estimate.sigma(name), rel=1e-9)
+    np.testing.assert_allclose(half.camera.project(p), (estimate.camera.project(p) + 0.5) / 2 - 0.5, atol=1e-9)
+    told = cadcam("convert", tmp_path / "full.json", "-", "--binning", "2x1", "--json").json["cameras"][0]
+    assert told["size_px"] == [320, 480]
+    cut = cadcam("convert", tmp_path / "full.json", "-", "--crop", "100,50,200x300", "--json").json["cameras"][0]
+    assert cut["K_px"][0][2] == pytest.approx(estimate.camera.K[0, 2] - 100)
+    assert cut["K_px"][1][2] == pytest.approx(estimate.camera.K[1, 2] - 50)
+    stretched = cadcam("convert", tmp_path / "full.json", "-", "--resize", "320x480", "--stretched", "--json")
+    assert stretched.json["cameras"][0]["size_px"] == [320, 480]
 
 
 def test_compare_prints_draws_and_agrees_with_its_json(cadcam: Run, tmp_path: Path, plain: Path) -> None:

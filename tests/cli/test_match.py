@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 
 from cadcam.cad.read import read_model
+from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.camera.observations import Observations
 from cadcam.errors import MissingCore
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
@@ -18,6 +20,8 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Look, Scene
 
 from .job import CAMERA, POSE, Ran
+from .locating import CAMERA as SEEN_BY
+from .locating import MODELS, make_photo_job
 
 try:
     core.library()
@@ -76,6 +80,22 @@ def test_a_part_comes_with_features_edges_and_pose(cadcam: Callable[..., Ran], j
     assert "features" in words_out
     assert "How close the photo's edges are" in words_out
     assert "Feature 1, drawn at" in words_out
+
+
+def test_the_calibration_s_uncertainty_is_part_of_the_pose_s(cadcam: Callable[..., Ran], tmp_path: Path) -> None:
+    make_photo_job(tmp_path)
+    p = np.random.default_rng(4).uniform([-80, -60, 250], [80, 60, 450], size=(40, 3))
+    seen = SEEN_BY.project(p) + np.random.default_rng(5).normal(scale=0.3, size=(40, 2))
+    calibrated = calibrate_camera(Observations(p, seen, tuple(map(str, range(40)))), SEEN_BY.size, lens=SEEN_BY.lens)
+    write_camera(tmp_path / "calibrated.json", calibrated)
+    write_camera(tmp_path / "exact.json", calibrated.camera)
+    words = ("match", tmp_path / "photo.png", MODELS / "bracket.stl", "--pose", tmp_path / "start.txt", "--camera")
+    known, exact = (cadcam(*words, tmp_path / name, "--json").json for name in ("calibrated.json", "exact.json"))
+    share = np.array(known["from_calibration"])
+    assert np.sqrt(np.diag(share)[:3]).max() > 0.05  # mm: 0.3 px on 40 points, at some 350 mm
+    assert not np.array(exact["from_calibration"]).any()
+    np.testing.assert_allclose(np.array(known["covariance"]) - share, exact["covariance"], rtol=1e-9, atol=1e-12)
+    assert "part's axes, calibration included" in cadcam(*words, tmp_path / "calibrated.json").out
 
 
 def test_a_part_that_is_not_there_is_exit_3(cadcam: Callable[..., Ran], job: Path) -> None:

@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 
 from cadcam.cad.write import write_model
+from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.camera.observations import Observations
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
@@ -81,6 +83,20 @@ def test_a_limit_finer_than_the_uncertainty_is_undecided_with_3(cadcam: Callable
     ran = verified(cadcam, cell, "good.png")
     assert ran.code == 3
     assert "UNDECIDED" in ran.out
+
+
+def test_the_calibration_s_uncertainty_is_part_of_each_deviation_s(cadcam: Callable[..., Ran], cell: Path) -> None:
+    p = POSE @ np.random.default_rng(4).uniform([-150, -150, -60], [150, 150, 100], size=(40, 3))
+    seen = CAMERA.project(p) + np.random.default_rng(5).normal(scale=0.3, size=(40, 2))
+    observations = Observations(p, seen, tuple(map(str, range(40))))
+    calibrated = calibrate_camera(observations, CAMERA.size, lens=CAMERA.lens)
+    shares = []
+    for camera in (calibrated, calibrated.camera):
+        write_camera(cell / "camera.json", camera)
+        said = json.loads(verified(cadcam, cell, "good.png", "--json").out)
+        shares.append([np.max(f["covariance_by_cause_mm2"]["calibration"]) for f in said["features"]])
+    assert np.sqrt(max(shares[0])) > 1e-3
+    assert not any(shares[1])
 
 
 def test_a_tolerance_that_names_nothing_is_an_error_that_lists_what_there_is(

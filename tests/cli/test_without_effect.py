@@ -43,7 +43,14 @@ CASES = [
     (("convert", "camera.json", "-", "--fit"), "--fit"),
     (("convert", "camera.json", "-", "--pixel-um", "5"), "--pixel-um"),
     (("convert", "camera.json", "-", "--unit", "m"), "--unit"),
+    (("convert", "camera.json", "-", "--stretched"), "--stretched"),
     (("convert", "camera.json", "a.py", "--unit", "m"), "--unit"),
+    (("calibrate", *POINTS, "--full-scale", "4095"), "--full-scale"),
+    (("overlay", *ON_PHOTO, "-o", "a.png", "--full-scale", "4095"), "--full-scale"),
+    (("locate", *ON_PHOTO, "--full-scale", "4095"), "--full-scale"),
+    (("match", "photo.png", "photo.png", "--full-scale", "4095"), "--full-scale"),
+    (("targets", "find", "photo.png", "--mark", "dot:30mm", "--full-scale", "4095"), "--full-scale"),
+    (("track", *ON_PHOTO, "-o", "a.jsonl", "--full-scale", "4095"), "--full-scale"),
     (("targets", "print", "coded:5:20mm:30mm:40mm", "a.svg", "--numbers", "1"), "--numbers"),
 ]
 

@@ -81,6 +81,22 @@ def test_a_camera_alone_and_with_its_pose(tmp_path: Path) -> None:
     np.testing.assert_array_equal(pose.matrix, POSE.matrix)
 
 
+def test_a_file_says_what_its_numbers_mean_and_is_read_without(tmp_path: Path) -> None:
+    """A point goes into the picture by the stated rules, with nothing but the file."""
+    camera = Camera.from_focal((768, 576), 800.0, fy=801, skew=0.1, cx=350.3)
+    write_camera(tmp_path / "camera.json", camera, camera_from_world=POSE)
+    said = json.loads((tmp_path / "camera.json").read_text())
+    for rule in ("p_camera = rotation @ p_world + translation_mm", "(0, 0) the centre of the top-left", "z forward"):
+        assert rule in said["convention"]
+    p = np.array([3.0, -4.0, 50.0])
+    at = np.array(said["camera_from_world"]["rotation"]) @ p + said["camera_from_world"]["translation_mm"]
+    x, y, w = np.array(said["K_px"]) @ at
+    np.testing.assert_allclose([x / w, y / w], camera.project(POSE @ p), atol=1e-9)
+    del said["convention"]
+    without = read_camera(written(tmp_path, said))
+    assert (without.camera.K == camera.K).all()
+
+
 def test_an_estimate_has_its_own_pose(tmp_path: Path, rng: np.random.Generator) -> None:
     with pytest.raises(BadValue, match="has its own"):
         write_camera(tmp_path / "a.json", estimate(rng, BrownConrady()), camera_from_world=POSE)

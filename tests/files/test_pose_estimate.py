@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from cadcam.camera.camera import Camera
 from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import parsed
 from cadcam.files.matrix import pose_as_json
@@ -94,3 +97,60 @@ def test_a_pose_that_does_not_say_which_is_refused(tmp_path: Path, text: str) ->
     (tmp_path / "pose").write_text(text)
     with pytest.raises(UnreadableFile, match="world_from_part"):
         read_part_pose(tmp_path / "pose")
+
+
+def stated(tmp_path: Path, *places: Rigid) -> dict[str, Any]:
+    """Return the document of a pose file written with cameras at these places."""
+    camera = Camera.from_focal((64, 48), 60.0)
+    views = [Viewpoint.exact(f"{k}.png", camera, place, sigma_px=0.1) for k, place in enumerate(places)]
+    model = {"path": "part.step", "sha256": "0" * 64}
+    write_part_pose(tmp_path / "pose.json", PoseEstimate(POSE, np.eye(6)), viewpoints=views, model=model)
+    document: dict[str, Any] = json.loads((tmp_path / "pose.json").read_text())
+    return document
+
+
+def test_a_pose_file_stands_alone(tmp_path: Path) -> None:
+    """Matrix, quaternion and each camera's view put a point of the part where the pose does, by the stated rules."""
+    said = stated(tmp_path, Rigid(), CAMERA)
+    assert (said["format"], said["version"], said["model"]["path"]) == ("cadcam pose", 1, "part.step")
+    p = np.array([3.0, -4.0, 5.0])
+    np.testing.assert_allclose((np.array(said["matrix"]) @ [*p, 1])[:3], POSE @ p, atol=1e-9)
+    w, x, y, z = said["quaternion_wxyz"]
+    turned = p + 2 * np.cross([x, y, z], np.cross([x, y, z], p) + w * p)  # v + 2 q x (q x v + w v)
+    np.testing.assert_allclose(turned + POSE.translation, POSE @ p, atol=1e-9)
+    for one, place in zip(said["cameras"], (Rigid(), CAMERA), strict=True):
+        seen = one["camera_from_part"]
+        np.testing.assert_allclose(np.array(seen["rotation"]) @ p + seen["translation_mm"], place @ (POSE @ p))
+    assert "the camera that took '0.png'" in said["frames"]["world"]
+    assert "not the world of its calibration" in said["frames"]["world"]
+    assert "placed" in stated(tmp_path, CAMERA, CAMERA)["frames"]["world"]
+
+
+@pytest.mark.parametrize("key", ["matrix", "quaternion_wxyz"])
+def test_a_pose_file_that_was_changed_in_one_place_is_refused(tmp_path: Path, key: str) -> None:
+    said = stated(tmp_path, Rigid())
+    if key == "matrix":
+        said[key][0][3] += 0.01
+    else:
+        said[key] = [-q for q in said[key]]
+        (tmp_path / "pose.json").write_text(json.dumps(said))
+        read_part_pose(tmp_path / "pose.json")  # the same rotation
+        said[key][1] += 1e-4
+    (tmp_path / "pose.json").write_text(json.dumps(said))
+    with pytest.raises(UnreadableFile, match=f"{key} contradicts world_from_part; change both"):
+        read_part_pose(tmp_path / "pose.json")
+    with pytest.raises(UnreadableFile, match=f"{key} contradicts world_from_part"):
+        pose_estimate_at(parsed(read_text(tmp_path / "pose.json")))
+
+
+def test_a_pose_file_of_a_newer_version_is_refused(tmp_path: Path) -> None:
+    said = stated(tmp_path, Rigid())
+    (tmp_path / "pose.json").write_text(json.dumps(said | {"version": 2}))
+    with pytest.raises(UnreadableFile, match="has version 2"):
+        read_part_pose(tmp_path / "pose.json")
+
+
+def test_a_pose_file_without_these_words_is_read_as_before(tmp_path: Path) -> None:
+    (tmp_path / "pose.json").write_text(json.dumps(pose_estimate_as_json(PoseEstimate(POSE, np.eye(6)))))
+    np.testing.assert_array_equal(read_part_pose(tmp_path / "pose.json").matrix, POSE.matrix)
+    np.testing.assert_array_equal(pose_estimate_at(parsed(read_text(tmp_path / "pose.json"))).from_noise, np.eye(6))

@@ -6,6 +6,11 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array, Ids
+from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.extended_pinhole import camera_of
+from cadcam.camera.lens import BrownConrady
+from cadcam.camera.observations import Observations
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.match.consensus import PlaceCandidates, consensus, pose_of_matches
@@ -111,6 +116,39 @@ def test_the_calibrations_share_is_what_a_wrong_camera_does(rng: np.random.Gener
     moved = pose_of_matches([blank()], photo, p, q + np.array([small, 0]), C, truth)
     xi = (truth.inv @ moved.world_from_part).log() / small * sigma
     assert np.allclose(pose.from_calibration, np.outer(xi, xi), rtol=1e-3, atol=1e-6 * float(xi @ xi))
+
+
+def test_drawn_calibrations_scatter_the_pose_as_its_share_says(rng: np.random.Generator) -> None:
+    """800 cameras as likely as the calibrated one: each normalised square is 1 within 4 sqrt(2/800), linearised."""
+    truth = pose_of(rng)
+    p, photo = points(rng, 12), np.zeros(12, np.int32)
+    q, C = CAMERA.project(truth @ p), np.tile(1e-2 * np.eye(2), (12, 1, 1))
+    calibration = calibrated(rng)
+    found = pose_of_matches([Photo.of(blank().gray, calibration)], photo, p, q, C, truth)
+    names, mean = tuple(calibration.camera.lens.parameters), calibration.values[6:]
+    covariance = calibration.noise_px**2 * calibration.cofactor[6:, 6:]
+    xi = []
+    for drawn in rng.multivariate_normal(mean, covariance, size=800):
+        camera = camera_of(drawn[:5], CAMERA.size, BrownConrady(**dict(zip(names, drawn[5:], strict=True))))
+        other = pose_of_matches([Photo.of(blank().gray, camera)], photo, p, q, C, found.world_from_part)
+        xi.append((found.world_from_part.inv @ other.world_from_part).log())
+    sd = np.sqrt(np.diag(found.from_calibration))
+    w, V = np.linalg.eigh(found.from_calibration / np.outer(sd, sd))
+    seen = w > 1e-4
+    scatter = np.mean((np.array(xi) / sd @ V[:, seen]) ** 2, axis=0) / w[seen]
+    assert seen.sum() >= 4
+    assert np.abs(scatter - 1).max() < 4 * np.sqrt(2 / 800) + 0.05
+    assert not pose_of_matches(
+        [Photo.of(blank().gray, calibration.camera)], photo, p, q, C, truth
+    ).from_calibration.any()
+
+
+def calibrated(rng: np.random.Generator) -> CameraEstimate:
+    """Return a calibration of the camera from 40 points known to 0.3 px."""
+    p = rng.uniform([-300, -250, 1200], [300, 250, 1800], size=(40, 3))
+    seen = CAMERA.project(p) + rng.normal(scale=0.3, size=(40, 2))
+    observations = Observations(p, seen, tuple(map(str, range(40))))
+    return calibrate_camera(observations, CAMERA.size, lens=BrownConrady(k1=0.0), free_lens=("k1",))
 
 
 @pytest.mark.parametrize("n", [0, 2])

@@ -27,7 +27,8 @@ from cadcam.report.verify.json import VerificationOrigin, record_of, verificatio
 from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import to_do
-from cadcam.verify.judge import Verification, direction_words, verify_part
+from cadcam.verify.judge import Verification, verify_part
+from cadcam.verify.reasons import direction_words
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Verdict
 

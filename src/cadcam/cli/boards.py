@@ -10,6 +10,7 @@ from cadcam.cli.arguments import refuse
 from cadcam.cli.estimating import fixed_as_asked, lens_as_asked
 from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say, working
 from cadcam.cli.photos import picture_files
+from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ def add_board_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for calibrating from pictures of a board."""
     group = parser.add_argument_group("pictures of a board")
     group.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
+    add_full_scale(group)
     group.add_argument("--free-skew", action="store_true", help="estimate the skew too (held at 0 otherwise)")
     group.add_argument("--keep-all", action="store_true", help="keep outlier points and outlier pictures")
     group.add_argument(
@@ -50,9 +52,10 @@ def run_boards(arguments: argparse.Namespace) -> None:
     _check_options(arguments)
     pattern, files = parse_pattern(arguments.board), picture_files(arguments.points)
     model = board_model_as_asked(arguments)
-    found = found_boards(files, pattern)
+    white = white_as_asked(arguments, files)
+    found = found_boards(files, pattern, white)
     if arguments.pictures:
-        _write_found(arguments.pictures, found)
+        _write_found(arguments.pictures, found, white)
     with working(f"estimating one camera from {len(files)} pictures"):
         calibration = calibrate_boards(found, bend=arguments.bend, **model)
         seen, views = coverage(calibration), next_views(calibration)
@@ -77,14 +80,14 @@ def board_model_as_asked(arguments: argparse.Namespace) -> dict[str, Any]:
     }
 
 
-def found_boards(files: Sequence[str], pattern: Pattern) -> list[BoardPicture]:
-    """Return the detection of the board in each picture."""
+def found_boards(files: Sequence[str], pattern: Pattern, white: float | None) -> list[BoardPicture]:
+    """Return the detection of the board in each picture; white: as `white_as_asked` gives it."""
     from cadcam.calibrate.boards.pictures import find_board
 
     found = []
     with progress("finding the board", len(files)) as step:
         for file in files:
-            found.append(find_board(file, pattern))
+            found.append(find_board(file, pattern, full_scale=white))
             step()
     return found
 
@@ -105,13 +108,14 @@ def _check_options(arguments: argparse.Namespace) -> None:
         check_folder(arguments.pictures)
 
 
-def _write_found(folder: str, found: Sequence[BoardPicture]) -> None:
+def _write_found(folder: str, found: Sequence[BoardPicture], white: float | None) -> None:
     """Write each picture with its points: first ones red, a line along the rows."""
+    from cadcam.image.camera_picture import read_camera_picture
     from cadcam.image.draw import draw_points, draw_polylines
-    from cadcam.image.picture import read_picture, write_picture
+    from cadcam.image.picture import write_picture
 
     for number, one in enumerate(found):
-        picture = read_picture(one.name)
+        picture = read_camera_picture(one.name, full_scale=white)
         if one.detection is not None:
             thick = max(one.size) / 640
             q = one.detection.q

@@ -20,8 +20,8 @@ where the part was found: JSON of `cadcam locate --pose-out`, or such a matrix o
 """
 
 
-def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Rigid]:
-    """Return the camera of a file, ours or another program's, and its pose unless a pose file says another."""
+def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[CameraFile, Rigid]:
+    """Return the contents of a camera file, ours or another program's, and its pose unless a pose file says another."""
     from cadcam.files.pose_estimate import read_view_pose
 
     known = read_any_camera(camera_file)
@@ -34,7 +34,7 @@ def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[Camera, Ri
             "missing",
             "a camera file with camera_from_world, --pose FILE, or --points FILE",
         )
-    return known.camera, pose
+    return known, pose
 
 
 def read_any_camera(camera_file: str) -> CameraFile:

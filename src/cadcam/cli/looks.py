@@ -137,9 +137,9 @@ def background(text: str) -> Color | Picture:
     except argparse.ArgumentTypeError as error:
         if text.startswith("#") or not (Path(text).suffix or Path(text).exists()):
             raise BadValue("--background", repr(text), "a colour such as '#20262e', or a photo") from error
-    from cadcam.image.picture import read_picture
+    from cadcam.image.camera_picture import read_camera_picture
 
-    return read_picture(text)
+    return read_camera_picture(text)
 
 
 def _soft(arguments: argparse.Namespace) -> LineStyle:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cadcam.cli.output import working
+from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue, SizeMismatch, UnknownName, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
@@ -25,12 +26,14 @@ _EDGE_PX = 0.1  # sigma of a viewpoint's pixels: not used, since edges have thei
 class Shots:
     """Photos, the files they and their cameras came from with their hashes (role, path, sha256), and the stated pose.
 
-    camera_from_world: of the one camera whose file says where it stands; else None.
+    camera_from_world: of the one camera whose file says where it stands; else None. whites: of each photo, the stored
+    value of white that its camera's photos share (`image.camera_picture`), or None.
     """
 
     photos: tuple[Photo, ...]
     files: tuple[tuple[str, str, str], ...]
     camera_from_world: Rigid | None
+    whites: tuple[float | None, ...]
 
 
 def add_photo_options(parser: argparse.ArgumentParser) -> None:
@@ -45,6 +48,7 @@ def add_photo_options(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--rig", metavar="FILE", help="rig file of `cadcam rig`: photos are named as its cameras (left.png, left=1.png)"
     )
+    add_full_scale(parser)
 
 
 def picture_files(paths: Sequence[str]) -> list[str]:
@@ -66,16 +70,25 @@ def picture_files(paths: Sequence[str]) -> list[str]:
     return list(dict.fromkeys(files))
 
 
-def read_shots(paths: Sequence[str], cameras: Sequence[str], rig: str | None) -> Shots:
+def read_shots(paths: Sequence[str], arguments: argparse.Namespace) -> Shots:
     """Return the photos with their cameras; the world is the rig's, that of the camera files, or one camera's own."""
+    cameras, rig = arguments.camera, arguments.rig
     viewpoints, said = viewpoints_of(paths, cameras, rig)
+    whites = _whites([file_of(path) for path in paths], arguments)
     photos, files = [], []
-    for path, view in zip(paths, viewpoints, strict=True):
-        photo, digest = _photo(file_of(path), view)
+    for path, view, white in zip(paths, viewpoints, whites, strict=True):
+        photo, digest = _photo(file_of(path), view, white)
         photos.append(photo)
         files.append(("photo", file_of(path), digest))
     files += [(role, path, _hash(path)) for role, path in _camera_files(cameras, rig)]
-    return Shots(tuple(photos), tuple(files), said)
+    return Shots(tuple(photos), tuple(files), said, tuple(whites))
+
+
+def _whites(files: Sequence[str], arguments: argparse.Namespace) -> list[float | None]:
+    """Return the white of each photo: one for all, which may be of one camera that was moved; of a rig one a camera."""
+    if arguments.rig and arguments.full_scale is None:
+        return [white_as_asked(arguments, [file]) for file in files]
+    return [white_as_asked(arguments, files)] * len(files)
 
 
 def viewpoints_of(
@@ -143,17 +156,17 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
     return out, said
 
 
-def _photo(path: str, view: Viewpoint) -> tuple[Photo, str]:
-    from cadcam.image.picture import read_picture_with_info
+def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, str]:
+    from cadcam.image.camera_picture import read_camera_picture_with_info
     from cadcam.locate.photo import Photo
     from cadcam.render.overlay import fitting
 
     with working(f"reading {path}"):
-        picture, info = read_picture_with_info(path)
+        picture, info = read_camera_picture_with_info(path, full_scale=white)
     try:
         return Photo(fitting(picture, view.camera), view), info.sha256
     except SizeMismatch as error:
-        raise SizeMismatch(path, error.size, error.expected, str(error).partition("; ")[2]) from None
+        raise SizeMismatch(path, error.size, error.expected) from None
 
 
 def _camera_files(cameras: Sequence[str], rig: str | None) -> list[tuple[str, str]]:

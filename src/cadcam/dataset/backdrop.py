@@ -42,6 +42,7 @@ def _between(values: Picture, at: npt.NDArray[np.float64]) -> Picture:
 
 
 def _photo(backdrop: Backdrop, size: tuple[int, int], data: bytes) -> Picture:
-    from cadcam.image.picture import covering, picture_in
+    from cadcam.image.camera_picture import camera_picture_in
+    from cadcam.image.picture import covering
 
-    return covering(picture_in(data, str(backdrop.kind)), size, backdrop.place)
+    return covering(camera_picture_in(data, str(backdrop.kind)), size, backdrop.place)

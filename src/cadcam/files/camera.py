@@ -6,10 +6,10 @@ or "K_px": [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] instead of the four numbers.
 "brown-conrady", "k1": -0.2, ...}; "camera_from_world": {"rotation": 3x3, "translation_mm": 3}. Pixels are (column, row)
 with (0, 0) at the centre of the top-left pixel.
 
-`write_camera` adds "estimate": the free parameters, the cofactor matrix and the observations, from which everything
-else follows. Parameters with sigmas, covariance and residuals are written too, for people and other programs; the
-reader checks that the residual is still that of the camera, so that a file edited by hand cannot keep a stale
-covariance.
+`write_camera` adds "convention", a sentence for people and authors of other programs, and "estimate": the free
+parameters, the cofactor matrix and the observations, from which everything else follows. Parameters with sigmas,
+covariance and residuals are written too, for people and other programs; the reader checks that the residual is still
+that of the camera, so that a file edited by hand cannot keep a stale covariance.
 """
 
 from __future__ import annotations
@@ -38,7 +38,22 @@ UNITS = {"X": "mm", "Y": "mm", "Z": "mm", "a": "rad", "b": "rad", "c": "rad", "f
 UNITS |= {"U0": "px", "V0": "px", "bend_x": "mm", "bend_y": "mm"}  # aspect and the lens' coefficients have none
 
 _FOCAL = ("fx_px", "fy_px", "cx_px", "cy_px", "skew_px")
-_KEYS = ("format", "version", "written_by", "size_px", "K_px", *_FOCAL, "lens", "camera_from_world", "estimate")
+_CONVENTION = (
+    "pixels (column, row), (0, 0) the centre of the top-left one, as OpenCV counts; p_camera = rotation @ p_world + "
+    "translation_mm, mm; camera axes x right, y down, z forward; the world is the frame of the points it was posed by"
+)
+_KEYS = (
+    "format",
+    "version",
+    "written_by",
+    "convention",
+    "size_px",
+    "K_px",
+    *_FOCAL,
+    "lens",
+    "camera_from_world",
+    "estimate",
+)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,6 +63,11 @@ class CameraFile:
     camera: Camera
     camera_from_world: Rigid | None = None
     estimate: CameraEstimate | None = None
+
+    @property
+    def calibrated(self) -> Camera | CameraEstimate:
+        """Return the estimate if the file has one, so that its covariance counts; else the camera."""
+        return self.camera if self.estimate is None else self.estimate
 
 
 def read_camera(path: str | os.PathLike[str]) -> CameraFile:
@@ -92,7 +112,7 @@ def write_camera(
 
 def camera_as_json(camera: Camera | CameraEstimate, *, camera_from_world: Rigid | None = None) -> dict[str, Any]:
     """Return the JSON document that `write_camera` writes."""
-    head = head_as_json(FORMAT, VERSION)
+    head = head_as_json(FORMAT, VERSION) | {"convention": _CONVENTION}
     if isinstance(camera, Camera):
         return head | bare_camera_as_json(camera, camera_from_world)
     estimate = _estimate_json(camera) | {"observations": observations_as_json(camera.observations)}

@@ -4,26 +4,44 @@
 "from_calibration": 6x6, "freedom": 6xk, "degrees_of_freedom": number or null}. The covariances are those of xi =
 (translation mm, rotation rad) in world_from_part @ exp(xi), in the part's axes; sigmas are written for people and other
 programs. degrees_of_freedom null means that the noise is known.
+
+A file of its own (`write_part_pose`) says all that another program must know to use it: which frames these are, by
+which rule a point goes from one to the other, the same pose as a 4x4 matrix and as a quaternion, and where each camera
+sees the part. These repeat world_from_part, which alone is read; where one of them contradicts it, the file is refused.
 """
 
 from __future__ import annotations
 
 import os
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.files.jsontext import Place, as_json, or_null, parsed
+from cadcam.camera.viewpoint import Viewpoint
+from cadcam.files.jsontext import Place, as_json, head_as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at, pose_in, rigid_in
 from cadcam.files.text import read_text
+from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.whole import write_whole
 
+FORMAT, VERSION = "cadcam pose", 1
 _OF_PART = ("world_from_part", "part_from_world")
 _OF_CAMERA = ("camera_from_world", "world_from_camera")  # of a camera whose world is the part
 _DIRECTIONS = (_OF_PART, ("camera_from_part", "part_from_camera"), _OF_CAMERA)
 _KEYS = ("world_from_part", "sigma_mm", "sigma_deg", "from_noise", "from_calibration", "freedom", "degrees_of_freedom")
+_SAID = ("format", "version", "written_by", "model", "frames", "convention", "matrix", "quaternion_wxyz", "cameras")
+_CONVENTION = {
+    "pose": "p_world = rotation @ p_part + translation_mm; right-handed frames, lengths in mm",
+    "matrix": "the same, 4x4 by rows: [p_world, 1] = matrix @ [p_part, 1]",
+    "quaternion_wxyz": "of the rotation, the real part first",
+    "cameras": "p_camera = rotation @ p_part + translation_mm; camera axes x right, y down, z forward (as OpenCV's)",
+    "covariance": "from_noise + from_calibration, 6x6: of (translation mm, rotation rad) along and about the part's "
+    "axes, on the part's side of the pose",
+}
+_SAME = 1e-6  # largest difference, relative to the size, between a pose and its repetition in a file
 
 
 def pose_estimate_as_json(pose: PoseEstimate) -> dict[str, Any]:
@@ -42,7 +60,8 @@ def pose_estimate_as_json(pose: PoseEstimate) -> dict[str, Any]:
 
 def pose_estimate_at(place: Place) -> PoseEstimate:
     """Return the pose estimate at a place of a JSON file."""
-    place.only(*_KEYS)
+    place.only(*_KEYS, *_SAID)
+    _refuse_contradiction(place)
     dof = place.object.get("degrees_of_freedom")
     return place.build(
         lambda: PoseEstimate(
@@ -55,9 +74,49 @@ def pose_estimate_at(place: Place) -> PoseEstimate:
     )
 
 
-def write_part_pose(path: str | os.PathLike[str], pose: PoseEstimate) -> None:
-    """Write the located pose of a part, whole or not at all; floats keep every bit."""
-    write_whole(path, as_json(pose_estimate_as_json(pose)))
+def write_part_pose(
+    path: str | os.PathLike[str],
+    pose: PoseEstimate,
+    *,
+    viewpoints: Sequence[Viewpoint] = (),
+    model: Mapping[str, str] | None = None,
+) -> None:
+    """Write the located pose of a part, whole or not at all; floats keep every bit.
+
+    viewpoints: the cameras by which it was located, which name the world; model: what is known of the CAD file whose
+    axes are the part's, such as its path and sha256.
+    """
+    write_whole(path, as_json(part_pose_as_json(pose, viewpoints=viewpoints, model=model)))
+
+
+def part_pose_as_json(
+    pose: PoseEstimate, *, viewpoints: Sequence[Viewpoint] = (), model: Mapping[str, str] | None = None
+) -> dict[str, Any]:
+    """Return the JSON document that `write_part_pose` writes."""
+    cameras = [
+        {"name": view.name, "camera_from_part": pose_as_json(view.camera_from_world @ pose.world_from_part)}
+        for view in viewpoints
+    ]
+    return {
+        **head_as_json(FORMAT, VERSION),
+        **({} if model is None else {"model": dict(model)}),
+        "frames": frames_as_json(viewpoints),
+        "convention": _CONVENTION,
+        **pose_estimate_as_json(pose),
+        "matrix": pose.world_from_part.matrix.tolist(),
+        "quaternion_wxyz": so3.quaternion(pose.world_from_part.rotation).tolist(),
+        **({"cameras": cameras} if cameras else {}),
+    }
+
+
+def frames_as_json(viewpoints: Sequence[Viewpoint]) -> dict[str, str]:
+    """Return in words which frames "part" and "world" are for poses that these cameras gave."""
+    part = "the CAD model's own axes, as in its file, in mm"
+    own = [view.name for view in viewpoints if np.array_equal(view.camera_from_world.matrix, np.eye(4))]
+    if own:
+        axes = "origin at its projection centre, x right, y down, z forward"
+        return {"part": part, "world": f"the camera that took {own[0]!r}: {axes}; not the world of its calibration"}
+    return {"part": part, "world": "that in which the cameras were placed, by their files or by the caller"}
 
 
 def read_part_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | None = None) -> Rigid:
@@ -88,4 +147,24 @@ def _said(path: str | os.PathLike[str], usual: tuple[str, str]) -> tuple[tuple[s
     if not file.text.lstrip().startswith("{"):
         return said, rigid_in(file, said)
     place = parsed(file)
+    if place.object.get("format") == FORMAT:
+        place.check_head(FORMAT, VERSION)
+        _refuse_contradiction(place)
     return said, pose_in(place.at("pose") if isinstance(place.object.get("pose"), dict) else place, said)
+
+
+def _refuse_contradiction(place: Place) -> None:
+    """Refuse a pose whose matrix or quaternion is another one, as after an edit of one of them."""
+    if not {"matrix", "quaternion_wxyz"} & set(place.object):
+        return
+    pose = pose_at(place.at("world_from_part"))
+    repeated = {}
+    if "matrix" in place.object:
+        repeated["matrix"] = (place.at("matrix").array((4, 4)), pose.matrix)
+    if "quaternion_wxyz" in place.object:
+        q, own = place.at("quaternion_wxyz").array((4,)), so3.quaternion(pose.rotation)
+        repeated["quaternion_wxyz"] = (q * (np.sign(q @ own) or 1.0), own)  # q and -q are one rotation
+    for name, (given, expected) in repeated.items():
+        if np.abs(given - expected).max() > _SAME * max(1.0, float(np.abs(expected).max())):
+            both = "change both, or leave it out: only world_from_part is read"
+            raise place.at(name).error("contradicts world_from_part", both)

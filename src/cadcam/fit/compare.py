@@ -73,7 +73,8 @@ def compare_cameras(a: Camera, b: Camera, *, rotate: bool = False) -> Difference
     different sizes, `DegenerateGeometry` where the cameras see nothing in common.
     """
     if a.size != b.size:
-        raise SizeMismatch("the second camera's picture", b.size, a.size, "resize or crop one of the cameras first")
+        remedy = f"resize or crop one of the cameras first: cadcam convert SECOND NEW --resize {a.width}x{a.height}"
+        raise SizeMismatch("the second camera's picture", b.size, a.size, remedy)
     rows = _odd(_COLUMNS * a.height / a.width)
     q = picture_grid(a.size, _COLUMNS, rows)
     R = _best_rotation(a, b, q.reshape(-1, 2)) if rotate else np.eye(3)

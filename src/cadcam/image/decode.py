@@ -46,28 +46,15 @@ _pillow_limit = threading.Lock()  # Pillow's own pixel limit is a module variabl
 
 
 class Decoded(NamedTuple):
-    """A picture (H, W) or (H, W, 3) in [0, 1], the right way up; bits a sample and EXIF orientation of its file."""
+    """A picture (H, W) or (H, W, 3) in [0, 1], the right way up; bits a sample, EXIF orientation, white."""
 
     picture: Picture
     bits: int
     orientation: int
+    white: float
 
 
-def decoded(path: str | os.PathLike[str], data: bytes, *, max_pixels: int, full_scale: float | None) -> Decoded:
-    """Return the picture in the content of a file called `path`; see `read_picture`, which says what is refused."""
-    try:
-        stored = _stored(path, data, max_pixels)
-    except UnreadableFile:
-        raise
-    except MemoryError:
-        raise UnreadableFile(path, "does not fit into memory", "crop it or reduce its size") from None
-    except _PARSING as error:
-        raise UnreadableFile(path, *_explained(error)) from error
-    picture = _upright(_composited(_scaled(path, stored.samples, full_scale or stored.white)), stored.turn)
-    return Decoded(picture, stored.bits, stored.orientation)
-
-
-class _Stored(NamedTuple):
+class Stored(NamedTuple):
     """What a file holds: samples (H, W) or (H, W, C), bits of each, value of white, orientation, turn yet to do."""
 
     samples: npt.NDArray[Any]
@@ -77,7 +64,25 @@ class _Stored(NamedTuple):
     turn: int
 
 
-def _stored(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stored:
+def stored(path: str | os.PathLike[str], data: bytes, *, max_pixels: int) -> Stored:
+    """Return the samples in the content of a file called `path`; see `read_picture`, which says what is refused."""
+    try:
+        return _stored(path, data, max_pixels)
+    except UnreadableFile:
+        raise
+    except MemoryError:
+        raise UnreadableFile(path, "does not fit into memory", "crop it or reduce its size") from None
+    except _PARSING as error:
+        raise UnreadableFile(path, *_explained(error)) from error
+
+
+def finished(path: str | os.PathLike[str], held: Stored, white: float | None) -> Decoded:
+    """Return the picture of a file's samples, `white` the stored value that means white (None: not known)."""
+    picture, white = _scaled(path, held.samples, white)
+    return Decoded(_upright(_composited(picture), held.turn), held.bits, held.orientation, white)
+
+
+def _stored(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> Stored:
     from PIL import Image
 
     with _pillow_limit, warnings.catch_warnings():
@@ -89,24 +94,24 @@ def _stored(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stor
             Image.MAX_IMAGE_PIXELS = limit
 
 
-def _stored_deep(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stored | None:
+def _stored_deep(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> Stored | None:
     size = deep_size(data)
     if size is None:
         return None
     _check_size(path, size, max_pixels)
     deep = read_deep(data)
     turn = _valid(deep.orientation)
-    return _Stored(deep.samples, 8 * deep.samples.dtype.itemsize, deep.white, turn, turn)
+    return Stored(deep.samples, 8 * deep.samples.dtype.itemsize, deep.white, turn, turn)
 
 
-def _stored_by_pillow(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> _Stored:
+def _stored_by_pillow(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> Stored:
     from PIL import Image
 
     with Image.open(io.BytesIO(data)) as image:
         _check_size(path, image.size, max_pixels)
         orientation = _orientation(image)
         samples, bits, white = _pillow_samples(image)
-        return _Stored(samples, bits, white, orientation, _orientation(image))  # Pillow turns TIFF at loading
+        return Stored(samples, bits, white, orientation, _orientation(image))  # Pillow turns TIFF at loading
 
 
 def _check_size(path: str | os.PathLike[str], size: tuple[int, int], max_pixels: int) -> None:
@@ -157,8 +162,8 @@ def _explained(error: BaseException) -> tuple[str, str]:
     return f"cannot be decoded ({text})", "export it again, for instance as PNG"
 
 
-def _scaled(path: str | os.PathLike[str], samples: npt.NDArray[Any], white: float | None) -> Picture:
-    """Return samples / white as float32, checked: finite and within [0, 1]."""
+def _scaled(path: str | os.PathLike[str], samples: npt.NDArray[Any], white: float | None) -> tuple[Picture, float]:
+    """Return samples / white as float32, checked: finite and within [0, 1]; and white."""
     real = samples.dtype.kind == "f"
     if real and not np.isfinite(samples).all():
         where = first_pixel(~np.isfinite(samples))
@@ -166,18 +171,21 @@ def _scaled(path: str | os.PathLike[str], samples: npt.NDArray[Any], white: floa
     low, high = (samples.min(), samples.max()) if real or white != np.iinfo(samples.dtype).max else (0, 0)
     if white is None:
         raise UnreadableFile(
-            path, f"has 32-bit integer samples from {low} to {high}, whose white is not known", "pass full_scale=..."
+            path,
+            f"has 32-bit integer samples from {low} to {high}, whose white is not known",
+            "pass full_scale=... (--full-scale)",
         )
     if low < 0 or high > white:
+        least = high if real else (1 << int(high).bit_length()) - 1  # of whole numbers, the white of their bits
         raise UnreadableFile(
             path,
             f"has values from {low:g} to {high:g}, outside 0 to {white:g}",
-            f"pass full_scale={high:g} (the value that means white) or scale it before saving"
+            f"pass full_scale={least:g} (the value that means white; --full-scale) or scale it before saving"
             if low >= 0
             else "shift and scale it to 0 ... 1 before saving",
         )
     picture: Picture = np.divide(samples, np.float32(white), dtype=np.float32, casting="same_kind")
-    return picture
+    return picture, white
 
 
 def _composited(samples: Picture) -> Picture:

@@ -11,13 +11,14 @@ import io
 import os
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
-from cadcam.image.decode import decoded, first_pixel
+from cadcam.image.decode import Decoded, finished, first_pixel, stored
 from cadcam.image.suffixes import FORMS
 from cadcam.whole import write_whole
 
@@ -30,13 +31,17 @@ _LONGEST_JPEG = 65500  # px: libjpeg's own limit, a little below that of the for
 
 @dataclass(frozen=True, slots=True)
 class PictureInfo:
-    """Where a picture came from: file, its hash, size (width, height) as shown, bits a sample, EXIF orientation."""
+    """Where a picture came from: file, its hash, size (width, height) as shown, bits a sample, EXIF orientation.
+
+    white: the stored value that was taken as white.
+    """
 
     path: str
     sha256: str
     size: tuple[int, int]
     bits: int
     orientation: int
+    white: float
 
 
 def read_picture(
@@ -46,9 +51,9 @@ def read_picture(
 
     EXIF orientation is applied, so rows run down the picture as it is looked at. Transparent pixels are laid over
     white, as a viewer shows them. Of a file with several pictures the first is read. `full_scale` is the stored
-    value that means white: by default 255, 65535 or 1.0 by the file's sample type (for 12 bits stored in 16 pass
-    4095). Raises `UnreadableFile` naming file, reason and remedy; a picture of more than `max_pixels` is refused
-    before it is unpacked.
+    value that means white: by default 255, 65535 or 1.0 by the file's sample type. Of a camera that stores 12 bits
+    in 16, `read_camera_picture` finds it. Raises `UnreadableFile` naming file, reason and remedy; a picture of more
+    than `max_pixels` is refused before it is unpacked.
     """
     return read_picture_with_info(path, max_pixels=max_pixels, full_scale=full_scale)[0]
 
@@ -57,22 +62,22 @@ def read_picture_with_info(
     path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS, full_scale: float | None = None
 ) -> tuple[Picture, PictureInfo]:
     """Return the picture as `read_picture` does, and where it came from."""
+    check_full_scale(full_scale)
+    data = file_bytes(path)
+    held = stored(path, data, max_pixels=max_pixels)
+    return with_info(path, data, finished(path, held, full_scale or held.white))
+
+
+def check_full_scale(full_scale: float | None, name: str = "full_scale") -> None:
+    """Raise `BadValue` naming `name` for what cannot be the stored value of white; None can."""
     if full_scale is not None and not (np.isfinite(full_scale) and full_scale > 0):
-        raise BadValue("full_scale", full_scale, "a positive number: the stored value that means white")
-    return _picture_in(path, _file_bytes(path), max_pixels, full_scale)
+        raise BadValue(name, full_scale, "a positive number: the stored value that means white")
 
 
-def picture_in(data: bytes, name: str) -> Picture:
-    """Return the picture in the content of a file, as `read_picture` does; errors call it `name`."""
-    return _picture_in(name, data, MAX_PIXELS, None)[0]
-
-
-def _picture_in(
-    path: str | os.PathLike[str], data: bytes, max_pixels: int, full_scale: float | None
-) -> tuple[Picture, PictureInfo]:
-    picture, bits, orientation = decoded(path, data, max_pixels=max_pixels, full_scale=full_scale)
-    size = (picture.shape[1], picture.shape[0])
-    return picture, PictureInfo(os.fspath(path), hashlib.sha256(data).hexdigest(), size, bits, orientation)
+def with_info(path: str | os.PathLike[str], data: bytes, read: Decoded) -> tuple[Picture, PictureInfo]:
+    """Return a decoded picture, and where it came from."""
+    size, digest = (read.picture.shape[1], read.picture.shape[0]), hashlib.sha256(data).hexdigest()
+    return read.picture, PictureInfo(os.fspath(path), digest, size, read.bits, read.orientation, read.white)
 
 
 def write_picture(
@@ -86,7 +91,8 @@ def write_picture(
     """Write a picture as PNG or JPEG by its suffix, whole or not at all; missing folders are made.
 
     Values are clipped to [0, 1] and rounded. `alpha` (H, W) makes a PNG transparent: 0 is clear, 1 opaque, and the
-    picture's colours are not multiplied by it. `bits=16` is for grey PNG; `quality` for JPEG. Raises `UnknownName` for
+    picture's colours are not multiplied by it. `bits=16` is for grey PNG, which then says that all 16 are significant
+    (so that a dark one is not taken for 12 bits in 16); `quality` for JPEG. Raises `UnknownName` for
     another suffix, `BadValue` for NaN or a wrong shape, `UnwritableFile` where the system refuses.
     """
     suffix = Path(path).suffix.lower()
@@ -100,6 +106,7 @@ def encoded(
 ) -> bytes:
     """Return the bytes of a "PNG" or "JPEG" file of the picture; see `write_picture`."""
     from PIL import Image
+    from PIL.PngImagePlugin import PngInfo
 
     values = checked(picture)
     if alpha is not None:
@@ -109,11 +116,15 @@ def encoded(
     if form == "JPEG" and max(values.shape[:2]) > _LONGEST_JPEG:
         raise BadValue("picture", f"of shape {values.shape}", f"at most {_LONGEST_JPEG} px a side in a JPEG; use PNG")
     white, dtype = (255.0, np.uint8) if bits == 8 else (65535.0, np.uint16)
-    stored = np.clip(values, 0.0, 1.0)
-    stored *= white
-    stored += 0.5
+    samples = np.clip(values, 0.0, 1.0)
+    samples *= white
+    samples += 0.5
     file = io.BytesIO()
-    Image.fromarray(stored.astype(dtype)).save(file, form, quality=quality, subsampling=0)
+    options: dict[str, Any] = {"quality": quality, "subsampling": 0} if form == "JPEG" else {}
+    if bits == 16:
+        options["pnginfo"] = PngInfo()
+        options["pnginfo"].add(b"sBIT", bytes([16]))
+    Image.fromarray(samples.astype(dtype)).save(file, form, **options)
     return file.getvalue()
 
 
@@ -207,7 +218,8 @@ def _with_alpha(picture: Picture, alpha: npt.ArrayLike, form: str) -> Picture:
     return np.concatenate([to_rgb(picture), clear[..., None]], axis=2)
 
 
-def _file_bytes(path: str | os.PathLike[str]) -> bytes:
+def file_bytes(path: str | os.PathLike[str]) -> bytes:
+    """Return the content of a picture file. Raises `UnreadableFile` where there is none."""
     try:
         data = Path(path).read_bytes()
     except FileNotFoundError:

@@ -9,6 +9,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Picture, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import SizeMismatch
 from cadcam.geometry.rigid import Rigid
@@ -39,7 +40,7 @@ class Photo:
         gray = frozen(to_gray(self.gray), f"photo {self.viewpoint.name!r}", (None, None), "float32")
         size, expected = (gray.shape[1], gray.shape[0]), self.viewpoint.camera.size
         if size != expected:
-            raise SizeMismatch(f"photo {self.viewpoint.name!r}", size, expected, "give the camera that took it")
+            raise SizeMismatch(f"photo {self.viewpoint.name!r}", size, expected)
         object.__setattr__(self, "gray", gray)
         if self.chroma is not None:
             chroma = frozen(self.chroma, f"chroma of {self.viewpoint.name!r}", (*gray.shape, 2), "float32")
@@ -47,10 +48,22 @@ class Photo:
 
     @classmethod
     def of(
-        cls, picture: npt.ArrayLike, camera: Camera, camera_from_world: Rigid | None = None, *, name: str = "photo"
+        cls,
+        picture: npt.ArrayLike,
+        camera: Camera | CameraEstimate,
+        camera_from_world: Rigid | None = None,
+        *,
+        name: str = "photo",
     ) -> Photo:
-        """Return the photo, grey or in colour, of an exactly known camera whose frame is, by default, the world."""
+        """Return the photo, grey or in colour, of a camera whose frame is, by default, the world.
+
+        A `Camera` counts as exactly known; with a `CameraEstimate` (`CameraFile.calibrated`) the errors of internals
+        and lens reach every pose and deviation that the photo gives. The pose of the estimate is not used.
+        Of whole numbers white is 255 or 65535; divide 12 bits in 16, as cameras give them, by 4095 first.
+        """
         pose = Rigid() if camera_from_world is None else camera_from_world
+        if isinstance(camera, CameraEstimate):
+            return cls(checked(picture), Viewpoint.placed(name, camera, pose, sigma_px=_EDGE_PX))
         return cls(checked(picture), Viewpoint.exact(name, camera, pose, sigma_px=_EDGE_PX))
 
     def calmed(self) -> Photo:

@@ -172,13 +172,7 @@ def fitting(photo: npt.ArrayLike, camera: Camera) -> Picture:
     picture = checked(photo)
     size = picture.shape[1::-1]
     if size != camera.size:
-        turned = size == camera.size[::-1]
-        remedy = (
-            "the photo is turned by 90 degrees: turn it back, or correct its EXIF orientation"
-            if turned
-            else f"use the camera of these photos, or camera.resize({size}) if the whole picture was scaled"
-        )
-        raise SizeMismatch("the photo", (int(size[0]), int(size[1])), camera.size, remedy)
+        raise SizeMismatch("the photo", (int(size[0]), int(size[1])), camera.size)
     return picture
 
 

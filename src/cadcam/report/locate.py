@@ -12,7 +12,7 @@ from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.files.jsontext import or_null
 from cadcam.files.matrix import pose_as_json
-from cadcam.files.pose_estimate import pose_estimate_as_json
+from cadcam.files.pose_estimate import frames_as_json, pose_estimate_as_json
 from cadcam.geometry import rotation as so3
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.photo import Photo
@@ -114,6 +114,7 @@ def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, A
         "reason": location.reason,
         "pose": pose if location.found else None,
         **({} if location.found else {"best": pose}),
+        "frames": frames_as_json([photo.viewpoint for photo in photos]),
         "disagreements": disagreements_as_json(location),
         "camera_from_part": pose_as_json(camera_from_part),
         "edges": {"samples": len(location.matches), "used": used, "rms_px": rms if used else None},

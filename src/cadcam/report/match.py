@@ -119,6 +119,7 @@ def matches_as_json(matches: TemplateMatches) -> dict[str, Any]:
         "poses_by_chance": or_null(matches.by_chance),
         "camera_from_part": None if pose is None else pose_as_json(pose.world_from_part),
         "covariance": None if pose is None else pose.covariance.tolist(),
+        "from_calibration": None if pose is None else pose.from_calibration.tolist(),
         "features": [
             {
                 "drawn": features.window[i].tolist(),

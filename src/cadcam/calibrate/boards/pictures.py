@@ -22,7 +22,7 @@ from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import CadcamError, NoBoard, TooFewPoints
 from cadcam.fit.many_poses import PaddedViews, poses_of_views
-from cadcam.image.picture import read_picture_with_info
+from cadcam.image.camera_picture import read_camera_picture_with_info
 from cadcam.target.boards.board import Pattern
 from cadcam.target.boards.circles import disc_shift
 from cadcam.target.boards.detect import Detection, detect
@@ -93,9 +93,12 @@ class BoardCalibration:
         return np.asarray(np.linalg.norm(self.estimate.poses @ middle, axis=-1))
 
 
-def find_board(path: str | os.PathLike[str], pattern: Pattern) -> BoardPicture:
-    """Return the board in a picture file, or why it was not found. Raises `UnreadableFile`."""
-    picture, info = read_picture_with_info(path)
+def find_board(path: str | os.PathLike[str], pattern: Pattern, *, full_scale: float | None = None) -> BoardPicture:
+    """Return the board in a picture file, or why it was not found. Raises `UnreadableFile`.
+
+    full_scale: the stored value of white, as for `read_camera_picture`; by default found from this file.
+    """
+    picture, info = read_camera_picture_with_info(path, full_scale=full_scale)
     return found_in(picture, pattern, name=info.path, sha256=info.sha256)
 
 

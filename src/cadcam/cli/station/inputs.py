@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import numbers, refuse
+from cadcam.cli.whites import white_as_asked
 from cadcam.errors import BadValue, UnreadableFile
 
 if TYPE_CHECKING:
@@ -23,12 +24,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PictureSource:
-    """Pictures, or listed pixels instead, and the positions of both."""
+    """Pictures, or listed pixels instead, and the positions of both; white: as `white_as_asked` gives it."""
 
     pictures: tuple[str, ...]
     pixels: ListedPixels | None
     positions: Mapping[str, ShotPosition] | None
     positions_from: str
+    white: float | None = None
 
     def shot(self, picture: str) -> ShotPosition:
         """Return position and time of a picture."""
@@ -55,11 +57,13 @@ def source(arguments: argparse.Namespace) -> PictureSource:
         if arguments.pictures:
             raise BadValue("--pixels", "given beside pictures", "one of the two")
         found = "pictures in its place: listed marks are found already"
-        refuse(arguments, "--mark", "--radius", why="beside --pixels", expected=found)
+        refuse(arguments, "--mark", "--radius", "--full-scale", why="beside --pixels", expected=found)
         return PictureSource(pixels.views, pixels, positions, arguments.positions or "")
     if not arguments.pictures:
         raise BadValue("pictures", "none given", "pictures, or --pixels FILE with the marks in them")
-    return PictureSource(tuple(picture_files(arguments.pictures)), None, positions, arguments.positions or "")
+    pictures = picture_files(arguments.pictures)
+    white = white_as_asked(arguments, pictures)
+    return PictureSource(tuple(pictures), None, positions, arguments.positions or "", white)
 
 
 def look_of(arguments: argparse.Namespace, plate: Plate, radius_px: float | None) -> MarkLook:
@@ -91,7 +95,7 @@ def sightings(
         shot = given.shot(picture)
         station = _station_of(picture, shot, stations)
         if given.pixels is None:
-            found.append(_in_picture(arguments, picture, shot, station))
+            found.append(_in_picture(arguments, picture, given.white, shot, station))
             shots.append(shot)
             continue
         for name, q in _listed(given.pixels, picture):
@@ -100,11 +104,12 @@ def sightings(
     return found, shots
 
 
-def gray_picture(path: str) -> tuple[Picture, str]:
-    """Return the grey picture in a file and the hash of the file."""
-    from cadcam.image.picture import read_picture_with_info, to_gray
+def gray_picture(path: str, white: float | None) -> tuple[Picture, str]:
+    """Return the grey picture in a file and the hash of the file; white: as `white_as_asked` gives it."""
+    from cadcam.image.camera_picture import read_camera_picture_with_info
+    from cadcam.image.picture import to_gray
 
-    picture, info = read_picture_with_info(path)
+    picture, info = read_camera_picture_with_info(path, full_scale=white)
     return to_gray(picture), info.sha256
 
 
@@ -121,7 +126,7 @@ def _station_of(picture: str, shot: ShotPosition, stations: Mapping[str, GantryC
 
 
 def _in_picture(
-    arguments: argparse.Namespace, picture: str, shot: ShotPosition, station: GantryCalibration
+    arguments: argparse.Namespace, picture: str, white: float | None, shot: ShotPosition, station: GantryCalibration
 ) -> Sighting:
     from cadcam.station.gantry import Sighting
     from cadcam.station.marks import find_mark
@@ -130,7 +135,7 @@ def _in_picture(
     look = look_of(arguments, plate, None)
     if look.radius_px is None:
         look = replace(look, radius_px=station.radius_px(look.mark.radius))
-    gray, _ = gray_picture(picture)
+    gray, _ = gray_picture(picture, white)
     try:
         q, covariance = find_mark(gray, look, lens=station.lens)
     except BadValue as error:

@@ -206,7 +206,7 @@ class _Finder:
             return *self._listed(self._given.pixels, picture), self._given.pixels.sha256
         from cadcam.station.marks import find_plate
 
-        gray, sha256 = gray_picture(picture)
+        gray, sha256 = gray_picture(picture, self._given.white)
         found = find_plate(gray, self.plate, look_of(self._arguments, self.plate, self._radius), lens=self.lens)
         self._radius = found.radius_px
         stated = self._arguments.sigma

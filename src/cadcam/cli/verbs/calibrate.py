@@ -31,6 +31,7 @@ from cadcam.image.suffixes import READABLE
 if TYPE_CHECKING:
     from cadcam.camera.joint_estimate import JointEstimate
 
+_OF_PICTURES = ("--free-skew", "--keep-all", "--pictures", "--full-scale")
 _EXAMPLES = f"""\
   cadcam calibrate points.csv --photo photo.png -o camera.json
   cadcam calibrate points.csv --size 768x576 --fix skew=0 --fix aspect=1 --lens brown-conrady:k1 -o camera.json
@@ -98,7 +99,7 @@ def run(arguments: argparse.Namespace) -> None:
     if pictures := [path for path in arguments.points if Path(path).suffix.lower() in READABLE]:
         raise BadValue("points file", f"the picture {pictures[0]}", "a text file; or --board BOARD for pictures of one")
     of_a_board = "--board and pictures of it, or leave it out"
-    refuse(arguments, "--free-skew", "--keep-all", "--pictures", why="without --board", expected=of_a_board)
+    refuse(arguments, *_OF_PICTURES, why="without --board", expected=of_a_board)
     if not (arguments.size or arguments.photo or arguments.internals):
         raise BadValue(
             "the picture's size", "not given", "one of --size WxH, --photo FILE, --internals FILE; or --board"

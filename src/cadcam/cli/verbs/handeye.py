@@ -23,6 +23,7 @@ from cadcam.cli.boards import BOARD_HELP, found_boards
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
 from cadcam.cli.photos import picture_files
+from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
@@ -95,6 +96,7 @@ def add_to(verbs: Verbs) -> None:
         "--camera-poses", metavar="FILE", help="poses of the target in the camera frame, instead of pixels"
     )
     parser.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
+    add_full_scale(parser)
     parser.add_argument("--leave-out", type=names, default=(), metavar="A,B", help="names of poses not to use")
     parser.add_argument("-o", "--output", metavar="FILE", help="result to write (.json)")
     add_points_options(parser)
@@ -128,7 +130,7 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
 
     robot = read_robot_numbers(*arguments.robot)
     if arguments.camera_poses:
-        unused = ("--board", "--camera", "--adjust-internals", *POINTS_OPTIONS)
+        unused = ("--board", "--camera", "--adjust-internals", "--full-scale", *POINTS_OPTIONS)
         poses_alone = "none: poses need no camera and no pictures"
         refuse(arguments, *unused, why="beside --camera-poses", expected=poses_alone)
         labels, robot, poses = _paired(arguments, robot, read_poses(arguments.camera_poses))
@@ -138,6 +140,8 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
             return calibrate_hand_eye_from_poses(flange, seen, mounting=arguments.mounting, names=labels)
     if arguments.board:
         refuse(arguments, *POINTS_OPTIONS, why="beside --board", expected="none: no points files are read")
+    else:
+        refuse(arguments, "--full-scale", why="without --board", expected="--board and pictures of it, or leave it out")
     camera = _camera(arguments)
     found = _boards(arguments, camera) if arguments.board else _views(arguments)
     labels, robot, views = _paired(arguments, robot, found)
@@ -227,7 +231,8 @@ def _boards(arguments: argparse.Namespace, camera: Camera | CameraEstimate) -> d
 
     pattern = parse_pattern(arguments.board)
     files = _by_stem([Path(file) for file in picture_files(arguments.views)])
-    found = found_boards([str(file) for file in files.values()], pattern)
+    named = [str(file) for file in files.values()]
+    found = found_boards(named, pattern, white_as_asked(arguments, named))
     for picture in found:
         if picture.detection is None:
             say(f"{picture.name}: {picture.problem}; its pose is not used")

@@ -82,7 +82,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.pose_out:
         check_target(arguments.pose_out, (".json",))
     check_order(arguments.photos, arguments.model)
-    shots = read_shots(arguments.photos, arguments.camera, arguments.rig)
+    shots = read_shots(arguments.photos, arguments)
     start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
     views = views_as_asked(arguments)
     mesh, report = load_as_asked(arguments)
@@ -94,7 +94,9 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.pose_out and location.found:
         from cadcam.files.pose_estimate import write_part_pose
 
-        write_part_pose(arguments.pose_out, location.pose)
+        model = {"path": str(report.path), "sha256": report.sha256}
+        cameras = [photo.viewpoint for photo in shots.photos]
+        write_part_pose(arguments.pose_out, location.pose, viewpoints=cameras, model=model)
     if arguments.json:
         document = _as_json(arguments, location, shots, report)
         print_json(document | {"faults": faults, "model": model_as_json(report, mesh)})
@@ -119,12 +121,17 @@ def radius_of(part: Part) -> float:
 
 
 def _write_overlay(arguments: argparse.Namespace, part: Part, shots: Shots, location: Location) -> None:
-    from cadcam.image.picture import read_picture, write_picture
+    from cadcam.image.camera_picture import read_camera_picture
+    from cadcam.image.picture import write_picture
 
     color = LINE if location.found else _REFUSED
+    pictures = [
+        read_camera_picture(file, full_scale=white)
+        for file, white in zip(_photo_files(shots), shots.whites, strict=True)
+    ]
     drawn = [
-        overlaid(arguments, part, read_picture(file), photo, location.pose.world_from_part, color)
-        for file, photo in zip(_photo_files(shots), shots.photos, strict=True)
+        overlaid(arguments, part, picture, photo, location.pose.world_from_part, color)
+        for picture, photo in zip(pictures, shots.photos, strict=True)
     ]
     write_picture(arguments.output, drawn[0] if len(drawn) == 1 else _beside(drawn))
 

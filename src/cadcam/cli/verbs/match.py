@@ -11,6 +11,7 @@ from cadcam.cli.arguments import NO, Verbs, add_json, real, refuse, verb, whole
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.models import check_order, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue, SizeMismatch
 from cadcam.image.suffixes import READABLE, WRITABLE
 
@@ -52,6 +53,7 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument("photo", help="PNG, JPEG, TIFF ...")
     parser.add_argument("what", help="a picture: the template; or a CAD file: STL, OBJ, PLY, STEP ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the photo with what was found: .png or .jpg")
+    add_full_scale(parser)
     _add_template_options(parser)
     _add_part_options(parser)
     add_json(parser)
@@ -137,7 +139,7 @@ def _check_size(arguments: argparse.Namespace, photo: Picture, template: Picture
 
 def _run_template(arguments: argparse.Namespace) -> int:
     from cadcam.image.correlate import CorrelateOptions, correlate
-    from cadcam.image.picture import read_picture, to_gray, write_picture
+    from cadcam.image.picture import to_gray, write_picture
     from cadcam.report.match import peaks_as_json, peaks_table
     from cadcam.report.match_picture import with_peaks
 
@@ -151,7 +153,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
         least_score=arguments.least_score,
         either_sign=arguments.either_sign,
     )
-    photo, template = to_gray(read_picture(arguments.photo)), _template(arguments)
+    photo, template = to_gray(_picture(arguments)), _template(arguments)
     _check_size(arguments, photo, template.gray)
     with working("matching"):
         peaks = correlate(photo, template, options=options)
@@ -165,11 +167,19 @@ def _run_template(arguments: argparse.Namespace) -> int:
     return 0 if len(peaks) else NO
 
 
+def _picture(arguments: argparse.Namespace) -> Picture:
+    """Return the photo."""
+    from cadcam.image.camera_picture import read_camera_picture
+
+    return read_camera_picture(arguments.photo, full_scale=white_as_asked(arguments, [arguments.photo]))
+
+
 def _template(arguments: argparse.Namespace) -> Template:
+    from cadcam.image.camera_picture import read_camera_picture
     from cadcam.image.picture import read_picture, to_gray
     from cadcam.image.template import Template
 
-    gray = to_gray(read_picture(arguments.what))
+    gray = to_gray(read_camera_picture(arguments.what))  # of any white: correlation is normalised
     if not arguments.mask:
         return Template(gray)
     mask = to_gray(read_picture(arguments.mask))
@@ -208,15 +218,15 @@ def _run_part(arguments: argparse.Namespace) -> int:
 
 
 def _photo(arguments: argparse.Namespace) -> tuple[Photo, Any, dict[str, Any]]:
-    from cadcam.image.picture import read_picture, to_gray
+    from cadcam.image.picture import to_gray
     from cadcam.locate.photo import Photo
 
-    camera, start = camera_and_pose(arguments.camera, arguments.pose)
-    gray = to_gray(read_picture(arguments.photo))
+    known, start = camera_and_pose(arguments.camera, arguments.pose)
+    gray = to_gray(_picture(arguments))
     try:
-        return Photo.of(gray, camera), start, view_as_json(camera, start)
+        return Photo.of(gray, known.calibrated), start, view_as_json(known.camera, start)
     except SizeMismatch as error:
-        raise SizeMismatch(arguments.photo, error.size, error.expected, "give the camera that took it") from None
+        raise SizeMismatch(arguments.photo, error.size, error.expected) from None
 
 
 def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: Closeness) -> None:
@@ -255,7 +265,8 @@ def _print_pose(matches: TemplateMatches) -> None:
     for row in T.matrix[:3]:
         print("  " + " ".join(f"{v:14.8f}" for v in row))
     mm, deg = (" ".join(f"{v:.3g}" for v in part) for part in (sigma[:3], np.degrees(sigma[3:])))
-    print(f"+- {mm} mm, {deg} degrees along and about the part's axes")
+    known = "calibration included" if matches.pose.from_calibration.any() else "the camera taken as exact"
+    print(f"+- {mm} mm, {deg} degrees along and about the part's axes, {known}")
 
 
 def _say_written(arguments: argparse.Namespace) -> None:

@@ -19,6 +19,7 @@ from cadcam.cli.arguments import (
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, read_any_camera, view_as_json
 from cadcam.cli.models import add_model_options, check_order, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.cli.wires import add_line_options, lines_as_json, lines_in_words, naming, scene_of, style_of, wireframe_of
 from cadcam.errors import BadValue, SizeMismatch
 from cadcam.image.suffixes import WRITABLE
@@ -57,6 +58,7 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument("photo", help="PNG, JPEG, TIFF ... of the camera's size (EXIF orientation is applied)")
     add_model_options(parser)
     add_camera_options(parser, required=True)
+    add_full_scale(parser)
     parser.add_argument("--points", metavar="FILE", help="find the pose from these points, keeping the internals")
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="picture to write: .png, .jpg or .svg")
     parser.add_argument(
@@ -79,7 +81,7 @@ def run(arguments: argparse.Namespace) -> None:
     check_order([arguments.photo], arguments.model)
     _check_options(arguments)
     camera, pose, estimate = _camera(arguments)
-    photo = _photo(arguments.photo, camera)
+    photo = _photo(arguments, camera)
     mesh, report = load_as_asked(arguments)
     scene = scene_of(arguments, mesh)
     wireframe = wireframe_of(arguments, scene, camera, pose)
@@ -106,7 +108,8 @@ def _check_options(arguments: argparse.Namespace) -> None:
 
 def _camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid, CameraEstimate | None]:
     if arguments.points is None:
-        return (*camera_and_pose(arguments.camera, arguments.pose), None)
+        known, pose = camera_and_pose(arguments.camera, arguments.pose)
+        return known.camera, pose, None
     from cadcam.calibrate.points.camera import locate_camera
 
     observations = read_points_as_asked(arguments, arguments.points)
@@ -117,17 +120,18 @@ def _camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid, CameraEstimat
     return estimate.camera, estimate.camera_from_world, estimate
 
 
-def _photo(path: str, camera: Camera) -> Picture:
+def _photo(arguments: argparse.Namespace, camera: Camera) -> Picture:
     """Return the photo; a size other than the camera's is an error that names the file."""
-    from cadcam.image.picture import read_picture
+    from cadcam.image.camera_picture import read_camera_picture
     from cadcam.render.overlay import fitting
 
+    path, white = arguments.photo, white_as_asked(arguments, [arguments.photo])
     with working(f"reading {path}"):
-        photo = read_picture(path)
+        photo = read_camera_picture(path, full_scale=white)
     try:
         return fitting(photo, camera)
     except SizeMismatch as error:
-        raise SizeMismatch(path, error.size, error.expected, str(error).partition("; ")[2]) from None
+        raise SizeMismatch(path, error.size, error.expected) from None
 
 
 def _write(arguments: argparse.Namespace, photo: Picture, scene: Scene, wireframe: Wireframe) -> None:

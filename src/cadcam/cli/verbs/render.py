@@ -138,7 +138,8 @@ def _given_camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid] | None:
         refuse(arguments, "--pose", why="without --camera", expected=both)
         return None
     refuse(arguments, "--view", "--size", why="beside --camera", expected="neither: the camera decides")
-    return camera_and_pose(arguments.camera, arguments.pose)
+    known, pose = camera_and_pose(arguments.camera, arguments.pose)
+    return known.camera, pose
 
 
 def _chosen_camera(arguments: argparse.Namespace, mesh: Mesh) -> tuple[Camera, Rigid]:

@@ -22,6 +22,7 @@ from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.estimating import fixed_as_asked, lens_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say, working
 from cadcam.cli.photos import picture_files
+from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
@@ -86,6 +87,7 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--poses", metavar="FILE", help="write camera_from_world of the first camera in every frame (.txt, .csv)"
     )
+    add_full_scale(parser)
     _add_camera_options(parser.add_argument_group("cameras"))
     add_points_options(parser)
     add_json(parser)
@@ -160,11 +162,12 @@ def _from_boards(
     refuse(arguments, "--size", why="beside --board", expected="none: the pictures say their size")
     refuse(arguments, *POINTS_OPTIONS, why="beside --board", expected="none: no points files are read")
     pattern = parse_pattern(arguments.board)
+    whites = {name: white_as_asked(arguments, [file for file in row if file]) for name, row in files.items()}
     found: dict[str, list[BoardPicture | None]] = {name: [] for name in files}
     with progress("finding the board", sum(len(row) for row in files.values())) as step:
         for name, row in files.items():
             for file in row:
-                found[name].append(None if file is None else find_board(file, pattern))
+                found[name].append(None if file is None else find_board(file, pattern, full_scale=whites[name]))
                 step()
     model = board_model_as_asked(arguments)
     with working(f"estimating a rig of {len(files)} cameras from {len(frames)} frames"):
@@ -181,7 +184,7 @@ def _from_points(
     from cadcam.calibrate.rig.adjustment import RigCamera, calibrate_rig
 
     pictures = "--board and pictures of it, or leave it out"
-    refuse(arguments, "--free-skew", "--keep-all", why="without --board", expected=pictures)
+    refuse(arguments, "--free-skew", "--keep-all", "--full-scale", why="without --board", expected=pictures)
     if not arguments.size and len(known) < len(files):
         raise BadValue("the picture's size", "not given", "--size WxH, or --known for every camera; or --board")
     lens, free_lens = lens_as_asked(arguments)

@@ -7,6 +7,7 @@ import argparse
 from cadcam.cli.arguments import Run, Verbs, add_jobs, add_json, job, names, real, seed, verb, whole
 from cadcam.cli.station import jobs as station_jobs
 from cadcam.cli.station import simulate as station_simulate
+from cadcam.cli.whites import add_full_scale
 
 _DESCRIPTION = """\
 Measure with a camera that is carried over a plane. A plate of marks is laid down and surveyed at a grid of positions;
@@ -58,6 +59,7 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--sigma", type=real, metavar="PX", help="noise of one pixel coordinate (default: as found)")
     group.add_argument("--mark", help="what the marks look like in pictures (default: as the plate file says)")
     group.add_argument("--radius", metavar="PX[,PX]", help="radius of a mark in the picture, or its range")
+    add_full_scale(group)
 
 
 def _add_rule(parser: argparse.ArgumentParser) -> None:

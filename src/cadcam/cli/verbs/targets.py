@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from cadcam.cli.arguments import NO, Verbs, add_jobs, add_json, job, real, refuse, verb, whole
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, refuse_swapped, say
+from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
 
@@ -94,6 +95,7 @@ def _add_find(jobs: Verbs) -> None:
     find.add_argument("--least-score", type=real, default=0.8, metavar="S", help="of a mark, 0 to 1 (default 0.8)")
     find.add_argument("--csv", metavar="FILE", help="write all marks: .csv")
     find.add_argument("-o", "--output", metavar="FILE", help="write the (one) picture with its marks: .png or .jpg")
+    add_full_scale(find)
     add_json(find)
 
 
@@ -176,12 +178,13 @@ def run_find(arguments: argparse.Namespace) -> int:
     mark, files = parse_mark(arguments.mark), picture_files(arguments.pictures)
     if arguments.output and len(files) > 1:
         raise BadValue("--output", arguments.output, "left out for several pictures")
+    white = white_as_asked(arguments, files)
     found: dict[str, list[FoundMark]] = {}
     short: list[str] = []
     with progress("finding marks", len(files)) as step:
         for file in files:
             try:
-                found[file] = _find(arguments, mark, file)
+                found[file] = _find(arguments, mark, file, white)
             except TooFewMarks as error:
                 found[file] = []
                 short.append(f"{file}: {error}")
@@ -192,17 +195,18 @@ def run_find(arguments: argparse.Namespace) -> int:
     return 0 if all(found.values()) else NO
 
 
-def _find(arguments: argparse.Namespace, mark: Mark, file: str) -> list[FoundMark]:
+def _find(arguments: argparse.Namespace, mark: Mark, file: str, white: float | None) -> list[FoundMark]:
     from cadcam.errors import SizeMismatch
-    from cadcam.image.picture import read_picture, to_gray
+    from cadcam.image.camera_picture import read_camera_picture
+    from cadcam.image.picture import to_gray
     from cadcam.target.marks.find import MarkOptions, find_marks
 
-    gray = to_gray(read_picture(file))
+    gray = to_gray(read_camera_picture(file, full_scale=white))
     camera = None
     if arguments.camera:
         camera = read_any_camera(arguments.camera).camera
         if camera.size != gray.shape[::-1]:
-            raise SizeMismatch(file, gray.shape[::-1], camera.size, "give the camera that took it")
+            raise SizeMismatch(file, gray.shape[::-1], camera.size)
     radius = arguments.radius
     if radius and len(radius) > 2:
         raise BadValue("--radius", radius, "one number, or two: from, to")

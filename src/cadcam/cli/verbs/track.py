@@ -9,13 +9,14 @@ from typing import TYPE_CHECKING, Any
 from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, overlaid, part_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
-from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say
+from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say, working
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
+from cadcam.cli.whites import check_counts, say_white
 from cadcam.cli.wires import LOOKS, add_line_options
 
 if TYPE_CHECKING:
     from cadcam.locate.part import Part
-    from cadcam.locate.track.frames import Frame
+    from cadcam.locate.track.frames import Frame, Frames
 
 _EXAMPLES = f"""\
   cadcam track frames/ part.obj --unit m --camera camera.json --start first.txt -o track.jsonl --csv track.csv
@@ -83,7 +84,8 @@ def run(arguments: argparse.Namespace) -> int:
     _check_options(arguments)
     viewpoints, said = viewpoints_of(arguments.frames, arguments.camera, arguments.rig)
     start, freedom = start_as_asked(arguments, viewpoints[0]) or said, freedom_as_asked(arguments)
-    frames = Frames([file_of(path) for path in arguments.frames], viewpoints)
+    frames = Frames([file_of(path) for path in arguments.frames], viewpoints, full_scale=arguments.full_scale)
+    _settle_white(arguments, frames)
     mesh, _ = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
     how: dict[str, Any] = {
@@ -119,6 +121,17 @@ def _check_options(arguments: argparse.Namespace) -> None:
         if not arguments.csv:
             shown = "--csv FILE or --overlays FOLDER beside it: the log holds both poses"
             refuse(arguments, "--smooth", why="where no pose is shown", expected=shown)
+
+
+def _settle_white(arguments: argparse.Namespace, frames: Frames) -> None:
+    """Find what is white in the pictures of each camera, and say so; refuse a white that counts for none of them."""
+    if arguments.full_scale is not None:
+        check_counts(arguments.full_scale, frames.pictures)
+        return
+    with working("reading how bright all pictures are"):
+        found = frames.full_scales
+    for source, white in zip(frames.sources, found, strict=True):
+        say_white(source, white)
 
 
 def _write_overlay(arguments: argparse.Namespace, part: Part, frame: Frame, entry: dict[str, Any]) -> None:

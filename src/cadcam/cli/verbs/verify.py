@@ -126,7 +126,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _shots(arguments: argparse.Namespace) -> Shots | None:
     check_order(arguments.photos, arguments.model)
     if arguments.photos:
-        return read_shots(arguments.photos, arguments.camera, arguments.rig)
+        return read_shots(arguments.photos, arguments)
     if arguments.template:
         return None
     raise BadValue("photos", "none given", "cadcam verify PHOTO MODEL --camera FILE; or --list, --template")
@@ -229,7 +229,10 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
         from cadcam.files.text import read_text
 
         sources.append(Source("tolerances", arguments.tolerances, read_text(arguments.tolerances).sha256))
-    cameras = tuple(f"{p.viewpoint.name}: {camera_words(p.camera)}" for p in shots.photos)
+    cameras = tuple(
+        f"{p.viewpoint.name}: {camera_words(p.camera)}" + ("" if white is None else f"; white is {white:g}")
+        for p, white in zip(shots.photos, shots.whites, strict=True)
+    )
     return VerificationOrigin(
         Path(arguments.model).stem, tuple(sources), cameras, arguments.serial or "", arguments.station or ""
     )

@@ -7,6 +7,7 @@ import os
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from glob import glob
 from itertools import zip_longest
 from pathlib import Path
@@ -17,7 +18,8 @@ from cadcam.arrays import Picture
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, SizeMismatch, UnreadableFile
 from cadcam.image import video
-from cadcam.image.picture import read_picture_with_info, to_gray
+from cadcam.image.camera_picture import FullScale, full_scale_of, read_camera_picture_with_info
+from cadcam.image.picture import check_full_scale, to_gray
 from cadcam.image.suffixes import READABLE
 from cadcam.locate.photo import Photo
 
@@ -43,13 +45,24 @@ class Frames:
 
     A source is a folder of pictures (in the order of the numbers in their names), a pattern such as left/*.png, a
     picture, or a video file. The n-th pictures of all sources were taken together.
+
+    full_scale: the stored value of white in pictures of more than 8 bits, as for `read_camera_picture`. By default all
+    16-bit pictures of a source are read once beforehand, for the one white that none of them exceeds.
     """
 
-    def __init__(self, sources: Sequence[str | os.PathLike[str]], viewpoints: Sequence[Viewpoint]) -> None:
+    def __init__(
+        self,
+        sources: Sequence[str | os.PathLike[str]],
+        viewpoints: Sequence[Viewpoint],
+        *,
+        full_scale: float | None = None,
+    ) -> None:
+        check_full_scale(full_scale)
         if len(sources) != len(viewpoints) or not sources:
             raise BadValue("number of sources", len(sources), f"one for each of {len(viewpoints)} cameras")
         self.sources = tuple(os.fspath(source) for source in sources)
         self.viewpoints = tuple(viewpoints)
+        self._full_scale = full_scale
         self._files = [None if _is_video(source) else picture_files(source) for source in self.sources]
         counts = {s: len(files) for s, files in zip(self.sources, self._files, strict=True) if files is not None}
         if len(set(counts.values())) > 1:
@@ -57,9 +70,19 @@ class Frames:
             raise BadValue("numbers of pictures", said, "as many of each camera: the n-th of all were taken together")
         self.count = next(iter(counts.values()), None) or video.count_frames(self.sources[0])
 
+    @cached_property
+    def full_scales(self) -> tuple[FullScale | None, ...]:
+        """What is white in the pictures of each source, found from all of them; None where it is not in question."""
+        return tuple(None if files is None else full_scale_of(files) for files in self._files)
+
+    @property
+    def pictures(self) -> tuple[str, ...]:
+        """The first picture of each source that is not a video."""
+        return tuple(files[0] for files in self._files if files is not None)
+
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames. Raises `UnreadableFile`, or `SizeMismatch` where a picture is not of its camera's size."""
-        streams = [_pictures(*pair) for pair in zip(self.sources, self._files, strict=True)]
+        streams = [_pictures(*three) for three in zip(self.sources, self._files, self._whites(), strict=True)]
         for index, shots in enumerate(zip_longest(*streams)):
             there = [shot for shot in shots if shot is not None]
             if len(there) < len(shots):
@@ -67,6 +90,11 @@ class Frames:
                 raise UnreadableFile(ended, f"ends before frame {index}, the others go on", "give as many of each")
             photos = tuple(_photo(*pair) for pair in zip(there, self.viewpoints, strict=True))
             yield Frame(index, photos, tuple(s.name for s in there), tuple(s.sha256 for s in there))
+
+    def _whites(self) -> list[float | None]:
+        if self._full_scale is not None:
+            return [self._full_scale] * len(self.sources)
+        return [None if found is None else found.white for found in self.full_scales]
 
 
 def picture_files(source: str) -> list[str]:
@@ -98,16 +126,16 @@ def _photo(shot: _Shot, viewpoint: Viewpoint) -> Photo:
     try:
         return Photo(shot.gray, viewpoint)
     except SizeMismatch as error:
-        raise SizeMismatch(shot.name, error.size, error.expected, "give the camera that took it") from None
+        raise SizeMismatch(shot.name, error.size, error.expected) from None
 
 
-def _pictures(source: str, files: list[str] | None) -> Iterator[_Shot]:
+def _pictures(source: str, files: list[str] | None, white: float | None) -> Iterator[_Shot]:
     if files is None:
         for number, gray in enumerate(video.read_video(source)):
             yield _Shot(gray, f"{Path(source).name} {number}", _fingerprint(gray))
         return
     for file in files:
-        picture, info = read_picture_with_info(file)
+        picture, info = read_camera_picture_with_info(file, full_scale=white)
         yield _Shot(to_gray(picture), file, info.sha256)
 
 

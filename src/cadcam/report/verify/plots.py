@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.report.verify.words import CAUSE_WORDS
+from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.tolerances.tolerance import Quantity

@@ -7,18 +7,12 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.geometry.rotation import hat
 from cadcam.report.table import Table, counted
+from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
-
-CAUSE_WORDS = {
-    "noise": "pixel noise",
-    "edges": "edges' own errors",
-    "pose": "pose",
-    "calibration": "camera calibration",
-}
 
 
 def verification_tables(found: Verification) -> list[Table]:

@@ -8,6 +8,7 @@ follow.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -18,6 +19,12 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment.scatter import EdgeNoise
 
 CAUSES = ("noise", "edges", "pose", "calibration")
+CAUSE_WORDS = {
+    "noise": "pixel noise",
+    "edges": "edges' own errors",
+    "pose": "pose",
+    "calibration": "camera calibration",
+}
 _BLIND = 1e-12  # of the largest: information below it is rounding
 
 
@@ -42,11 +49,23 @@ class Estimate:
         """Return the covariance (m, m) by all causes, which are independent of each other."""
         return np.asarray(self.noise + self.edges + self.pose + self.calibration)
 
+    @property
+    def shares(self) -> dict[str, float]:
+        """Return the share of each cause in the variance, in the direction in which that is largest."""
+        w = np.linalg.eigh(self.covariance)[1][:, -1]
+        return shares_of([float(w @ getattr(self, cause) @ w) for cause in CAUSES])
+
     def along(self, direction: Array) -> Estimate:
         """Return the estimate of D @ value for D (k, m)."""
         D = np.atleast_2d(direction)
         noise, edges, pose, calibration = (D @ getattr(self, cause) @ D.T for cause in CAUSES)
         return Estimate(D @ self.value, noise, edges, pose, calibration, self.misfit)
+
+
+def shares_of(variances: Sequence[float] | Array) -> dict[str, float]:
+    """Return the share of each of `CAUSES` in the sum of its variances (4,); as they are where that is 0."""
+    total = float(np.sum(variances))
+    return dict(zip(CAUSES, (float(v) / (total if total > 0 else 1.0) for v in variances), strict=True))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

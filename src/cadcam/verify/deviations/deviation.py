@@ -8,7 +8,7 @@ from enum import Enum
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.verify.adjustment.datum_fit import CAUSES, Estimate
+from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.edges.presence import Presence
 
 
@@ -121,12 +121,7 @@ class FeatureDeviation:
     @property
     def shares(self) -> dict[str, float]:
         """Return the share of each cause in the variance in that direction."""
-        if self.displacement is None:
-            return {}
-        w = np.linalg.eigh(self.displacement.covariance)[1][:, -1]
-        parts = {cause: float(w @ getattr(self.displacement, cause) @ w) for cause in CAUSES}
-        total = sum(parts.values())
-        return {cause: value / total for cause, value in parts.items()} if total > 0 else parts
+        return {} if self.displacement is None else self.displacement.shares
 
     def disputed(self) -> FeatureDeviation:
         """Return what remains of it if photos disagree on the part's pose: whether it is there, but not where."""

@@ -1,0 +1,151 @@
+"""Why a limit failed or could not be decided, and what would decide it, in words for whoever stands by the part."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.image.faults import faults_of
+from cadcam.locate.location import Location
+from cadcam.locate.photo import Photo
+from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
+from cadcam.verify.tolerances.tolerance import Quantity, Rule
+from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
+
+ANOTHER_VIEW, IN_VIEW = "take another view", "take a photo that shows it"
+_NAMED = 3  # most features named in the summary
+_AXIS = 1e-9  # largest deviation of a direction from an axis by rounding
+_BUT = ", but "  # in a reason, before what keeps a value from being decided apart from its U
+_SURELY = "measure it more surely: "
+_LESS_OF = {
+    "noise": "more light, or go closer",
+    "edges": "go closer, or take another view",
+    "pose": "take more of the part into the picture",
+    "calibration": "calibrate the camera better",
+}
+_FINE, _FINER = 0.1, 0.01  # limits below which three and four decimals are written
+
+
+def explained(j: Judgement, shares: Mapping[str, float]) -> Judgement:
+    """Return a judgement whose reason says how far from its limit a value is, and what to do if that is less than U.
+
+    shares: of each cause (`datum_fit.CAUSES`) in the variance. What was not measured, or has a remedy, keeps both.
+    """
+    if not np.isfinite(j.sigma):
+        return j
+    if j.verdict is Verdict.FAIL:
+        beyond, simple = abs(j.deviation) - j.limit.value, j.limit.rule is Rule.SIMPLE
+        least = _size(j, beyond) if simple else f"{_size(j, beyond - j.U)} at least"
+        return replace(j, reason=f"{j.reason}; beyond the limit by {least}")
+    if j.verdict is not Verdict.UNDECIDED or j.remedy:
+        return j
+    most = max(shares, key=lambda cause: shares[cause]) if shares else ""
+    said = f"; most of U is {CAUSE_WORDS[most]} ({shares[most]:.0%})" if most else ""
+    return replace(j, reason=f"{j.reason}; {_too_near(j)}{said}", remedy=_SURELY + _LESS_OF.get(most, ANOTHER_VIEW))
+
+
+def with_remedy(j: Judgement) -> Judgement:
+    """Return a judgement; the reason of one that is undecided ends with what would decide it."""
+    if j.verdict is not Verdict.UNDECIDED:
+        return j
+    remedy = j.remedy or ANOTHER_VIEW
+    short = remedy.removeprefix(_SURELY)
+    return replace(j, remedy=remedy, reason=j.reason if short in j.reason else f"{j.reason}: {short}")
+
+
+def summary(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
+    """Return in one line why the part has its verdict: what failed, by how much; or what could not be decided, and why.
+
+    At most three features are named.
+    """
+    if not judgements:
+        return "no limits given: nothing was judged"
+    if verdict is Verdict.PASS:
+        return f"all {len(judgements)} limits are kept, uncertainty included"
+    undecided = [j for j in judgements if j.verdict in (Verdict.UNDECIDED, Verdict.NOT_FOUND)]
+    if verdict is Verdict.FAIL:
+        missing = {j.feature for j in judgements if j.verdict is Verdict.FAIL and j.limit.quantity is Quantity.PRESENCE}
+        said = [failed_words(j) for j in judgements if j.verdict is Verdict.FAIL]
+        left = sum(j.feature not in missing for j in undecided)
+        also = [f"{left} more limit{'s' * (left > 1)} cannot be decided"] if left else []
+    else:
+        said, also = _undecided(undecided), []
+    more = [f"and {len(said) - _NAMED} more"] if len(said) > _NAMED else []
+    return "; ".join([*said[:_NAMED], *more, *also])
+
+
+def not_found(located: Location, photos: Sequence[Photo]) -> str:
+    """Return in one line why the part was not found, and the faults of the photos that may be to blame."""
+    why = (located.reason or "no pose fits").removeprefix("not found: ")
+    faults = [f"{photo.viewpoint.name}: {fault}" for photo in photos for fault in faults_of(photo.gray)]
+    ask = "is it this part, this camera, not mirrored, all in view?"
+    return f"the part was not found: {'; '.join([why, *(faults or [ask])])}"
+
+
+def failed_words(j: Judgement) -> str:
+    """Return in words what is wrong with a feature that failed."""
+    return f"{j.feature} is missing" if j.limit.quantity is Quantity.PRESENCE else _off(j)
+
+
+def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
+    """Return a direction in the part's axes: the axis' name if it is one, else its components."""
+    d = np.asarray(v, np.float64)
+    axis = int(np.argmax(np.abs(d)))
+    if np.abs(d).sum() - abs(d[axis]) < _AXIS * abs(d[axis]):
+        return f"{'-' if d[axis] < 0 else ''}{'xyz'[axis]}"
+    return vector_words(d)
+
+
+def vector_words(v: np.typing.NDArray[np.float64]) -> str:
+    """Return the components of a vector with two decimals, rounding to zero without a sign."""
+    return "(" + ", ".join(f"{0.0 if abs(x) < 5e-3 else x:.2f}" for x in v) + ")"
+
+
+def _undecided(judgements: Sequence[Judgement]) -> list[str]:
+    """Return a line for each value too near to its limit, and for each reason for which others were not measured."""
+    said: dict[tuple[str, str], list[str]] = {}
+    for j in judgements:
+        key = (f"{j.feature}: ", j.reason)
+        if np.isfinite(j.sigma):
+            but = j.reason.partition(_BUT)[2].removesuffix(f": {j.remedy}")
+            key = (_off(j) + (f"{_BUT}{but}" if but else ""), j.remedy.removeprefix(_SURELY))
+        said.setdefault(key, []).append(j.limit.quantity.name.lower())
+    return [
+        f"{what}{' and '.join(quantities)} cannot be decided ({why})" if what.endswith(": ") else f"{what}: {why}"
+        for (what, why), quantities in said.items()
+    ]
+
+
+def _off(j: Judgement) -> str:
+    """Return a measured feature with its deviation, U and limit."""
+    limit = f"limit {j.limit.quantity.per_unit * j.limit.value:.3g} {j.limit.quantity.unit}"
+    value = f"{_number(j, j.deviation)} +- {_size(j, j.U)}"
+    if j.limit.quantity is Quantity.ANGLE:
+        return f"{j.feature} is turned by {value}, {limit}"
+    what = "has a piece of edge" if j.limit.quantity is Quantity.PROFILE else "is"
+    along = "" if j.limit.direction is None else f" along {direction_words(j.limit.direction)}"
+    return f"{j.feature} {what} {value} off its place{along}, {limit}"
+
+
+def _too_near(j: Judgement) -> str:
+    """Return why a value is not decided by its U."""
+    if j.limit.rule is Rule.SIMPLE:
+        return f"U is more than {SIMPLE_SHARE:.0%} of the limit"
+    if j.limit.value <= j.U:
+        return "U is not below the limit, so not even a feature in place passes"
+    gap = j.limit.value - abs(j.deviation)
+    return f"{_size(j, abs(gap))} {'within' if gap >= 0 else 'beyond'} the limit, which is less than U"
+
+
+def _size(j: Judgement, value: float) -> str:
+    return f"{_number(j, value)} {j.limit.quantity.unit}"
+
+
+def _number(j: Judgement, value: float) -> str:
+    """Return a value of a judgement in the unit of its quantity, with the decimals that its limit asks for."""
+    scale = j.limit.quantity.per_unit
+    limit = scale * j.limit.value
+    decimals = 4 if limit < _FINER else 3 if limit < _FINE else 2
+    return f"{round(scale * value, decimals) + 0.0:.{decimals}f}"

@@ -1,0 +1,133 @@
+"""A camera of scaled, binned or cut pictures projects where they show it, and measures with the same covariance."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.lens import BrownConrady
+from cadcam.camera.observations import Observations
+from cadcam.camera.resampled import PictureMap
+from cadcam.camera.viewpoint import Viewpoint
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+
+CAMERA = Camera.from_focal((801, 600), 700.0, fy=695.0, cx=410.0, cy=290.0, skew=1.5, lens=BrownConrady(k1=-0.1))
+MAPS = {
+    "half": PictureMap.resized((801, 600), (400, 300)),
+    "double": PictureMap.resized((801, 600), (1602, 1200)),
+    "stretched": PictureMap.resized((801, 600), (400, 600), stretched=True),
+    "binned": PictureMap.binned((801, 600), (2, 2)),
+    "binned across": PictureMap.binned((801, 600), (3, 1)),
+    "cut": PictureMap.cut((801, 600), (100, 50), (500, 400)),
+}
+each = pytest.mark.parametrize("to", MAPS.values(), ids=MAPS.keys())
+
+
+def observed(rng: np.random.Generator, sigma_px: float | None = None) -> Observations:
+    p = rng.uniform([-400, -300, 900], [400, 300, 1500], size=(30, 3))
+    q = CAMERA.project(p) + rng.normal(scale=0.3, size=(30, 2))
+    return Observations(p, q, tuple(map(str, range(30))), sigma_px)
+
+
+def calibrated(seen: Observations, size: tuple[int, int] = CAMERA.size) -> CameraEstimate:
+    return calibrate_camera(seen, size, lens=BrownConrady(k1=0.0), free_lens=("k1",))
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "pixel"),
+    [  # of old pixel (40, 21), by the pixels of the old picture that the new one's take together
+        ("half", (400, 300), ((40.5 * 400 / 801 - 0.5), 10.25)),
+        ("binned", (400, 300), (19.75, 10.25)),
+        ("binned across", (267, 600), (40.5 / 3 - 0.5, 21.0)),
+        ("cut", (500, 400), (-60.0, -29.0)),
+    ],
+)
+def test_pixels_lie_where_the_new_picture_shows_them(
+    name: str, size: tuple[int, int], pixel: tuple[float, float]
+) -> None:
+    ray = CAMERA.unproject(np.array([40.0, 21.0]))
+    camera = MAPS[name].camera(CAMERA)
+    assert camera.size == size
+    np.testing.assert_allclose(camera.project(ray), pixel, atol=1e-9)
+
+
+def test_binning_is_the_mean_of_pixels() -> None:
+    """A ramp along x, binned by 3: each new pixel has the ramp's value at the place that the map says."""
+    ramp = np.arange(801.0)
+    binned = ramp[: 267 * 3].reshape(267, 3).mean(axis=1)
+    new = (ramp + 0.5) / 3 - 0.5
+    np.testing.assert_allclose(np.interp(np.arange(267), new, ramp), binned, atol=1e-9)
+    camera = PictureMap.binned((801, 600), (3, 3)).camera(CAMERA)
+    np.testing.assert_allclose(camera.principal_point, (CAMERA.principal_point + 0.5) / 3 - 0.5)
+
+
+@each
+def test_a_resized_estimate_is_that_of_resized_observations(to: PictureMap, rng: np.random.Generator) -> None:
+    """Calibrated with the points in the new picture: the same camera and covariance."""
+    seen = observed(rng)
+    estimate, moved = calibrated(seen), to.estimate(calibrated(seen))
+    assert moved.camera.size == to.size
+    assert moved.camera.lens == estimate.camera.lens
+    if to.scale[0] != pytest.approx(to.scale[1], rel=1e-2):
+        return  # stretched, the residuals weigh otherwise
+    again = calibrated(moved.observations, to.size)
+    sd = np.sqrt(np.diag(again.covariance)) + 1e-300
+    np.testing.assert_allclose(moved.values, again.values, atol=2e-2 * sd.max())
+    free = np.isin(again.parameters, again.free)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(moved.covariance))[free], np.sqrt(np.diag(again.covariance))[free], rtol=1e-2
+    )
+
+
+@each
+@pytest.mark.parametrize("sigma_px", [None, 0.25])
+def test_what_is_measured_has_the_same_covariance_in_mm(
+    to: PictureMap, sigma_px: float | None, rng: np.random.Generator
+) -> None:
+    """Rays of the same pixels err alike, but for the pixel's own noise, through either camera."""
+    estimate = calibrated(observed(rng, sigma_px))
+    moved = to.estimate(estimate)
+    q = np.array([[200.0, 150.0], [390.0, 310.0], [550.0, 420.0]])
+    there = (q + 0.5) * to.scale - 0.5 - to.origin
+    of_old, of_new = (
+        Viewpoint.placed("v", one, Rigid(), sigma_px=1e-6).ray_covariance(at)
+        for one, at in ((estimate, q), (moved, there))
+    )
+    np.testing.assert_allclose(of_new, of_old, rtol=1e-6, atol=1e-9 * np.abs(of_old).max())
+    np.testing.assert_allclose(moved.pose_covariance, estimate.pose_covariance, rtol=1e-9)
+    p = estimate.observations.p_world[:4]
+    D = np.diag(to.scale)
+    np.testing.assert_allclose(
+        moved.projection_covariance(p), D @ estimate.projection_covariance(p) @ D, rtol=1e-6, atol=1e-15
+    )
+
+
+def test_as_many_equations_as_unknowns_stay_without_noise(rng: np.random.Generator) -> None:
+    seen = observed(rng)
+    six = Observations(seen.p_world[:6], seen.q[:6], tuple("abcdef"))
+    estimate = calibrate_camera(six, CAMERA.size, fixed={"skew": 0.0}, lens=BrownConrady(), free_lens=("k1", "k2"))
+    moved = MAPS["binned"].estimate(estimate)
+    assert not np.isfinite(moved.noise_px)
+    np.testing.assert_array_equal(np.isinf(np.diag(moved.covariance)), np.isinf(np.diag(estimate.covariance)))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (
+            lambda: PictureMap.resized((801, 600), (400, 250)),
+            r"400 x 250 px, in another ratio .* 400 x 300 or 334 x 250",
+        ),
+        (lambda: PictureMap.binned((801, 600), (0, 2)), "binning is 0 x 2"),
+        (lambda: PictureMap.binned((801, 600), (2, 900)), "binning is 2 x 900"),
+        (lambda: PictureMap.cut((801, 600), (400, 0), (500, 100)), r"cut is 500 x 100 px from \(400, 0\) on"),
+        (lambda: PictureMap.cut((801, 600), (-1, 0), (500, 100)), "cut is"),
+    ],
+)
+def test_what_no_such_picture_is_is_refused(make: object, message: str) -> None:
+    with pytest.raises(BadValue, match=message):
+        make()  # type: ignore[operator]

@@ -1,0 +1,92 @@
+"""Photos of 12 bits in 16 give every verb what files that say their white give; the verb says how it read them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+
+from cadcam.image.picture import read_picture, write_picture
+
+from .job import Ran
+from .locating import MODELS, make_photo_job, photo
+
+Cadcam = Callable[..., Ran]
+PART = (str(MODELS / "bracket.stl"), "--camera", "camera.json", "--start", "start.txt")
+SAID = "read as 12 bits in 16: no value exceeds"
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a photo of 12 bits: in 16 without a word (raw.tif), and in a file that says it (said.pgm)."""
+    monkeypatch.chdir(tmp_path)
+    make_photo_job(tmp_path)
+    raw = np.round(np.clip(photo(), 0, 1) * 4095)
+    tifffile.imwrite("raw.tif", raw.astype(np.uint16))
+    Path("said.pgm").write_bytes(b"P5 480 360 4095\n" + raw.astype(">u2").tobytes())
+    return tmp_path
+
+
+def test_locate_finds_the_same_as_in_a_file_that_says_its_white(cadcam: Cadcam, here: Path) -> None:
+    raw = cadcam("locate", "raw.tif", *PART, "--json", "-o", "raw.png")
+    said = cadcam("locate", "said.pgm", *PART, "--json", "-o", "said.png")
+    assert f"raw.tif: {SAID}" in raw.err
+    assert "bits in 16" not in said.err
+    for key in ("quality", "pose"):
+        assert raw.json[key] == said.json[key]
+    np.testing.assert_array_equal(read_picture("raw.png"), read_picture("said.png"))
+
+
+def test_full_scale_says_otherwise(cadcam: Cadcam, here: Path) -> None:
+    dark = cadcam("locate", "raw.tif", *PART, "--json", "--full-scale", "65535", "-o", "dark.png")
+    assert "bits in 16" not in dark.err
+    assert read_picture("dark.png").min(axis=2).max() < 0.1  # lines apart, it is the picture as dark as was said
+    wrong = cadcam("locate", "raw.tif", *PART, "--full-scale", "1023")
+    assert wrong.code == 2
+    assert "outside 0 to 1023" in wrong.err
+    assert cadcam("locate", "raw.tif", *PART, "--full-scale", "-1").code == 2
+
+
+def test_overlay_shows_twelve_bits_as_bright_as_they_are(cadcam: Cadcam, here: Path) -> None:
+    for name in ("raw.tif", "said.pgm"):
+        ran = cadcam("overlay", name, *PART[:3], "--pose", "start.txt", "-o", f"{name[:-4]}.png")
+        assert ran.code == 0, ran.err
+        assert (SAID in ran.err) == (name == "raw.tif")
+    np.testing.assert_array_equal(read_picture("raw.png"), read_picture("said.png"))
+
+
+def test_a_film_has_one_white_whatever_each_frame_s_brightest_is(cadcam: Cadcam, here: Path) -> None:
+    film = here / "film"
+    film.mkdir()
+    raw = np.round(np.clip(photo(), 0, 1) * 4095)
+    for n, share in enumerate((0.24, 1.0, 0.24)):  # the first and last by themselves would be of 10 bits
+        tifffile.imwrite(film / f"{n}.tif", np.round(raw * share).astype(np.uint16))
+    assert (raw * 0.24).max() < 1023
+    ran = cadcam("track", "film", *PART, "-o", "log.jsonl", "--overlays", "seen")
+    assert ran.code == 0, ran.err
+    assert f"film: {SAID}" in ran.err
+    means = [float(read_picture(here / "seen" / f"0000{n}.jpg").mean()) for n in range(3)]
+    assert means[0] == pytest.approx(means[2], abs=0.01)
+    assert means[0] < 0.5 * means[1]
+    assert len(Path("log.jsonl").read_text().splitlines()) == 4
+    again = cadcam("track", "film", *PART, "-o", "log.jsonl", "--full-scale", "65535", "--overwrite")
+    assert "bits in 16" not in again.err
+
+
+def test_marks_are_found_alike(cadcam: Cadcam, here: Path) -> None:
+    marks = np.full((240, 320), 0.8)
+    y, x = np.mgrid[:240, :320]
+    for cx, cy in ((90.3, 80.6), (220.1, 150.2)):
+        marks[np.hypot(x - cx, y - cy) < 24] = 0.1
+    raw = np.round(marks * 4095)
+    tifffile.imwrite("marks.tif", raw.astype(np.uint16))
+    write_picture("marks.png", raw / 4095, bits=16)
+    found = {}
+    for name in ("marks.tif", "marks.png"):
+        ran = cadcam("targets", "find", name, "--mark", "dot:30mm", "--json")
+        assert (SAID in ran.err) == (name == "marks.tif")
+        found[name] = [mark["q"] for mark in ran.json["pictures"][0]["marks"]]
+    np.testing.assert_allclose(found["marks.tif"], found["marks.png"], atol=1e-3)

@@ -1,0 +1,131 @@
+"""Whoever stands by the part is told which feature, its value, U and limit, and what would decide it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.refine.refinement import refine_pose
+from cadcam.verify.adjustment.datum_fit import CAUSES
+from cadcam.verify.judge import Verification, verify_part
+from cadcam.verify.reasons import explained, summary, with_remedy
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances
+from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided
+
+from .scene import displaced, part, photo, plate
+
+SHARES = dict(zip(CAUSES, (0.1, 0.1, 0.1, 0.7), strict=True))
+
+
+def judgement(value: float, sigma: float, limit: Limit, reason: str = "displaced") -> Judgement:
+    """Return a measured judgement with its explanation."""
+    j = Judgement("rib", limit, value, sigma, decided(value, sigma, limit), reason)
+    return with_remedy(explained(j, SHARES))
+
+
+POSITION = Limit(Quantity.POSITION, 0.5)
+ALONG = Limit(Quantity.POSITION, 0.05, direction=(0.0, 1.0, 0.0))
+CALIBRATION = "most of U is camera calibration (70%): calibrate the camera better"
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "limit", "row", "line"),
+    [
+        (
+            *(0.2, 0.2, POSITION),
+            f"displaced; 0.30 mm within the limit, which is less than U; {CALIBRATION}",
+            "rib is 0.20 +- 0.40 mm off its place, limit 0.5 mm: calibrate the camera better",
+        ),
+        (
+            *(0.6, 0.1, POSITION),
+            f"displaced; 0.10 mm beyond the limit, which is less than U; {CALIBRATION}",
+            "rib is 0.60 +- 0.20 mm off its place, limit 0.5 mm: calibrate the camera better",
+        ),
+        (
+            *(0.02, 0.04, ALONG),
+            f"displaced; U is not below the limit, so not even a feature in place passes; {CALIBRATION}",
+            "rib is 0.020 +- 0.080 mm off its place along y, limit 0.05 mm: calibrate the camera better",
+        ),
+        (
+            *(0.1, 0.1, Limit(Quantity.POSITION, 0.5, rule=Rule.SIMPLE)),
+            f"displaced; U is more than 33% of the limit; {CALIBRATION}",
+            "rib is 0.10 +- 0.20 mm off its place, limit 0.5 mm: calibrate the camera better",
+        ),
+        (
+            *(np.radians(0.2), np.radians(0.2), Limit(Quantity.ANGLE, np.radians(0.5))),
+            f"displaced; 0.30 deg within the limit, which is less than U; {CALIBRATION}",
+            "rib is turned by 0.20 +- 0.40 deg, limit 0.5 deg: calibrate the camera better",
+        ),
+    ],
+)
+def test_what_u_leaves_open_says_by_how_much_and_what_makes_u(
+    value: float, sigma: float, limit: Limit, row: str, line: str
+) -> None:
+    j = judgement(value, sigma, limit)
+    assert (j.verdict, j.reason) == (Verdict.UNDECIDED, row)
+    assert summary(Verdict.UNDECIDED, [j]) == line
+
+
+def test_a_failure_says_what_is_beyond_doubt() -> None:
+    j = judgement(1.0, 0.1, POSITION)
+    assert j.reason == "displaced; beyond the limit by 0.30 mm at least"
+    simple = Limit(Quantity.POSITION, 0.5, rule=Rule.SIMPLE)
+    assert judgement(0.55, 0.05, simple).reason == "displaced; beyond the limit by 0.05 mm"  # less than U
+    also = judgement(0.2, 0.2, POSITION)
+    said = "rib is 1.00 +- 0.20 mm off its place, limit 0.5 mm; 1 more limit cannot be decided"
+    assert summary(Verdict.FAIL, [j, also]) == said
+
+
+def test_what_was_not_measured_is_named_once_for_each_reason() -> None:
+    def unseen(name: str, quantity: Quantity) -> Judgement:
+        j = Judgement(name, Limit(quantity, 1.0), np.nan, np.nan, Verdict.UNDECIDED, "unseen", "more light")
+        return with_remedy(explained(j, {}))
+
+    four = [unseen("rib", Quantity.POSITION), unseen("rib", Quantity.PROFILE)]
+    four += [unseen(name, Quantity.POSITION) for name in ("web", "pin", "nut")]
+    assert summary(Verdict.UNDECIDED, four) == (
+        "rib: position and profile cannot be decided (unseen: more light); web: position cannot be decided "
+        "(unseen: more light); pin: position cannot be decided (unseen: more light); and 1 more"
+    )
+
+
+def asked(limit_mm: float) -> Tolerances:
+    """Return limits of all kinds on two ribs."""
+    limits = [Limit(Quantity.POSITION, limit_mm), Limit(Quantity.PROFILE, limit_mm), Limit(Quantity.ANGLE, 1e-4)]
+    limits += [Limit(Quantity.PRESENCE, 1.0)]
+    return Tolerances(tuple(Feature(f"rib {k}", Selection(f"rib {k}"), tuple(limits)) for k in (1, 2)))
+
+
+def verified(limit_mm: float, by: float, blur: float = 0.0) -> Verification:
+    """Return the verification of the plate with rib 1 `by` mm off, in a photo blurred by some px."""
+    seen = photo(displaced("rib 1", np.array([0.0, by, 0.0])) if by else plate(), np.random.default_rng(5))
+    if blur:
+        seen = type(seen)(np.asarray(ndimage.gaussian_filter(seen.gray, blur), np.float32), seen.viewpoint)
+    return verify_part(part(), [seen], refine_pose(part(), [seen], Rigid()), asked(limit_mm))
+
+
+@pytest.mark.parametrize("limit_mm", [0.02, 0.3, 1.4])
+@pytest.mark.parametrize("by", [0.0, 1.5])
+def test_every_undecided_limit_of_a_part_ends_with_what_would_decide_it(limit_mm: float, by: float) -> None:
+    found = verified(limit_mm, by)
+    undecided = [j for j in found.judgements if j.verdict is Verdict.UNDECIDED]
+    assert undecided  # the angle's limit is finer than any photo's U
+    for j in undecided:
+        assert j.remedy
+        assert j.reason.endswith(j.remedy.removeprefix("measure it more surely: "))
+    for j in found.judgements:
+        if j.verdict is Verdict.FAIL and np.isfinite(j.sigma):
+            assert "beyond the limit by" in j.reason
+    if found.verdict is Verdict.UNDECIDED:
+        assert "+-" in found.reason
+        assert "limit" in found.reason
+
+
+def test_a_part_that_is_not_found_says_what_is_wrong_with_its_photo() -> None:
+    found = verified(0.5, 0.0, blur=9.0)
+    assert found.verdict is Verdict.NOT_FOUND
+    assert found.reason.startswith("the part was not found: ")
+    assert found.reason.count("not found") == 1
+    assert "photo: it is out of focus or moved: its sharpest edges are blurred by" in found.reason
