@@ -213,7 +213,7 @@ static void edges(void) {
             if (!isfinite(nats[i])) exit(fprintf(stderr, "the evidence is %g\n", nats[i]));
         free(sums), free(bytes);
     }
-    cc_climb(&v, poses, freedom, n_free, blur, 2, scores);
+    cc_climb(&v, poses, freedom, n_free, upto(1) ? unit() : 0, blur, 2, scores);
     for (int i = 0; i < 4 * n_poses * n_eyes; i++)
         if (!(scores[i] >= 0 && isfinite(scores[i]))) exit(fprintf(stderr, "score %d is %g\n", i % 4, scores[i]));
     for (int k = 0; k < n_poses; k++)

@@ -111,13 +111,13 @@ static equations along(const equations *q, const double *F, int n) {
     return out;
 }
 
-/* Solve the damped equations into x; 0 where they are singular. */
-static int solved(const equations *q, int n, double *x) {
+/* Solve the equations, damped by (n,), into x; 0 where they are singular. */
+static int solved(const equations *q, const double *damping, int n, double *x) {
     double L[6][6], y[6];
     for (int i = 0; i < n; i++) {
         for (int j = 0; j <= i; j++) {
             double s = q->A[i][j];
-            if (i == j) s += 0.01 * s + 1e-12;
+            if (i == j) s += damping[i] + 1e-12;
             for (int k = 0; k < j; k++) s -= L[i][k] * L[j][k];
             if (i == j) {
                 if (!(s > 1e-9 * (q->A[i][i] + 1e-12))) return 0;
@@ -202,7 +202,20 @@ INLINE d4 four_of(const walk *w, int o) {
 
 INLINE double sum_of(d4 v) { return (v[0] + v[1]) + (v[2] + v[3]); }
 
-static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, equations *q) {
+/* How a spot moves in the direction (nx, ny) with the twists of its part: J (6,). */
+static inline void motion_of(const cc_eye *e, const rigid *c, const spot *s, const float *p, double nx, double ny,
+                             double *J) {
+    const double gx = nx * e->fx * s->over_z, gy = (nx * e->skew + ny * e->fy) * s->over_z;
+    const double gz = -(gx * s->u + gy * s->v);
+    double g[3]; /* with the place, in the part's frame */
+    for (int i = 0; i < 3; i++) g[i] = gx * c->R[i] + gy * c->R[3 + i] + gz * c->R[6 + i];
+    J[0] = g[0], J[1] = g[1], J[2] = g[2];
+    J[3] = p[1] * g[2] - p[2] * g[1], J[4] = p[2] * g[0] - p[0] * g[2], J[5] = p[0] * g[1] - p[1] * g[0];
+}
+
+/* Add what a place tells, across its line, and to `slid`, unless NULL, how it moves along it, which nothing tells. */
+static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, equations *q,
+                      equations *slid) {
     spot s;
     if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return;
     const double length = sqrt(s.dx * s.dx + s.dy * s.dy);
@@ -219,14 +232,9 @@ static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, co
     }
     const double sum = sum_of(sums), moment = sum_of(moments);
     if (!(sum > 0)) return;
-    /* g: how the spot moves along its normal with the place, in the part's frame */
-    const double gx = nx * e->fx * s.over_z, gy = (nx * e->skew + ny * e->fy) * s.over_z, gz = -(gx * s.u + gy * s.v);
-    double g[3], J[6];
-    for (int i = 0; i < 3; i++) g[i] = gx * c->R[i] + gy * c->R[3 + i] + gz * c->R[6 + i];
-    const float *p = place->p;
-    J[0] = g[0], J[1] = g[1], J[2] = g[2];
-    J[3] = p[1] * g[2] - p[2] * g[1], J[4] = p[2] * g[0] - p[0] * g[2], J[5] = p[0] * g[1] - p[1] * g[0];
-    add_row(q, J, place->weight * sum, moment / sum);
+    double J[6];
+    motion_of(e, c, &s, place->p, nx, ny, J), add_row(q, J, place->weight * sum, moment / sum);
+    if (slid) motion_of(e, c, &s, place->p, -ny, nx, J), add_row(slid, J, place->weight * sum, 0);
 }
 
 /* All motions F (6, 6) of a part seen by an eye, at a place p of it: along three axes, the last one the line of sight,
@@ -256,22 +264,25 @@ static void axes_at(const rigid *c, const float *p, double *F) {
         }
 }
 
-static void step(const cc_pose_edges *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n) {
-    equations q = {0};
-    double x[6], xi[6] = {0}, axes[36], pivot[3];
+static void step(const cc_pose_edges *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n,
+                 double held) {
+    equations q = {0}, slid = {0};
+    double x[6], xi[6] = {0}, axes[36], pivot[3], damping[6];
     int free = 0;
     for (int32_t e = 0; e < v->n_eyes; e++) {
         const rigid c = seen_by(&v->eyes[e], pose);
         const cc_place *places = v->places + v->first[k * v->n_eyes + e];
         const int32_t count = v->count[k * v->n_eyes + e];
-        for (int32_t i = 0; i < count; i++) add_place(&v->eyes[e], &c, &places[i], kernel, &q);
+        for (int32_t i = 0; i < count; i++) add_place(&v->eyes[e], &c, &places[i], kernel, &q, held > 0 ? &slid : NULL);
         if (n == 6 && count) {
             axes_at(&c, places[0].p, axes), freedom = axes, free = 1;
             for (int i = 0; i < 3; i++) pivot[i] = places[0].p[i];
         }
     }
     q = along(&q, freedom, n);
-    if (!solved(&q, n, x)) return;
+    if (held > 0) slid = along(&slid, freedom, n);
+    for (int i = 0; i < n; i++) damping[i] = 0.01 * q.A[i][i] + held * slid.A[i][i];
+    if (!solved(&q, damping, n, x)) return;
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < n; j++) xi[i] += freedom[i * n + j] * x[j];
     moved(pose, xi, free ? pivot : NULL);
@@ -338,10 +349,10 @@ void VARIANT(climb_evidence)(const cc_pose_edges *v, int32_t eye, const double *
 }
 
 void VARIANT(climb_poses)(const cc_pose_edges *v, double *poses, const double *freedom, int32_t n_free,
-                          const double *blur, int32_t steps, double *scores) {
+                          double held, const double *blur, int32_t steps, double *scores) {
     for (int32_t i = 0; i < steps; i++) {
         const kernel now = kernel_of(blur[i]);
-        for (int64_t k = 0; k < v->n_poses; k++) step(v, k, poses + 12 * k, &now, freedom, n_free);
+        for (int64_t k = 0; k < v->n_poses; k++) step(v, k, poses + 12 * k, &now, freedom, n_free, held);
     }
     const kernel last = kernel_of(blur[steps]);
     for (int64_t k = 0; k < v->n_poses; k++)

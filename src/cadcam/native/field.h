@@ -81,11 +81,12 @@ CC_API void cc_sweep(const cc_pose_edges *edges, int32_t eye, const double *pose
 
 /* Move each pose (in place) uphill: `steps` steps of Gauss-Newton towards the lines within 2.5 blur[step] px along the
  * places' normals, weighted by a Gaussian of that width, in the directions of `freedom` (6, n_free), columns of xi in
- * pose @ exp(xi). blur (steps + 1,): the last is that of the judgement. Writes for each pose and eye 4 numbers: sum of
+ * pose @ exp(xi). held: damping by how places move along their lines, a share of the pull: what few lines tell moves
+ * slowly. blur (steps + 1,): the last is that of the judgement. Writes for each pose and eye 4 numbers: sum of
  * weight times certainty in [0, 1] (the best under a Gaussian along the normal), its mean and variance anywhere, sum of
  * weights in the picture. */
 CC_API void cc_climb(const cc_pose_edges *edges, double *poses, const double *freedom, int32_t n_free,
-                     const double *blur, int32_t steps, double *scores);
+                     double held, const double *blur, int32_t steps, double *scores);
 
 /* The evidence of a place for a pose: nats times the certainty there less `even`; of all places of a line at most
  * `most`. A line is seen with probability `seen`, in [0, 1). */

@@ -37,8 +37,8 @@ CC_API void cc_sweep(const cc_pose_edges *edges, int32_t eye, const double *pose
 }
 
 CC_API void cc_climb(const cc_pose_edges *edges, double *poses, const double *freedom, int32_t n_free,
-                     const double *blur, int32_t steps, double *scores) {
-    IN_USE(climb_poses)(edges, poses, freedom, n_free, blur, steps, scores);
+                     double held, const double *blur, int32_t steps, double *scores) {
+    IN_USE(climb_poses)(edges, poses, freedom, n_free, held, blur, steps, scores);
 }
 
 CC_API void cc_evidence(const cc_pose_edges *edges, int32_t eye, const double *poses, double blur, const int32_t *line,

@@ -79,7 +79,7 @@ def _core() -> c.CDLL:
             "cc_slide": (None, [edges, i32, at, *[i32] * 6, *[at] * 3]),
             "cc_sweep": (None, [edges, i32, at, i32, i32, *[at] * 3]),
             "cc_evidence": (None, [edges, i32, at, c.c_double, at, at, c.POINTER(_Belief), at, at]),
-            "cc_climb": (None, [edges, at, at, i32, at, i32, at]),
+            "cc_climb": (None, [edges, at, at, i32, c.c_double, at, i32, at]),
             "cc_firsts": (i64, [at, i64, i64, c.c_double, at, at]),
         },
     )
@@ -199,18 +199,19 @@ class PoseEdges:
         )
         return shift, score
 
-    def climb(self, poses: Array, freedom: Array, blur: Sequence[float]) -> tuple[Array, Array]:
+    def climb(self, poses: Array, freedom: Array, blur: Sequence[float], *, held: float = 0.0) -> tuple[Array, Array]:
         """Return poses (N, 12) moved uphill, one step per blur (px) but the last, and their scores (N, eyes, 4).
 
         The last blur is for the score: sum of weight times certainty, its mean and variance at random places, total
-        weight in the picture.
+        weight in the picture. held: share of the lines' pull that motions along lines hold against; motions that few
+        lines tell, as of a long bar along itself, are then small.
         """
         poses = np.array(poses, np.float64, order="C")
         freedom, widths = np.ascontiguousarray(freedom, np.float64), np.asarray(blur, np.float64)
         scores = np.zeros((len(poses), len(self._kept), 4))
         given = self._given(len(poses))
         _core().cc_climb(
-            given, poses.ctypes.data, freedom.ctypes.data, freedom.shape[1], widths.ctypes.data, len(widths) - 1,
+            given, poses.ctypes.data, freedom.ctypes.data, freedom.shape[1], held, widths.ctypes.data, len(widths) - 1,
             scores.ctypes.data,
         )  # fmt: skip
         return poses, scores

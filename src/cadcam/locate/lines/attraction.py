@@ -14,12 +14,14 @@ from collections.abc import Sequence
 import numpy as np
 
 from cadcam.arrays import Array, quantile
+from cadcam.fit.optimal_design import design
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom, aligned, carried
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import pulled
 
 _SEARCHED = 400  # samples used, of all photos together
+_CHOSEN = 0.6  # share of them that lie where they tell the pose best, not evenly
 _SOFTNESS, _REACH = 0.6, 1.5  # width of the kernel and search range, relative to the possible error of the lines
 _SHRINKS = 0.5  # ratio from one round to the next
 _LAST = (3, 0.7)  # search range and width of the last round, px: the width of an edge
@@ -31,7 +33,7 @@ _PULLS = 4  # Gauss-Newton steps on one set of candidates
 
 def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search_px: float) -> Rigid:
     """Return the pose whose lines lie on the photos' steps, from a start up to `search_px` off."""
-    few = [s.thinned(max(_SEARCHED // len(sights), 60)) for s in sights]
+    few = [_telling(s, start, max(_SEARCHED // len(sights), 60)) for s in sights]
     p = np.concatenate([s.samples.p for s in few])
     if not len(p):
         return start
@@ -43,6 +45,21 @@ def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search
         held = max(_HELD, (soft / search_px) ** 2 / lines)
         pose = _pulled(few, pose, B, middle, reach=reach, soft=soft, held=held)
     return pose
+
+
+def _telling(sight: Sight, pose: Rigid, most: int) -> Sight:
+    """Return the sight with about `most` of its samples, in part those that tell the pose: of a long bar, its ends."""
+    n, p = len(sight.samples), sight.samples.p
+    if n <= most:
+        return sight
+    middle = p.mean(axis=0)
+    away = p - middle
+    radius = np.sqrt(np.einsum("ij,ij->", away, away) / n)
+    row = np.nan_to_num(sight.project(pose).row)
+    turned = (row[:, 3:] + np.cross(row[:, :3], middle)) / radius
+    share = most * design(np.concatenate([row[:, :3], turned], axis=1), np.ones(n), chosen=_CHOSEN)
+    before = np.cumsum(np.minimum(share, 1.0))
+    return sight.select(np.diff(np.floor(before + 0.5), prepend=0.0) > 0)
 
 
 def schedule(search_px: float) -> list[tuple[int, float]]:

@@ -32,7 +32,7 @@ Quality 0.5, one threshold for all parts and photos, is a net share of 0.43.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -52,12 +52,16 @@ ASKED = 450  # samples in all photos together
 _TOGETHER = 4  # samples in a row: a sample is shown only if its neighbour on the line agrees
 _MUCH = 0.2  # free share above which straight stretches of bent lines are counted, too
 _ABSENT, _SCATTER, _GAIN = 0.6, 20.0, 2.0  # weights of these terms
+_TOLD_AT_ALL = 1e-6  # of what the lines tell best: a motion they tell less of is told by none
 _IN_DOUBT, _OTHER = (0.3, 0.75), 0.04  # quality at which other proportions are tried; least difference
 _ALWAYS = 1.1  # more than any quality
 _TOLD = 0.05  # gain that is mentioned in the reason
 _SHARES = (0.0, 0.43, 0.95)  # net shares that give quality 0, 1/2 and 1
 _COLOR = 2  # constraints spent on estimating the colours
 _WITHOUT = (0.1, 0.5)  # quality at which a body is left out
+# Least share of what tells a motion that is shown. Right poses have 0.19 to 1, mostly 0.6; long bars slid along
+# themselves, all of whose lines show but for their ends, have 0 to 0.02.
+_DETERMINED = 0.08
 _MOST_FITTED, _UNPROVEN = 0.8, 0.45  # share of constraints fitted that still allows a proof; quality without one
 
 
@@ -71,7 +75,8 @@ class Support:
     what is visible; gain: increase of the net share for a model of other proportions, and which those are; color: share
     of constraints added by the colours beside the lines. gone: the body of which nothing is shown, -1: none; without:
     its share of the samples, where it was left out of all this; faint: the share of samples left out because the light
-    gives them no contrast.
+    gives them no contrast; determined: the least share, over the motions that were fitted, of what all lines tell of a
+    motion that those shown tell.
     """
 
     samples: int
@@ -87,6 +92,7 @@ class Support:
     gone: int = -1
     without: float = 0.0
     faint: float = 0.0
+    determined: float = 1.0
 
     @property
     def fitted(self) -> float:
@@ -107,7 +113,8 @@ class Support:
         if self.samples < LEAST or self.fitted >= 1:
             return 0.0
         quality = float(np.interp(self.net, _SHARES, (0.0, 0.5, 1.0)))
-        return min(quality, _UNPROVEN) if self.fitted > _MOST_FITTED else quality
+        unproven = self.fitted > _MOST_FITTED or self.determined < _DETERMINED
+        return min(quality, _UNPROVEN) if unproven else quality
 
     def __str__(self) -> str:
         if self.samples < LEAST or self.fitted > _MOST_FITTED:
@@ -121,7 +128,8 @@ class Support:
             self.without > 0
         )
         faint = f", {self.faint:.0%} left out: the light gives them no contrast" * (self.faint > 0)
-        return edges + faint + body + color + free + other
+        slid = ", those that tell along which it may slide or turn are not" * (self.determined < _DETERMINED)
+        return edges + slid + faint + body + color + free + other
 
 
 def judged_support(
@@ -141,12 +149,12 @@ def judged_support(
     would only move lines to the bands' other sides are no evidence.
     """
     constraints = B.shape[1] + chosen
-    first = support_at(sights, world_from_part, constraints=constraints, scatter=scatter)
+    first = support_at(sights, world_from_part, constraints=constraints, scatter=scatter, B=B)
     if first.gone < 0 or not _WITHOUT[0] < first.quality < _WITHOUT[1]:
         first = replace(first, without=0.0)
     else:
         sights = [s.select(s.samples.part != first.gone) for s in sights]
-        left = support_at(sights, world_from_part, constraints=constraints, scatter=scatter)
+        left = support_at(sights, world_from_part, constraints=constraints, scatter=scatter, B=B)
         first = replace(left, without=first.without)
     first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
     most = _ALWAYS if in_noise(sights) else _IN_DOUBT[1]  # in noise a few missing lines hardly show
@@ -168,11 +176,13 @@ def _alone(sights: Sequence[Sight]) -> list[Sight]:
     return [s.select(room >= ROOM_PX) for s, room in zip(sights, rooms, strict=True)]
 
 
-def support_at(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float) -> Support:
+def support_at(
+    sights: Sequence[Sight], world_from_part: Rigid, *, constraints: int, scatter: float, B: Array | None = None
+) -> Support:
     """Return how much of the part's visible edges the photos show at a pose.
 
     constraints: how many its fit, and the search before it, could meet anywhere. scatter: sd (px) of the common error
-    of each edge.
+    of each edge. B (6, k): the motions that were fitted; None leaves it open how those shown determine them.
     """
     near = near_px(sights, scatter)
     most = ASKED // len(sights)
@@ -190,7 +200,22 @@ def support_at(sights: Sequence[Sight], world_from_part: Rigid, *, constraints: 
         scatter=scatter / max(extent, 1.0),
         gone=gone,
         without=of_gone,
+        determined=1.0 if B is None else _determined([(p.row @ B, p.here) for p in photos]),
     )
+
+
+def _determined(told: Sequence[tuple[Array, Mask]]) -> float:
+    """Return the least share of what lines tell of a motion that those shown tell.
+
+    told: of each photo the rows (n, k) of the samples by k motions, and which of them are shown. Motions that none of
+    the lines tell do not count.
+    """
+    rows, here = (np.concatenate(parts) for parts in zip(*told, strict=True))
+    if not len(rows):
+        return 0.0
+    axes, size, _ = np.linalg.svd(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), full_matrices=False)
+    shown = axes[here][:, size > _TOLD_AT_ALL * size[0]]
+    return float(np.linalg.eigvalsh(shown.T @ shown)[0])
 
 
 def with_room(sight: Sight, most: int) -> Sight:
@@ -200,7 +225,7 @@ def with_room(sight: Sight, most: int) -> Sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _InPhoto:
-    """The samples of one photo that can be judged: the body of each, whether it is shown (n,), and sums."""
+    """The samples of one photo that can be judged: body, whether shown (n,), row (n, 6) as of `Projected`, and sums."""
 
     body: Ids
     here: Mask
@@ -210,6 +235,7 @@ class _InPhoto:
     extent: float = 0.0
     absent: float = 0.0
     hidden: float = 0.0
+    row: Array = field(default_factory=lambda: np.zeros((0, 6)))
 
     @property
     def samples(self) -> int:
@@ -218,15 +244,17 @@ class _InPhoto:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ShownLines:
-    """Samples (n,) of a part's lines in a photo: their numbers, places, normals and runs, and which of them are shown.
+    """Samples (n,) of a part's lines in a photo: their numbers, places, normals, runs, rows, and which are shown.
 
-    share (1 + shifts,): of samples shown in place and after each shift (`locate.quality.shown`).
+    row (n, 6): as of `Projected`. share (1 + shifts,): of samples shown in place and after each shift
+    (`locate.quality.shown`).
     """
 
     which: Longs
     q: Array
     normal: Array
     run: Ids
+    row: Array
     here: Mask
     share: Array
 
@@ -236,13 +264,13 @@ class ShownLines:
         at, samples = sight.project(world_from_part), sight.samples
         which = np.flatnonzero(np.isfinite(at.q).all(axis=1))
         strips, normal, run = Strips.of(samples.select(which)), at.normal[which], samples.run[which]
-        q = at.q[which] + strips.middle[:, None] * normal
+        q, row = at.q[which] + strips.middle[:, None] * normal, at.row[which]
         if not len(which):
-            return cls(which, q, normal, run, np.zeros(0, bool), np.zeros(1))
+            return cls(which, q, normal, run, row, np.zeros(0, bool), np.zeros(1))
         here, share = shown(sight, q, normal, run, strips.room, near + strips.half)
         crossed = here & along_chequers(sight.photo.gray, q, normal, run)
         here, share[0] = here & ~crossed, max(share[0] - crossed.mean(), 0.0)
-        return cls(which, q, normal, run, here, share)
+        return cls(which, q, normal, run, row, here, share)
 
 
 def _in_photo(sight: Sight, world_from_part: Rigid, near: float, constraints: int) -> _InPhoto:
@@ -262,4 +290,5 @@ def _in_photo(sight: Sight, world_from_part: Rigid, near: float, constraints: in
         extent=float(np.hypot(*np.ptp(q, axis=0))),
         absent=float(absent.sum()),
         hidden=float(absent[behind_border(q, there.here)].sum()) if absent.any() else 0.0,
+        row=there.row,
     )

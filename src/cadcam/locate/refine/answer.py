@@ -150,7 +150,8 @@ def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bo
     lit = showing(part, told, pose)
     faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)
     if faint > 0:
-        evidence = replace(ask(lit, pose, B), faint=faint)
+        left = ask(lit, pose, B)
+        evidence = replace(left, faint=faint, determined=max(left.determined, evidence.determined))
     return evidence, doubted
 
 

@@ -182,8 +182,12 @@ class Refinement:
         return best
 
     def consistent(self, best: PoseAnswer) -> PoseAnswer:
-        """Return a found answer from those photos that agree, and as uncertain as their disagreement makes it."""
-        if len(self.photos) < 2 or best.solution is None or not best.location.found:
+        """Return an answer from those photos that agree, and as uncertain as their disagreement makes it.
+
+        One that would not be found is asked, too, unless hardly anything is shown: of two photos that contradict each
+        other each shows all of the part, but together they show half of it.
+        """
+        if len(self.photos) < 2 or best.solution is None or best.location.quality < DOUBT[0]:
             return best
         consistency = Consistency.of(best.solution, self.options)
         by_fewer = self.by_fewer(best, consistency)

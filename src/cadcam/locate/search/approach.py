@@ -42,9 +42,9 @@ _SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii at th
 
 
 _CLIMBS = (  # from the coarsest field on: level, samples, blurs, poses kept
-    Climb(0, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 16),
-    Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 6),
-    Climb(2, 160, (1.5, 1.0, 1.0, 0.7), 6),
+    Climb(0, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 16, near=True),
+    Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 6, near=True),
+    Climb(2, 160, (1.5, 1.0, 1.0, 0.7), 6, near=True),
 )
 
 
@@ -154,7 +154,7 @@ def _slid(aspects: Aspects, stage: FieldLevel, start: Rigid, reach: Reach) -> Ar
         seen = _grid(aspects, camera_from_world @ start, reach)
         world = composed(camera_from_world.inv, seen)
         shift_px = math.ceil(reach.shift_px / field.reduction) + 1
-        edges = pose_edges(aspects, stage, world, _SLID)
+        edges = pose_edges(aspects, stage, world, _SLID, telling=True)
         shift, score = edges.slide(eye, world, centre=(0, 0), reach=(shift_px, shift_px), keep=1, apart=2)
         best = np.argsort(-score[:, 0])[:_TAKEN]
         moved = turned(aspects, field.camera, seen[best], shift[best, 0].astype(float))

@@ -21,8 +21,8 @@ from cadcam.locate.views.drawing import PLACES, SIZE
 from cadcam.native.fields import PLACE
 from cadcam.whole import write_whole
 
-_VERSION = 2  # of the format of aspects: files of other versions have other names
-_NAMES = ("key", "distance", "length", "count", "places", "chain", "line")
+_VERSION = 3  # of the format of aspects: files of other versions have other names
+_NAMES = ("key", "distance", "length", "count", "places", "chain", "line", "telling")
 _MOST_BYTES = 256 * 2**20  # of all files together; the oldest are removed
 
 
@@ -41,11 +41,13 @@ def read_aspects(part: Part, folder: Path) -> int:
         with np.load(io.BytesIO(file_of(part, folder).read_bytes()), allow_pickle=False) as kept:
             rows = {name: kept[name] for name in _NAMES}
         ends = np.cumsum(rows["count"])[:-1]
-        runs = zip(*(np.split(rows[name], ends) for name in ("places", "chain", "line")), strict=True)
+        runs = zip(*(np.split(rows[name], ends) for name in ("places", "chain", "line", "telling")), strict=True)
         of_each = zip(rows["key"], rows["distance"], rows["length"], runs, strict=True)
         made = {
-            (int(d), int(s)): Aspect(aspects.net[d], float(far), places.astype(PLACE), chain, line, float(length))
-            for (d, s), far, length, (places, chain, line) in of_each
+            (int(d), int(s)): Aspect(
+                aspects.net[d], float(far), places.astype(PLACE), chain, line, telling.astype(PLACE), float(length)
+            )
+            for (d, s), far, length, (places, chain, line, telling) in of_each
         }
     except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError, zipfile.BadZipFile, zlib.error):
         return 0
@@ -69,6 +71,7 @@ def write_aspects(part: Part, folder: Path) -> None:
         places=np.concatenate([a.places for a in every]),
         chain=np.concatenate([a.chain for a in every]),
         line=np.concatenate([a.line for a in every]),
+        telling=np.concatenate([a.telling for a in every]),
     )
     try:
         write_whole(file_of(part, folder), buffer.getvalue())

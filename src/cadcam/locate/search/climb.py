@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import NamedTuple, TypeVar
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Longs
 from cadcam.camera.camera import Camera
@@ -29,16 +30,22 @@ _TOGETHER = 64  # poses that climb in one batch
 # even: certainty that is no evidence; nats per sample; most: of one edge; seen: share of edges that lighting shows.
 _BELIEF = Belief(even=0.15, nats=4.0, most=4.0, seen=0.9)
 _APART_PX = 3.0  # px: distance between independent samples
+_HELD = 0.01  # share of the pull that holds motions along lines, from a pose known roughly
 _STEPS = 64  # more than the number of distances of aspects
 
 
 class Climb(NamedTuple):
-    """One climb: field level, samples of an aspect, successive blurs (px), and how many poses are kept."""
+    """One climb: field level, samples of an aspect, successive blurs (px), and how many poses are kept.
+
+    near: whether poses are known roughly, so that motions which few lines tell are small, and samples lie where they
+    tell the pose best; otherwise these lie evenly.
+    """
 
     level: int
     samples: int
     blur: tuple[float, ...]
     kept: int
+    near: bool = False
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -72,14 +79,18 @@ def composed(a: Rigid, poses: Array) -> Array:
     return np.concatenate([R.reshape(-1, 9), poses[:, 9:] @ a.rotation.T + a.translation], axis=1)
 
 
-def pose_edges(aspects: Aspects, stage: FieldLevel, poses: Array, samples: int) -> PoseEdges:
-    """Return what the cameras of a level see of poses (N, 12) world_from_part: the first samples of their aspects."""
-    return _edges_of(stage, *_shown(aspects, stage, poses), samples)
+def pose_edges(aspects: Aspects, stage: FieldLevel, poses: Array, samples: int, *, telling: bool) -> PoseEdges:
+    """Return what the cameras of a level see of poses (N, 12) world_from_part: the first samples of their aspects.
+
+    telling: whether of those that lie where they tell the pose best.
+    """
+    shown, which = _shown(aspects, stage, poses)
+    return _edges_of(stage, [a.telling if telling else a.places for a in shown], which, samples)
 
 
-def _edges_of(stage: FieldLevel, shown: Sequence[Aspect], which: Longs, samples: int) -> PoseEdges:
-    """Return the edges of poses, given each pose's aspect per camera (N, eyes): its first samples."""
-    runs = [aspect.places[:samples] for aspect in shown]
+def _edges_of(stage: FieldLevel, shown: Sequence[npt.NDArray[np.void]], which: Longs, samples: int) -> PoseEdges:
+    """Return the edges of poses, given the samples per camera (N, eyes) of each pose's aspect: the first of them."""
+    runs = [places[:samples] for places in shown]
     count = np.array([len(run) for run in runs], np.int32)
     first = np.cumsum(count) - count
     places = np.concatenate([np.zeros(0, np.float32), *(run.view(np.float32) for run in runs)]).view(PLACE)
@@ -101,8 +112,8 @@ def climbed(
     aspects: Aspects, stage: FieldLevel, poses: Array, freedom: Array, climb: Climb
 ) -> tuple[Array, Array, Array]:
     """Return poses (N, 12) after climbing at one level, their scores (N,) and agreements (N,)."""
-    edges = pose_edges(aspects, stage, poses, climb.samples)
-    done = in_threads(lambda s: edges.part(s).climb(poses[s], freedom, climb.blur), _slices(len(poses)))
+    edges, held = pose_edges(aspects, stage, poses, climb.samples, telling=climb.near), _HELD if climb.near else 0.0
+    done = in_threads(lambda s: edges.part(s).climb(poses[s], freedom, climb.blur, held=held), _slices(len(poses)))
     poses, raw = (np.concatenate([d[k] for d in done]) for k in range(2))
     total = raw.sum(axis=1)
     score = (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
@@ -125,7 +136,7 @@ def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float = 0.
     most of it. Its evidence for a pose is bounded, as is that against it where no line is found.
     """
     shown, which = _shown(aspects, stage, poses)
-    edges = _edges_of(stage, shown, which, PLACES)
+    edges = _edges_of(stage, [aspect.places for aspect in shown], which, PLACES)
     line = np.concatenate([np.zeros(0, np.int32), *(aspect.line for aspect in shown)])
     apart = np.array([aspect.length / max(len(aspect.places), 1) for aspect in shown])
     total = np.zeros(len(poses))

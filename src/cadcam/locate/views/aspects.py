@@ -31,12 +31,13 @@ _CELLS = 32  # along each edge of the cube map that looks up the nearest directi
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Aspect:
-    """Samples of the edges that are visible from one viewpoint, ordered so that any first n are spread evenly.
+    """Samples of the edges that are visible from one viewpoint, ordered so that any first n are spread as all are.
 
     direction (3,): unit vector from the part's centre to the eye, and distance (mm), in the part frame. places (N,),
-    structured (`native.fields.PLACE`): p (3,) mm and unit tangent (3,) in the part frame, weight. chain (N,): feature
-    chain (edge), -1 on contours; line (N,): consecutive numbers, from 0, of the edges and contours that the samples lie
-    on. length: of all visible edges as seen from there, in units of the part's diameter.
+    structured (`native.fields.PLACE`), spread evenly: p (3,) mm and unit tangent (3,) in the part frame, weight. chain
+    (N,): feature chain (edge), -1 on contours; line (N,): consecutive numbers, from 0, of the edges and contours that
+    the samples lie on. telling (N,): as places, but most of them where they tell the pose best. length: of all visible
+    edges as seen from there, in units of the part's diameter.
     """
 
     direction: Array
@@ -44,6 +45,7 @@ class Aspect:
     places: npt.NDArray[np.void]
     chain: Ids
     line: Ids
+    telling: npt.NDArray[np.void]
     length: float
 
     def recoverable(self, n_chains: int) -> Array:
@@ -108,7 +110,7 @@ class Aspects:
             distance = self.radius * _NEAREST * _STEP**step
             for number, shown in zip(numbers, self._drawer.draw(self.net[numbers], distance), strict=True):
                 length = shown.length / (FILLED * SIZE)
-                self._made[number, step] = Aspect(self.net[number], distance, *shown[:3], length)
+                self._made[number, step] = Aspect(self.net[number], distance, *shown[:4], length)
                 made()
 
     @cached_property

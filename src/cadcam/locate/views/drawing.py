@@ -19,6 +19,7 @@ from cadcam.arrays import Array, Ids, Longs
 from cadcam.cad.chains import chain_of_each
 from cadcam.cad.topology import corner_points
 from cadcam.camera.camera import Camera
+from cadcam.fit.optimal_design import design
 from cadcam.geometry.rigid import Rigid
 from cadcam.native.fields import PLACE
 from cadcam.native.seen import SeenLines
@@ -30,17 +31,19 @@ PLACES = 320  # samples of the visible edges of one view
 SIZE, FILLED = 400, 0.9  # picture size, px, and the share of it that the part fills: the scale `approach` works at
 _BATCH = 16  # pictures for which samples are chosen at once
 _SHORTEST = 0.004  # of the picture size: lines with a shorter visible length get no sample
+_CHOSEN = 0.6  # share of the telling samples that lie where they tell the pose best, not evenly
 _BEND_PX = 0.1  # tolerance to which a polyline may be simplified
 _GOLDEN = 0.6180339887498949
 _RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * _GOLDEN)[0]))  # any first n are spread evenly
 
 
 class ShownEdges(NamedTuple):
-    """The edges visible in one view: places, chain and line (N,) as in `Aspect`, and the total length in px."""
+    """The edges visible in one view: places, chain, line, telling (N,) as in `Aspect`, and the total length in px."""
 
     places: npt.NDArray[np.void]
     chain: Ids
     line: Ids
+    telling: npt.NDArray[np.void]
     length: float
 
 
@@ -95,20 +98,27 @@ class Drawer:
     def _shown(self, steps: _Steps, line: Longs, depth: Array) -> ShownEdges:
         """Return samples of the lines of one picture; the pieces of a line must be consecutive."""
         if not len(line):
-            return ShownEdges(np.zeros(0, PLACE), np.zeros(0, np.int32), np.zeros(0, np.int32), 0.0)
-        ends = np.concatenate([[0.0], np.cumsum(steps.length)])
-        along = (_RANK + 0.5) / PLACES * ends[-1]
-        k = np.clip(np.searchsorted(ends, along, side="right") - 1, 0, len(line) - 1)
-        share = np.clip((along - ends[k]) / steps.length[k], 0, 1)
-        a, b = steps.a[k], steps.b[k]
-        za, zb = a @ depth[:3] + depth[3], b @ depth[:3] + depth[3]
-        places = np.zeros(PLACES, PLACE)
-        places["p"] = a + (share * za / (share * za + (1 - share) * zb))[:, None] * (b - a)
-        places["tangent"] = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1), 1e-300)[:, None]
-        places["weight"] = 1.0
+            none = np.zeros(0, PLACE)
+            return ShownEdges(none, np.zeros(0, np.int32), np.zeros(0, np.int32), none, 0.0)
+        places, k = steps.sampled(steps.length, depth)
+        telling, _ = steps.sampled(self._design(steps, depth), depth)
         chain = np.where(line < self._contours, line, -1)[k].astype(np.int32)
         numbers = np.unique(line[k], return_inverse=True)[1].ravel().astype(np.int32)
-        return ShownEdges(places, chain, numbers, float(ends[-1]))
+        return ShownEdges(places, chain, numbers, telling, float(steps.length.sum()))
+
+    def _design(self, steps: _Steps, depth: Array) -> Array:
+        """Return the share (N,) of samples that each piece gets, most of them by what it tells of the pose.
+
+        Nearly all of a long bar's lines run along it, and are the same wherever it is shifted to: only its ends, a
+        fiftieth of them, tell where it is. depth (4,): as of `_shown`.
+        """
+        away = float(depth[:3] @ self._centre + depth[3])
+        eye = self._centre - away * depth[:3]
+        middle = (steps.a + steps.b) / 2
+        normal = np.cross(steps.b - steps.a, middle - eye)  # of the plane that a piece is seen in
+        normal /= np.linalg.norm(normal, axis=1, keepdims=True) * np.linalg.norm(middle - eye, axis=1, keepdims=True)
+        rows = np.concatenate([normal, np.cross((middle - self._centre) / self._radius, normal)], axis=1)
+        return design(np.nan_to_num(rows), steps.length, chosen=_CHOSEN)
 
     def _numbers(self, steps: _Steps) -> Longs:
         """Return the number (N,) of the line that each piece is on: its chain or, after all chains, its contour."""
@@ -146,6 +156,23 @@ class _Steps:
         edge = np.concatenate([one.edge for one in seen])
         d = q[first + 1] - q[first]
         return cls(picture[first], edge[first], p[first], p[first + 1], np.hypot(d[:, 0], d[:, 1]))
+
+    def sampled(self, share: Array, depth: Array) -> tuple[npt.NDArray[np.void], Longs]:
+        """Return samples (PLACES,) of one picture's pieces, each piece's in proportion to a share (N,), and the piece.
+
+        depth (4,): third row of camera_from_part.
+        """
+        ends = np.concatenate([[0.0], np.cumsum(share)])
+        along = (_RANK + 0.5) / PLACES * ends[-1]
+        k = np.clip(np.searchsorted(ends, along, side="right") - 1, 0, len(share) - 1)
+        part = np.clip((along - ends[k]) / share[k], 0, 1)
+        a, b = self.a[k], self.b[k]
+        za, zb = a @ depth[:3] + depth[3], b @ depth[:3] + depth[3]
+        places = np.zeros(PLACES, PLACE)
+        places["p"] = a + (part * za / (part * za + (1 - part) * zb))[:, None] * (b - a)
+        places["tangent"] = (b - a) / np.maximum(np.linalg.norm(b - a, axis=1), 1e-300)[:, None]
+        places["weight"] = 1.0
+        return places, k
 
     def select(self, which: Longs | slice) -> _Steps:
         """Return the chosen ones."""
