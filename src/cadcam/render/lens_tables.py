@@ -38,8 +38,7 @@ class LensTables:
             if key in self._tables:
                 self._tables.move_to_end(key)
                 return self._tables[key]
-        points = plane_points(camera)
-        made = NativeLens(points if n == 1 else subdivided(points, n))
+        made = NativeLens(table_points(camera, n))
         if type(camera.lens).__eq__ is object.__eq__:
             return made  # the lens equals no other, so that the table will not be requested again
         with self._lock:
@@ -52,15 +51,29 @@ class LensTables:
 TABLES = LensTables()
 
 
-def plane_points(camera: Camera) -> Array:
-    """Return the point (x/z, y/z) of the undistorted plane (H, W, 2) for each pixel centre; NaN if none."""
-    points = np.full((camera.height, camera.width, 2), np.nan)
+def table_points(camera: Camera, n: int, rows: slice = slice(None)) -> Array:
+    """Return the plane points (n R, n W, 2) of n x n samples per pixel, of some rows of pixels or all.
+
+    Those of some rows are bit by bit the same as among all.
+    """
+    if n == 1:
+        return plane_points(camera, rows)
+    top, end, _ = rows.indices(camera.height)
+    above, below = max(top - 1, 0), min(end + 1, camera.height)  # the slopes of a row need its neighbours
+    return subdivided(plane_points(camera, slice(above, below)), n)[(top - above) * n : (end - above) * n]
+
+
+def plane_points(camera: Camera, rows: slice = slice(None)) -> Array:
+    """Return the point (x/z, y/z) of the undistorted plane (R, W, 2) for each pixel centre of the rows; NaN if none."""
+    first, end, _ = rows.indices(camera.height)
+    points = np.full((end - first, camera.width, 2), np.nan)
     x = np.arange(camera.width, dtype=np.float64)
-    rows = max(1, _CACHED // camera.width)  # few at a time, to stay in the cache
-    for top in range(0, camera.height, rows):
-        y = np.arange(top, min(top + rows, camera.height), dtype=np.float64)
-        ray = camera.unproject(np.stack(np.meshgrid(x, y), axis=-1))
-        points[top : top + rows] = ray[..., :2] / np.where(ray[..., 2:] > 0, ray[..., 2:], np.nan)
+    block = max(1, _CACHED // camera.width)  # rows, few at a time, to stay in the cache
+    for top in range(first // block * block, end, block):  # whole blocks: lenses iterate until all pixels of one agree
+        y = np.arange(top, min(top + block, camera.height), dtype=np.float64)
+        ray = camera.unproject(np.stack(np.meshgrid(x, y), axis=-1))[max(first - top, 0) : end - top]
+        at = max(top - first, 0)
+        points[at : at + len(ray)] = ray[..., :2] / np.where(ray[..., 2:] > 0, ray[..., 2:], np.nan)
     return points
 
 
