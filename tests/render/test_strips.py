@@ -12,11 +12,13 @@ from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Division, Fisheye, TiltedBrownConrady
 from cadcam.errors import MissingCore
+from cadcam.geometry.rigid import Rigid
 from cadcam.native import core
 from cadcam.render import lens_tables, strips
-from cadcam.render.lens_tables import TABLE_BYTES, LensTables, plane_points, table_points
+from cadcam.render.lens_tables import MAKING_BYTES, LensTables, plane_points, table_points
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.strips import Grids
+from cadcam.render.thin_lens import ThinLens
 from cadcam.render.view import Channel, Look, View
 
 from .scenes import scene_of, views_of
@@ -44,7 +46,7 @@ def in_strips(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw everything through a lens in strips of eight rows, three at a time at most."""
     monkeypatch.setattr(strips, "WHOLE_BYTES", 0)
     monkeypatch.setattr(strips, "STRIP_BYTES", 0)
-    monkeypatch.setattr(strips, "AT_ONCE_BYTES", 3 * TABLE_BYTES * SIZE[0] * 8 * 10)
+    monkeypatch.setattr(strips, "AT_ONCE_BYTES", 3 * MAKING_BYTES * SIZE[0] * 8 * 10)
 
 
 class Recorder:
@@ -126,7 +128,7 @@ def test_no_more_tables_exist_than_are_drawn_through(threads: int, monkeypatch: 
 def test_the_tables_of_24_megapixels_stay_within_the_bound_whatever_the_threads() -> None:
     for n in (2, 3, 4):
         grids = Grids(LARGE, (1, n))
-        strip = max(s.stop - s.start for s in grids.strips()) * 6000 * (1 + n * n) * TABLE_BYTES
+        strip = max(s.stop - s.start for s in grids.strips()) * 6000 * (1 + n * n) * MAKING_BYTES
         assert not grids.whole
         assert grids.table_bytes(1) == strip <= strips.STRIP_BYTES
         assert 2 * strip == grids.table_bytes(2) < grids.table_bytes(64) <= strips.AT_ONCE_BYTES
@@ -144,6 +146,14 @@ def test_the_tables_of_an_ordinary_picture_are_made_once(monkeypatch: pytest.Mon
     for pose in (OUTSIDE, INSIDE):
         renderer.render(CAMERAS["division"], pose, look=Look(supersampling=3))
     assert tables.sizes == [SIZE, (270, 201)]
+
+
+def test_a_lens_that_does_not_come_back_is_not_worth_keeping() -> None:
+    """Those of a photograph's renderings, for example, each from its own point of the opening."""
+    camera = Camera.from_focal((1920, 1080), 1800.0, lens=BrownConrady(-0.1))
+    seen = ThinLens(camera, None).pinhole(Rigid(), np.array([0.1, 0.2]), np.zeros(2)).camera
+    assert Grids(camera, (1,)).whole
+    assert not Grids(seen, (1,)).whole
 
 
 def test_colours_alone_need_no_table_of_the_centres(monkeypatch: pytest.MonkeyPatch) -> None:

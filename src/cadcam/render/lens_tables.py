@@ -16,8 +16,9 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Lens
 from cadcam.native.core import NativeLens
 
-TABLE_BYTES = 48  # per pixel of a table: the points, their copies in tiles, the inverse
-KEPT_BYTES = 1 << 28  # of tables kept although no renderer may need them any more
+TABLE_BYTES = 32  # per pixel of a table: the points in tiles, the inverse, patches
+MAKING_BYTES = TABLE_BYTES + 16  # while it is made, of the points in rows
+KEPT_BYTES = 1 << 30  # of tables kept although no renderer may need them any more: one of 24 megapixels
 _CACHED = 1 << 14  # pixels unprojected at a time
 
 Key = tuple[tuple[int, int], bytes, Lens, int]
@@ -39,8 +40,8 @@ class LensTables:
                 self._tables.move_to_end(key)
                 return self._tables[key]
         made = NativeLens(table_points(camera, n))
-        if type(camera.lens).__eq__ is object.__eq__:
-            return made  # the lens equals no other, so that the table will not be requested again
+        if not may_return(camera.lens):
+            return made
         with self._lock:
             self._tables[key] = made
             while sum(map(_bytes, self._tables)) > self._kept_bytes:
@@ -49,6 +50,11 @@ class LensTables:
 
 
 TABLES = LensTables()
+
+
+def may_return(lens: Lens) -> bool:
+    """Return whether the tables of a lens may be requested again: not where it equals no other."""
+    return type(lens).__eq__ is not object.__eq__
 
 
 def table_points(camera: Camera, n: int, rows: slice = slice(None)) -> Array:

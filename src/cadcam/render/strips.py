@@ -2,7 +2,7 @@
 
 A strip is drawn as a picture of its own, through a table of its rows. What a pixel shows depends on the table's points
 in it alone, so that strips together are the picture drawn at once, bit by bit. Where the tables of the whole picture
-are small enough they are made once and kept, for the next frame; those of strips are made for each.
+are small enough they are made once and kept, for the next frame; those of strips are made for each, by all threads.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.native.core import NativeLens
-from cadcam.render.lens_tables import TABLE_BYTES, table_points
+from cadcam.render.lens_tables import MAKING_BYTES, may_return, table_points
 from cadcam.render.view import Channel, Look
 
 WHOLE_BYTES = 5 << 29  # of a picture's tables, up to which it is drawn at once: 5 megapixels of 3 x 3 samples
@@ -50,8 +50,9 @@ class Grids:
 
     @property
     def whole(self) -> bool:
-        """Return whether the picture is drawn at once."""
-        return self.plain or self._bytes(self.camera.height) <= WHOLE_BYTES
+        """Return whether the picture is drawn at once: through tables worth keeping, or no larger than a strip's."""
+        most = WHOLE_BYTES if may_return(self.camera.lens) else min(STRIP_BYTES, WHOLE_BYTES)
+        return self.plain or self._bytes(self.camera.height) <= most
 
     def strips(self) -> list[slice]:
         """Return the rows of pixels of each strip, from top to bottom."""
@@ -79,4 +80,4 @@ class Grids:
         return max(STRIP_BYTES // self._bytes(_TILE), 1) * _TILE
 
     def _bytes(self, rows: int) -> int:
-        return TABLE_BYTES * self.camera.width * rows * sum(n * n for n in self.samples)
+        return MAKING_BYTES * self.camera.width * rows * sum(n * n for n in self.samples)
