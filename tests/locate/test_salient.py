@@ -9,8 +9,9 @@ from cadcam.arrays import Picture
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, MissingCore
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.match import salient
 from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
-from cadcam.locate.match.salient import SalientOptions, corner_strength, salient_windows
+from cadcam.locate.match.salient import SalientOptions, Windows, corner_strength, salient_windows
 from cadcam.native import core
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, View
@@ -80,6 +81,39 @@ def test_windows_of_a_part_lie_on_it(kind: Appearance, rng: np.random.Generator)
     assert (windows.p_part > low - 1).all()  # of depth in single precision
     assert (windows.p_part < high + 1).all()
     assert not counts[view.coverage == 0].all()
+
+
+@pytest.mark.parametrize("kind", APPEARANCES)
+def test_a_large_picture_is_searched_about_the_part_alone(
+    kind: Appearance, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Beside the part there is nothing: the windows are those of the whole picture, to the last bit."""
+    camera, pose = CAMERA.crop(-300, -200, (1400, 1000)), pose_of(rng)
+    view = open_renderer(block().scene, threads=1).render(camera, pose, channels=Channel.IMAGE | Channel.DEPTH)
+    drawing = of_model(view, block().lines.draw(camera, pose), kind)
+    counts, searched = counted(view, drawing, kind), []
+
+    def windows() -> Windows:
+        return salient_windows(drawing, counts, view, pose, options=SalientOptions(count=10))
+
+    def asked(appearance: Picture, side: int) -> Picture:
+        searched.append(appearance.shape)
+        return corner_strength(appearance, side)
+
+    monkeypatch.setattr(salient, "corner_strength", asked)
+    about = windows()
+    monkeypatch.setattr(salient, "_surroundings", lambda depth, options: (slice(0, 1000), slice(0, 1400)))
+    whole = windows()
+    assert searched[0][0] * searched[0][1] < 0.5 * 1400 * 1000
+    assert searched[1] == (1000, 1400)
+    assert len(about) >= 5
+    for name in ("q", "p_part", "right", "strength", "gap"):
+        assert np.array_equal(getattr(about, name), getattr(whole, name)), name
+
+
+def test_without_a_part_there_are_no_windows() -> None:
+    nothing = View(CAMERA, Rigid(), {"depth": np.full((480, 640), np.inf, np.float32)})
+    assert len(salient_windows(l_shapes([(80, 100)], (640, 480)), np.ones((480, 640), bool), nothing, Rigid())) == 0
 
 
 def test_a_photo_and_a_drawing_look_alike_whatever_the_light() -> None:

@@ -18,8 +18,12 @@
 #define BODIES_OF(function, name) BODIES(__typeof__(function), name)
 
 typedef int look(cc_frame *frame); /* whether it was the last to be done */
+/* What an expansion leaves of coordinate k, 0 or 1, of all points of a rectangle that begins with a whole tile. None is
+ * left out but those without a direction, NaN in the table: the numbers given are finite. */
+typedef range leave(const cc_lens *l, const rect *r, int k, const expansion *of);
 
 BODIES(look, frame_look)
+BODIES(leave, left_by)
 BODIES_OF(cc_frame_work, frame_work)
 BODIES_OF(cc_shrink, shrink)
 BODIES_OF(cc_find_spots, spots)

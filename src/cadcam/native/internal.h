@@ -86,6 +86,18 @@ typedef struct {
     int32_t strong; /* whether its curvature makes pixels */
 } bend;
 
+/* What a coordinate has of second and third order about a middle: ii, ij, jj; iii, iij, ijj, jjj. */
+typedef struct { double q[3], t[4]; } curves;
+
+/* A coordinate about the sample (x0, y0): map[0] + map[1] i + map[2] j, and where `bent`, curves on top of it. */
+typedef struct {
+    double x0, y0, map[3];
+    curves curves;
+    int bent;
+} expansion;
+
+typedef struct { double low, high; } range;
+
 struct cc_lens {
     int32_t width, height, tiles_x, tiles_y;
     double *points;   /* of the plane, tile by tile, row by row: TILE x, then their y; NaN where nothing is seen and

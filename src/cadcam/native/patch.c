@@ -8,15 +8,16 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "internal.h"
+#include "bodies.h"
 
 #define ANYWHERE 1e300 /* no bound, but finite, so that 0 times it is 0 */
 
 #define STRONG 3.0 /* px */
 
-enum { EVERY = 3 }; /* the rows and columns that maps are made from; their bounds are those of all */
+/* Every so many rows and columns maps are made from; their bounds are those of all. No multiple of the usual numbers of
+ * samples along a pixel: a table is straight within pixels, and bent between them. */
+enum { EVERY = 5 };
 
-typedef struct { double low, high; } range;
 typedef struct { double sum; int32_t n; } mean;
 
 static void grow(range *r, double low, double high) {
@@ -47,40 +48,18 @@ static patch completed(patch p, range in_u, range in_v, double half) {
     return fit ? p : nowhere(p.x, p.y, 1);
 }
 
-/* What a coordinate has of second and third order about the middle: ii, ij, jj; iii, iij, ijj, jjj. */
-typedef struct { double q[3], t[4]; } curves;
-
 /* A value of the table less that. */
 static double flat(double value, const curves *c, double i, double j) {
     const double *q = c->q, *t = c->t;
     return value - (i * (i * (q[0] + t[0] * i + t[1] * j) + j * (q[1] + t[2] * j)) + j * j * (q[2] + t[3] * j));
 }
 
+static const curves NO_CURVES = {{0}, {0}};
+
 static const double *point_at(const cc_lens *l, const double *points, int32_t x, int32_t y) {
     return points + 2 * ((size_t)y * (size_t)l->width + (size_t)x);
 }
 static int is_seen(const double *p) { return isfinite(p[0]) && isfinite(p[1]); }
-
-/* What a map, at + slopes, and curvatures leave of coordinate k, 0 or 1, of all points of a rectangle of whole tiles.
- * None is left out but those without a direction, NaN in the table: the numbers given are finite. */
-static range left_by(const cc_lens *l, rect r, int k, double x0, double y0, const double map[3], const curves *c) {
-    double low[2 * PATCH], high[2 * PATCH], left[2 * PATCH]; /* a bend is not wider */
-    const int32_t n = (r.x1 - r.x0) / TILE * TILE + TILE;
-    range all = {INFINITY, -INFINITY};
-    for (int32_t t = 0; t < n; t++) low[t] = INFINITY, high[t] = -INFINITY;
-    for (int32_t y = r.y0; y <= r.y1; y++) {
-        const double j = y - y0, c0 = map[0] + j * (map[2] + j * (c->q[2] + j * c->t[3]));
-        const double c1 = map[1] + j * (c->q[1] + j * c->t[2]), c2 = c->q[0] + j * c->t[1], c3 = c->t[0];
-        const double *p = l->points + point_of(y / TILE * l->tiles_x + r.x0 / TILE, y % TILE * TILE) + k * TILE;
-        for (int32_t t = 0; t < n; t += TILE) memcpy(left + t, p + 2 * TILE * t, TILE * sizeof *p);
-        for (int32_t t = 0; t < n; t++) {
-            const double i = r.x0 - x0 + t, d = left[t] - (c0 + i * (c1 + i * (c2 + i * c3)));
-            low[t] = d < low[t] ? d : low[t], high[t] = d > high[t] ? d : high[t];
-        }
-    }
-    for (int32_t t = 0; t < n; t++) grow(&all, low[t], high[t]);
-    return all;
-}
 
 /* What is left of the points of a rectangle after curvatures: the mean step between samples, and what that leaves. */
 static patch fitted(const cc_lens *l, const double *points, rect r, double x0, double y0, const curves *u2,
@@ -105,8 +84,9 @@ static patch fitted(const cc_lens *l, const double *points, rect r, double x0, d
     const affine *m = &p.map;
     const double size = fabs(m->u) + fabs(m->v) + fabs(m->ux) + fabs(m->uy) + fabs(m->vx) + fabs(m->vy);
     if (!(size < 1e30)) return nowhere(x0, y0, 1);
-    const range in_u = left_by(l, r, 0, x0, y0, (double[]){m->u, m->ux, m->uy}, u2);
-    const range in_v = left_by(l, r, 1, x0, y0, (double[]){m->v, m->vx, m->vy}, v2);
+    const int bent = u2 != &NO_CURVES;
+    const range in_u = IN_USE(left_by)(l, &r, 0, &(expansion){x0, y0, {m->u, m->ux, m->uy}, *u2, bent});
+    const range in_v = IN_USE(left_by)(l, &r, 1, &(expansion){x0, y0, {m->v, m->vx, m->vy}, *v2, bent});
     p.seen = in_u.low <= in_u.high;
     return p.seen ? completed(p, in_u, in_v, PATCH) : p;
 }
@@ -234,9 +214,8 @@ static rect square(const cc_lens *l, int32_t x, int32_t y, int32_t size) {
 }
 
 static patch of_square(const cc_lens *l, const double *points, int32_t x, int32_t y) {
-    static const curves none = {0};
     const rect r = square(l, x, y, PATCH);
-    return fitted(l, points, r, 0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), &none, &none);
+    return fitted(l, points, r, 0.5 * (r.x0 + r.x1), 0.5 * (r.y0 + r.y1), &NO_CURVES, &NO_CURVES);
 }
 
 static int fill_bends(cc_lens *l, const double *points, int level) {

@@ -16,8 +16,9 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Lens
 from cadcam.native.core import NativeLens
 
-TABLE_BYTES = 48  # per pixel of a table: the points, their copies in tiles, the inverse
-KEPT_BYTES = 1 << 28  # of tables kept although no renderer may need them any more
+TABLE_BYTES = 32  # per pixel of a table: the points in tiles, the inverse, patches
+MAKING_BYTES = TABLE_BYTES + 16  # while it is made, of the points in rows
+KEPT_BYTES = 1 << 30  # of tables kept although no renderer may need them any more: one of 24 megapixels
 _CACHED = 1 << 14  # pixels unprojected at a time
 
 Key = tuple[tuple[int, int], bytes, Lens, int]
@@ -38,10 +39,9 @@ class LensTables:
             if key in self._tables:
                 self._tables.move_to_end(key)
                 return self._tables[key]
-        points = plane_points(camera)
-        made = NativeLens(points if n == 1 else subdivided(points, n))
-        if type(camera.lens).__eq__ is object.__eq__:
-            return made  # the lens equals no other, so that the table will not be requested again
+        made = NativeLens(table_points(camera, n))
+        if not may_return(camera.lens):
+            return made
         with self._lock:
             self._tables[key] = made
             while sum(map(_bytes, self._tables)) > self._kept_bytes:
@@ -52,15 +52,34 @@ class LensTables:
 TABLES = LensTables()
 
 
-def plane_points(camera: Camera) -> Array:
-    """Return the point (x/z, y/z) of the undistorted plane (H, W, 2) for each pixel centre; NaN if none."""
-    points = np.full((camera.height, camera.width, 2), np.nan)
+def may_return(lens: Lens) -> bool:
+    """Return whether the tables of a lens may be requested again: not where it equals no other."""
+    return type(lens).__eq__ is not object.__eq__
+
+
+def table_points(camera: Camera, n: int, rows: slice = slice(None)) -> Array:
+    """Return the plane points (n R, n W, 2) of n x n samples per pixel, of some rows of pixels or all.
+
+    Those of some rows are bit by bit the same as among all.
+    """
+    if n == 1:
+        return plane_points(camera, rows)
+    top, end, _ = rows.indices(camera.height)
+    above, below = max(top - 1, 0), min(end + 1, camera.height)  # the slopes of a row need its neighbours
+    return subdivided(plane_points(camera, slice(above, below)), n)[(top - above) * n : (end - above) * n]
+
+
+def plane_points(camera: Camera, rows: slice = slice(None)) -> Array:
+    """Return the point (x/z, y/z) of the undistorted plane (R, W, 2) for each pixel centre of the rows; NaN if none."""
+    first, end, _ = rows.indices(camera.height)
+    points = np.full((end - first, camera.width, 2), np.nan)
     x = np.arange(camera.width, dtype=np.float64)
-    rows = max(1, _CACHED // camera.width)  # few at a time, to stay in the cache
-    for top in range(0, camera.height, rows):
-        y = np.arange(top, min(top + rows, camera.height), dtype=np.float64)
-        ray = camera.unproject(np.stack(np.meshgrid(x, y), axis=-1))
-        points[top : top + rows] = ray[..., :2] / np.where(ray[..., 2:] > 0, ray[..., 2:], np.nan)
+    block = max(1, _CACHED // camera.width)  # rows, few at a time, to stay in the cache
+    for top in range(first // block * block, end, block):  # whole blocks: lenses iterate until all pixels of one agree
+        y = np.arange(top, min(top + block, camera.height), dtype=np.float64)
+        ray = camera.unproject(np.stack(np.meshgrid(x, y), axis=-1))[max(first - top, 0) : end - top]
+        at = max(top - first, 0)
+        points[at : at + len(ray)] = ray[..., :2] / np.where(ray[..., 2:] > 0, ray[..., 2:], np.nan)
     return points
 
 

@@ -10,9 +10,10 @@ from __future__ import annotations
 
 import os
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
-from typing import Any
+from queue import SimpleQueue
+from typing import Any, NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -20,18 +21,27 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask
 from cadcam.cad.topology import is_solid
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import Ideal
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.native.core import LONGEST, NativeLens, NativeScene, RasterFrame, Request, Workers
-from cadcam.render.lens_tables import TABLE_BYTES, TABLES
+from cadcam.render.lens_tables import TABLES
 from cadcam.render.memory import Buffers, check_memory
 from cadcam.render.shade import unit
+from cadcam.render.strips import Grids
 from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of
 
 _BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they fit in the second-level cache
 _MANY = 1 << 18  # faces from which threads cull them together, and finer bands are worth their duplicate work
 _SHADED = Channel.IMAGE | Channel.RGB
+
+
+class _Picture(NamedTuple):
+    """A picture being drawn."""
+
+    grids: Grids
+    pose: Rigid
+    look: Look
+    layers: Mapping[str, npt.NDArray[Any]]
 
 
 class RasterRenderer:
@@ -109,26 +119,40 @@ class RasterRenderer:
         n = look.supersampling if channels & _SHADED else 1
         if max(camera.size) * n > LONGEST:
             raise BadValue("picture size times supersampling", f"{camera.size} x {n}", f"at most {LONGEST} px a side")
-        pixels = camera.width * camera.height
-        table = 0 if isinstance(camera.lens, Ideal) else TABLE_BYTES * (1 + n * n * (n > 1))
+        grids = Grids.of(camera, channels, look)
         layers = sum(layer.pixel_bytes for layer in layers_of(channels).values())
         what = f"a view of {camera.width} x {camera.height} px" + (f" with {n} x {n} samples a pixel" if n > 1 else "")
-        check_memory(pixels * (layers * pictures + table), what)
-        if table:
-            self._lens(camera, 1)
-            if n > 1:
-                self._lens(camera, n)
+        check_memory(camera.width * camera.height * layers * pictures + grids.table_bytes(self._threads), what)
+        if grids.whole:
+            self._tables(grids)
 
     def _view(self, camera: Camera, pose: Rigid, channels: Channel, look: Look, *, threads: int) -> View:
         layers = {
             name: self._buffers.take(layer.shape(camera), layer.dtype) for name, layer in layers_of(channels).items()
         }
-        n = look.supersampling if channels & _SHADED else 1
-        self._draw(self._request(camera, pose, look, n, layers, threads), threads)
+        picture = _Picture(Grids.of(camera, channels, look), pose, look, layers)
+        if picture.grids.whole:
+            self._draw(picture, slice(0, camera.height), self._tables(picture.grids), threads)
+        else:
+            self._draw_strips(picture, threads)
         return View(camera, pose, layers)
 
-    def _draw(self, request: Request, threads: int) -> None:
-        frame = RasterFrame(self._native, request)
+    def _draw_strips(self, picture: _Picture, threads: int) -> None:
+        """Draw strip by strip, each with tables of its own: a thread makes them, draws through them, lets them go."""
+        at_once = picture.grids.at_once(threads)
+        left: SimpleQueue[slice | None] = SimpleQueue()
+        for rows in (*picture.grids.strips(), *[None] * at_once):  # None: an end for each thread
+            left.put(rows)
+
+        def some() -> None:
+            for rows in iter(left.get, None):
+                self._draw(picture, rows, picture.grids.tables(rows), 1)
+
+        self._together(some, at_once)
+
+    def _draw(self, picture: _Picture, rows: slice, tables: Mapping[int, NativeLens], threads: int) -> None:
+        """Draw some rows of a picture through the tables of these rows."""
+        frame = RasterFrame(self._native, self._request(picture, rows, tables, threads))
         self._together(frame.look, threads if self._scene.mesh.n_faces > _MANY else 1)
         self._together(lambda: self._workers.run(frame), threads)
 
@@ -140,16 +164,14 @@ class RasterRenderer:
             if not helper.cancel():  # one that has not started has nothing left to do
                 helper.result()
 
-    def _request(
-        self, camera: Camera, pose: Rigid, look: Look, n: int, layers: dict[str, npt.NDArray[Any]], threads: int
-    ) -> Request:
-        R, t = pose.rotation, pose.translation
-        plain = isinstance(camera.lens, Ideal)
-        K = camera.K if plain else np.eye(3)
-        request = Request(width=camera.width, height=camera.height, samples=n)
+    def _request(self, picture: _Picture, rows: slice, tables: Mapping[int, NativeLens], threads: int) -> Request:
+        camera, n, look = picture.grids.camera, picture.grids.finest, picture.look
+        R, t = picture.pose.rotation, picture.pose.translation
+        K = np.eye(3) if tables else camera.K
+        request = Request(width=camera.width, height=rows.stop - rows.start, samples=n)
         shares = 1 if threads == 1 else threads * (4 if self._scene.mesh.n_faces > _MANY else 2)
-        request.fronts = self._solid is not None and _outside(self._solid, pose.origin)
-        request.bands = max(camera.width * camera.height * n * n // _BAND, shares)
+        request.fronts = self._solid is not None and _outside(self._solid, picture.pose.origin)
+        request.bands = max(request.width * request.height * n * n // _BAND, shares)
         request.plane[:] = (K @ np.column_stack([R, t])).ravel().tolist()
         request.ray[:] = (R.T @ np.linalg.inv(K)).ravel().tolist()
         request.rotation[:] = R.ravel().tolist()
@@ -157,11 +179,16 @@ class RasterRenderer:
         request.fill_from[:] = (R.T @ unit(look.fill_from)).tolist()
         request.back_from[:] = (R.T @ unit(look.back_from)).tolist()
         request.background[:] = list(look.background)
-        if not plain:
-            request.lens, request.centres = self._lens(camera, n).address, self._lens(camera, 1).address
-        for name, layer in layers.items():
-            setattr(request, name, layer.ctypes.data)
+        if tables:
+            request.lens = tables[n].address
+            request.centres = tables[1].address if 1 in tables else None
+        for name, layer in picture.layers.items():
+            setattr(request, name, layer[rows].ctypes.data)
         return request
+
+    def _tables(self, grids: Grids) -> dict[int, NativeLens]:
+        """Return the tables of a whole picture, by samples along a pixel; none without distortion."""
+        return {} if grids.plain else {n: self._lens(grids.camera, n) for n in grids.samples}
 
     def _lens(self, camera: Camera, n: int) -> NativeLens:
         """Return the table of a camera for n x n samples per pixel; this renderer keeps those of the last camera."""

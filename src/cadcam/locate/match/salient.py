@@ -80,10 +80,11 @@ def salient_windows(
 
     counts (H, W): pixels that the model determines. view: of the part from the same viewpoint, with DEPTH.
     """
-    strength = corner_strength(appearance, options.side)
-    centres = _centres(strength, view.depth, options)
+    about = _surroundings(view.depth, options)
+    top, left = about[0].start, about[1].start
+    centres = _centres(corner_strength(appearance[about], options.side), view.depth[about], options)
     chosen: list[tuple[float, float, float, float, Template]] = []
-    for x, y, strong in centres:
+    for x, y, strong in ((left + column, top + row, strong) for column, row, strong in centres):
         template = window(appearance, counts, x, y, options.side)
         if template is None:
             continue
@@ -95,6 +96,19 @@ def salient_windows(
     table = np.array([row[:4] for row in chosen]).reshape(-1, 4)
     p_part, right = (camera_from_part.inv @ _points(view, table[:, :2], px) for px in (0.0, 1.0))
     return Windows(table[:, :2], p_part, right, table[:, 2], table[:, 3], tuple(row[4] for row in chosen))
+
+
+def _surroundings(depth: Picture, options: SalientOptions) -> tuple[slice, slice]:
+    """Return the rows and columns of the part and as far round it as what is chosen depends on: all else is background.
+
+    A part may be a small share of a large picture. Without a part: one pixel.
+    """
+    far = math.ceil(options.side + options.spacing + _OFF_OUTLINE)
+    rows, columns = (np.flatnonzero(np.isfinite(depth).any(axis=axis)) for axis in (1, 0))
+    if not len(rows):
+        return slice(0, 1), slice(0, 1)
+    (top, bottom), (left, right) = ((max(int(at[0]) - far, 0), int(at[-1]) + far + 1) for at in (rows, columns))
+    return slice(top, bottom), slice(left, right)
 
 
 def corner_strength(appearance: Picture, side: int) -> Picture:
