@@ -12,7 +12,11 @@ from cadcam.locate.lines.edges import EdgeSamples, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.native.profiles import clearance
 
+from ..cad.solids import prism
+from .smooth import globe
+
 CAMERA = Camera.from_focal((640, 480), 900.0, fy=880.0, skew=2.0, lens=BrownConrady(k1=-0.15, k2=0.05, p1=1e-3))
+PLAIN = Camera.from_focal((640, 480), 900.0)
 POSE = Rigid.look_at((260.0, -330.0, 300.0), (0.0, 0.0, 20.0))
 
 
@@ -55,7 +59,7 @@ def test_samples_are_where_the_camera_sees_their_points(lens: Lens, rng: np.rand
     p = at @ (np.linalg.inv(CAMERA.K) @ np.column_stack([q, np.ones(400)]).T * rng.uniform(-50, 400, 400)).T
     tangent, far = rng.normal(size=(400, 3)), np.zeros(400)
     twins, beyond = np.zeros((400, 2, 2)), np.zeros((400, 2))
-    found = project(EdgeSamples(p, tangent, none, none, none, none, far, far, twins, beyond), camera, POSE)
+    found = project(EdgeSamples(p, tangent, none, none, none, none, none, far, far, twins, beyond, far), camera, POSE)
     wanted = camera.project(POSE @ p)
     seen = np.isfinite(wanted).all(axis=1)
     assert 100 < seen.sum() < 380
@@ -171,3 +175,35 @@ def test_a_line_across_the_cell_is_no_twin() -> None:
         assert np.isinf(twins).any(axis=(1, 2)).all()
         assert np.isinf(twins[:, 1, 0]).all()
         assert beyond[0, 1] == above[0] < 20.0
+
+
+@pytest.mark.parametrize("level", [3, 4, 5])
+def test_the_contour_of_a_faceted_ball_is_one_run_of_twelve_arcs(level: int) -> None:
+    """Facets of 9, 4 and 2 degrees: no corner, nothing beside it, normals across the circle and to the outside."""
+    ball = Part.of(globe(level))
+    pose = Rigid.look_at((260.0, -330.0, 300.0), (0.0, 0.0, 0.0))
+    samples = sample_lines(
+        ball.lines.draw(PLAIN, pose).visible, PLAIN, step_px=4.0, reach_px=10.0, bulges=ball.lines.bulges
+    )
+    at, middle = project(samples, PLAIN, pose), PLAIN.project((pose @ np.zeros(3))[None])
+    out = at.q - middle
+    out /= np.linalg.norm(out, axis=1, keepdims=True)
+    assert np.array_equal(np.unique(samples.run), [0])
+    assert len(np.unique(samples.arc)) == 12
+    assert np.bincount(samples.arc).min() > 0.6 * len(samples) / 12
+    assert np.minimum(samples.below, samples.above).mean() > 9.5
+    assert np.degrees(np.arccos(np.clip((at.normal * out).sum(axis=1), -1, 1))).max() < {3: 20, 4: 10, 5: 5}[level]
+    assert samples.bulge == pytest.approx(ball.lines.bulges[0])
+
+
+def test_a_straight_contour_is_one_arc_and_edges_are_their_own() -> None:
+    """Along a cylinder's side, and around its rim."""
+    pipe = Part.of(prism(64, radius=30.0, height=120.0))
+    lines = pipe.lines.draw(PLAIN, Rigid.look_at((300.0, -260.0, 200.0), (0.0, 0.0, 60.0))).visible
+    samples = sample_lines(lines, PLAIN, step_px=4.0, reach_px=10.0, bulges=pipe.lines.bulges)
+    sides = samples.chain < 0
+    assert len(np.unique(samples.run[sides])) == len(np.unique(samples.arc[sides])) == 2
+    rim = samples.select(~sides)
+    assert np.array_equal(np.unique(rim.run, return_inverse=True)[1], np.unique(rim.arc, return_inverse=True)[1])
+    assert not rim.bulge.any()
+    assert samples.bulge[sides].min() > 0

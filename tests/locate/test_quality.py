@@ -14,7 +14,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.absent import behind_border, body_gone
 from cadcam.locate.quality.support import SEARCHED, Support
-from cadcam.locate.quality.worth import distinct_lines, worth_of_stretches
+from cadcam.locate.quality.worth import distinct_lines, further_arcs, worth_of_lines, worth_of_stretches
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.locate.views.view_range import ViewRange
 
@@ -118,6 +118,19 @@ def test_a_rounded_corner_does_not_make_one_edge_of_two(corner: float, side: flo
     run = np.zeros(len(q), np.int32)
     line, length = distinct_lines(q, run)
     assert worth_of_stretches(q, normal, run, line, length) == expected
+
+
+def test_of_a_contour_each_arc_beyond_the_first_one_is_worth_one_constraint() -> None:
+    """Twelve arcs of a circle: the first says where it is and how it lies, the others how much further it bends."""
+    turned = np.arange(0.0, 2 * np.pi, 4 / 80)
+    q, normal = 80 * np.stack([np.sin(turned), -np.cos(turned)], axis=1), np.stack([-np.sin(turned), np.cos(turned)], 1)
+    run, arc = np.zeros(len(q), np.int32), (turned * 6 / np.pi).astype(np.int32)
+    line, length = distinct_lines(q, arc)
+    further = further_arcs(line, arc, run)
+    assert worth_of_lines(length, further) == 2 + 11
+    assert worth_of_stretches(q, normal, arc, line, length, further) == 2 + 11
+    alone = further_arcs(line, arc, arc)
+    assert worth_of_lines(length, alone) == 24
 
 
 def test_what_lies_bare_to_one_side_of_a_border_is_hidden_and_nothing_else(rng: np.random.Generator) -> None:

@@ -299,6 +299,22 @@ def test_contours_on_the_inner_side_of_a_ring_are_hidden_and_on_the_outer_drawn(
         assert np.array_equal(seen, np.full(500, drawn))
 
 
+def test_the_contour_of_a_faceted_ball_is_one_line_around_it_with_the_ball_on_its_left() -> None:
+    """However its segments zigzag in space; in the picture, which has y downwards, that is clockwise in numbers."""
+    import trimesh
+
+    ball = trimesh.creation.icosphere(subdivisions=4, radius=200.0)
+    scene = Scene.of(Mesh.single(ball.vertices, ball.faces, surface=np.zeros(len(ball.faces), np.int32)))
+    for eye in ([0.0, -900.0, 350.0], [500.0, 300.0, 650.0]):
+        pose = Rigid.look_at(eye, [0, 0, 0])
+        lines = LineDrawer(scene).draw(camera_of(), pose).visible
+        assert len(lines) == 1
+        assert lines.q[0] == pytest.approx(lines.q[-1], abs=1e-6)
+        outward = lines.q[:-1] - camera_of().project((pose @ np.zeros(3))[None])
+        step = np.diff(lines.q, axis=0)
+        assert (outward[:, 0] * step[:, 1] - outward[:, 1] * step[:, 0]).sum() < 0
+
+
 @pytest.mark.parametrize("margin", [0.0, 40.0])
 def test_lines_reach_all_four_borders_of_the_picture_and_its_margin(margin: float) -> None:
     camera = Camera.from_focal((960, 720), 900.0, fy=880.0, cx=450.0, cy=375.0)

@@ -12,13 +12,15 @@ from cadcam.arrays import Array, Ids, Longs, Mask
 TURN_DEG = 50.0
 
 
-def chained(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> tuple[Longs, Mask, Ids]:
+def chained(
+    ends: Array, points: Longs, group: npt.NDArray[np.integer], *, turn_deg: float = TURN_DEG
+) -> tuple[Longs, Mask, Ids]:
     """Return the order of the segments chain by chain, which ones to reverse, and the chain of each, in that order.
 
     `ends` (S, 2, 3) positions; `points` (S, 2) indices of the end points; `group` (S,): only segments of equal numbers
-    join, at points where exactly two of them meet and turn by less than `TURN_DEG`.
+    join, at points where exactly two of them meet and turn by less than `turn_deg`.
     """
-    partner = _partners(ends, points, group)
+    partner = _partners(ends, points, group, turn_deg)
     order, flipped, chain = _walk(partner.tolist())
     return np.array(order, np.int64), np.array(flipped, bool), np.array(chain, np.int32)
 
@@ -28,13 +30,13 @@ def chain_of_each(ends: Array, points: Longs, group: npt.NDArray[np.integer]) ->
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
-    partner = _partners(ends, points, group)
+    partner = _partners(ends, points, group, TURN_DEG)
     one = np.flatnonzero(partner >= 0)
     links = coo_array((np.ones(len(one), bool), (one // 2, partner[one] // 2)), (len(points), len(points)))
     return np.asarray(connected_components(links, directed=False)[1], np.int32)
 
 
-def _partners(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> Longs:
+def _partners(ends: Array, points: Longs, group: npt.NDArray[np.integer], turn_deg: float) -> Longs:
     """Return for each segment end (2 s + side) the end that continues it, -1 for none."""
     n = len(points)
     partner = np.full(2 * n, -1, np.int64)
@@ -47,7 +49,7 @@ def _partners(ends: Array, points: Longs, group: npt.NDArray[np.integer]) -> Lon
     one, other = order[pairs], order[pairs + 1]
     away = ends[:, [1, 0]] - ends  # from each end into its segment
     away = away.reshape(-1, 3) / np.maximum(np.linalg.norm(away, axis=2).reshape(-1, 1), 1e-300)
-    straight = np.einsum("ij,ij->i", away[one], away[other]) < -np.cos(np.radians(TURN_DEG))
+    straight = np.einsum("ij,ij->i", away[one], away[other]) < -np.cos(np.radians(turn_deg))
     straight &= one // 2 != other // 2
     partner[one[straight]], partner[other[straight]] = other[straight], one[straight]
     return partner

@@ -38,7 +38,7 @@ def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search
     if not len(p):
         return start
     pose, middle = start, p.mean(axis=0)
-    lines = sum(len(np.unique(s.samples.run)) for s in few)
+    lines = sum(len(np.unique(s.samples.arc)) for s in few)
     for reach, soft in schedule(search_px):
         B = aligned(freedom.at(pose), middle, few[0].towards(middle, pose))
         # The start determines the lines to search_px. One line, whose samples err alike, determines them to `soft`.

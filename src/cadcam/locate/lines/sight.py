@@ -37,7 +37,7 @@ class Sight:
         """Return the sight of the part at a pose, with lines that are hidden there removed."""
         camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
         lines = part.lines.draw(photo.camera, camera_from_part, options=_LINES).visible
-        samples = sample_lines(lines, photo.camera, step_px=step_px, reach_px=reach_px)
+        samples = sample_lines(lines, photo.camera, step_px=step_px, reach_px=reach_px, bulges=part.lines.bulges)
         return cls(photo, noise_of(photo.gray) if np.isnan(noise) else noise, world_from_part, samples)
 
     def project(self, world_from_part: Rigid) -> Projected:

@@ -64,7 +64,7 @@ def by_color(part: Part, sight: Sight, world_from_part: Rigid) -> ByColor:
     colors = values_at(chroma, q).mean(axis=2)
     inside = _covered(part, sight, world_from_part, q[:, :, 1])
     told = ((room >= _ROOM_PX) & np.isfinite(colors).all(axis=2)).all(axis=1) & inside.any(axis=1)
-    line, _ = distinct_lines(at.q, samples.run)
+    line, _ = distinct_lines(at.q, samples.arc)
     right, wrong = _judged(colors, inside, told, line)
     hidden = _blended(_hidden(at.q, colors, right), right, samples.run)
     left = ~hidden

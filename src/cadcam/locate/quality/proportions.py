@@ -131,8 +131,8 @@ class _LineSteps:
             rows.append(row[some])
             offsets.append(found.offset[some])
             slopes.append(found.slope[some])
-            runs.append(before + sight.samples.run[some])
-            before += int(sight.samples.run.max(initial=0)) + 1
+            runs.append(before + sight.samples.arc[some])
+            before += int(sight.samples.arc.max(initial=0)) + 1
         self.J, run = np.concatenate(rows), np.concatenate(runs)
         self.offset, self.slope = np.concatenate(offsets), np.concatenate(slopes)
         self.first = np.flatnonzero(np.diff(run, prepend=-1))

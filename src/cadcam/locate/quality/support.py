@@ -45,7 +45,7 @@ from cadcam.locate.quality.chequers import along_chequers
 from cadcam.locate.quality.proportions import stretched
 from cadcam.locate.quality.shown import ROOM_PX, near_px, shown
 from cadcam.locate.quality.thin import Strips
-from cadcam.locate.quality.worth import distinct_lines, worth_of_lines, worth_of_stretches
+from cadcam.locate.quality.worth import distinct_lines, further_arcs, worth_of_lines, worth_of_stretches
 
 SEARCHED = 3  # constraints met in any photo by the best of all poses of a part
 ASKED = 450  # samples in all photos together
@@ -278,17 +278,21 @@ def _in_photo(sight: Sight, world_from_part: Rigid, near: float, constraints: in
     n, body, q = len(there.which), sight.samples.part[there.which], there.q
     if not n:
         return _InPhoto(body, there.here)
-    lines, length = distinct_lines(q, there.run)
-    worth = worth_of_lines(length)
+    arc = sight.samples.arc[there.which]
+    lines, length = distinct_lines(q, arc)
+    further = further_arcs(lines, arc, there.run)
+    worth = worth_of_lines(length, further)
+    if constraints >= _MUCH * worth:
+        worth = worth_of_stretches(q, there.normal, arc, lines, length, further)
     absent = missed(there.here, lines)
     return _InPhoto(
         body,
         there.here,
         shown=n * float(there.share[0]),
         by_chance=n * float(there.share[1:].mean()),
-        worth=worth if constraints < _MUCH * worth else worth_of_stretches(q, there.normal, there.run, lines, length),
+        worth=worth,
         extent=float(np.hypot(*np.ptp(q, axis=0))),
         absent=float(absent.sum()),
-        hidden=float(absent[behind_border(q, there.here)].sum()) if absent.any() else 0.0,
+        hidden=float(absent[behind_border(q, there.here) & ~further[lines]].sum()) if absent.any() else 0.0,
         row=there.row,
     )

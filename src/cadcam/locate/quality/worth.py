@@ -2,13 +2,16 @@
 
 A line is worth two, its position and its direction; a short one is worth one. Lines that lie on one edge of the photo
 count once. Each straight stretch of a bent line counts by itself, but a rounded corner does not split an edge in two.
+
+A contour of a curved surface is one smooth line, however long. Its first arc is worth what a line is; each further one
+goes on where the one before ended, in its direction, and adds how much it bends: one constraint.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Longs
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.native.profiles import along_runs
 
 _WORTH_PX = (10.0, 24.0)  # length from which a line is worth one constraint, and two
@@ -40,15 +43,35 @@ def distinct_lines(q: Array, run: Ids) -> tuple[Longs, Array]:
     return np.repeat(line, last - first + 1), np.bincount(line, arc).astype(np.float64)
 
 
-def worth_of_lines(length: Array) -> float:
-    """Return how many constraints lines of these lengths (L,) px impose on a pose, whether they bend or not."""
-    return float(np.searchsorted(_WORTH_PX, length, side="right").sum())
+def further_arcs(line: Longs, arc: Ids, run: Ids) -> Mask:
+    """Return which lines (L,) are arcs of a contour that go on from another one.
+
+    line, arc, run (n,): of each sample, as of `distinct_lines` for the arcs, and of `EdgeSamples`.
+    """
+    first = np.flatnonzero(np.diff(arc, prepend=-1))
+    goes_on = np.append(False, run[first[1:]] == run[first[1:] - 1])[: len(first)]
+    return np.asarray(np.bincount(line[first], ~goes_on) == 0)
 
 
-def worth_of_stretches(q: Array, normal: Array, run: Ids, line: Longs, length: Array) -> float:
+def worth_of_lines(length: Array, further: Mask) -> float:
+    """Return how many constraints lines of these lengths (L,) px impose on a pose, whether they bend or not.
+
+    further (L,): which are arcs of a contour beyond its first one.
+    """
+    return float(_worth(length, further).sum())
+
+
+def _worth(length: Array, further: Mask) -> Longs:
+    return np.asarray(np.minimum(np.searchsorted(_WORTH_PX, length, side="right"), np.where(further, 1, 2)))
+
+
+def worth_of_stretches(
+    q: Array, normal: Array, run: Ids, line: Longs, length: Array, further: Mask | None = None
+) -> float:
     """Return how many constraints samples (n,) on lines of these lengths (L,) px impose on a pose.
 
     A line is worth the sum of its straight stretches; one that bends everywhere, or hardly, is worth its length.
+    further (L,): which are arcs of a contour beyond its first one, default none; these are not worth more.
     """
     same = run[1:] == run[:-1]
     step, turn = (np.append(0.0, same * np.hypot(*np.diff(a, axis=0).T)) for a in (q, normal))
@@ -57,5 +80,7 @@ def worth_of_stretches(q: Array, normal: Array, run: Ids, line: Longs, length: A
     turned -= turned[np.searchsorted(run, run)]
     stretch = np.minimum(turned // _CORNER, _CORNERS - 1).astype(np.int64)
     of_stretch = np.bincount(line * _CORNERS + stretch, step * straight, len(length) * _CORNERS)
-    worth = [np.searchsorted(_WORTH_PX, px, side="right") for px in (length, of_stretch)]
-    return float(np.maximum(worth[0], worth[1].reshape(-1, _CORNERS).sum(axis=1)).sum())
+    further = np.zeros(len(length), bool) if further is None else further
+    of_stretches = np.searchsorted(_WORTH_PX, of_stretch, side="right").reshape(-1, _CORNERS).sum(axis=1)
+    of_lines = _worth(length, further)
+    return float(np.where(further, of_lines, np.maximum(of_lines, of_stretches)).sum())

@@ -114,7 +114,7 @@ def _estimate(fitted: PoseSolution, B: Array) -> PoseEstimate:
     together = sum(
         (_TOGETHER_PX**2 * (G @ n) @ (G @ n).T for G, n in zip(gains, normals, strict=True)), np.zeros((6, 6))
     )
-    from_noise = B @ (fit.covariance + fitted.hidden_by_blur) @ B.T + together
+    from_noise = B @ (fit.covariance + fitted.hidden_by_blur + fitted.by_contours) @ B.T + together
     photos = [s.photo for s in fitted.sights]
     from_calibration = calibration_covariance(photos, points, normals, gains, fitted.pose)
     return PoseEstimate(fitted.pose, from_noise, from_calibration, B, fit.dof)

@@ -49,14 +49,20 @@ def features(scene: Scene, edge: Ids, turn: Turn) -> Segments:
 
 
 def contours(scene: Scene, topology: Topology, edge: Ids, turn: Turn, points: Longs) -> Segments:
-    """Return this view's silhouette edges that are no features, chained; `points` (V,) numbers coinciding vertices."""
+    """Return this view's silhouette edges that are no features, chained; `points` (V,) numbers coinciding vertices.
+
+    The surface lies on the left of each, as the picture shows it. However a faceted surface makes its contour zigzag in
+    space, the contour is one line: of a smooth surface it has no corners.
+    """
     table = topology.table
     drawn = np.zeros(len(table.count), bool)
     drawn[edge[edge >= 0]] = True
     found = np.flatnonzero(turn.silhouette & ~drawn & (table.angle > FLAT))
     vertices = table.vertices[found]
     part, away = scene.mesh.part[table.faces[found, 0]], turn.away[found]
-    order, turned, chain = chained(scene.mesh.vertices[vertices], points[vertices], 2 * part + away)
+    order, turned, chain = _oriented(
+        turn.ahead[found], *chained(scene.mesh.vertices[vertices], points[vertices], part, turn_deg=180.0)
+    )
     vertices = vertices[order]
     vertices[turned] = vertices[turned][:, ::-1]
     after = int(scene.edges.chain.max(initial=-1)) + 1
@@ -69,3 +75,12 @@ def contours(scene: Scene, topology: Topology, edge: Ids, turn: Turn, points: Lo
         np.full(len(order), -1, np.int32),
         away[order],
     )
+
+
+def _oriented(ahead: Mask, order: Longs, turned: Mask, chain: Ids) -> tuple[Longs, Mask, Ids]:
+    """Return chains of segments, as of `chained`, each running as its first segment does that is `ahead` (S,)."""
+    first = np.flatnonzero(np.diff(chain, prepend=-1))
+    back = (ahead[order] == turned)[first][chain]
+    place = np.arange(len(order))
+    again = np.lexsort([np.where(back, -place, place), chain])
+    return order[again], (turned ^ back)[again], chain[again]

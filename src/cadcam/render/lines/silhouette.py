@@ -51,7 +51,8 @@ class Turn:
     """The edges of the topology relative to an eye, as masks.
 
     `silhouette`: joins two faces on the same side of it in the picture. `away`: hidden by its own solid, its faces
-    being turned away. `borders`: what lies behind it may be hidden on one side only.
+    being turned away. `borders`: what lies behind it may be hidden on one side only. `ahead`: directed as in the table,
+    it has the material that is seen on its left.
     """
 
     def __init__(self, topology: Topology, occluders: OccludingFaces, eye: Array) -> None:
@@ -60,6 +61,7 @@ class Turn:
         front = height > 0
         one, other = front[pair[:, 0]], front[pair[:, 1]]
         self.silhouette: Mask = topology.two & (one != (other ^ topology.flipped))
+        self.ahead: Mask = one
         shut = topology.shut(eye)[topology.owner]
         self.away: Mask = topology.two & shut & ~np.where(table.convex, one | other, one & other)
         edge_on = np.abs(height) <= _EDGE_ON * np.abs(topology.bounds - eye).max()

@@ -21,9 +21,12 @@ wide as the one by which contacts are found.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
+from cadcam.cad.bulges import bulges
 from cadcam.cad.contact import contact_tolerance
 from cadcam.cad.edges import EdgeKind
 from cadcam.cad.topology import corner_points
@@ -33,7 +36,7 @@ from cadcam.render.embree import Caster
 from cadcam.render.lines.clip import FlatSegments, ViewVolume
 from cadcam.render.lines.crossing import crossings
 from cadcam.render.lines.occlusion import OccludingFaces
-from cadcam.render.lines.segments import Segments, contours, features
+from cadcam.render.lines.segments import FLAT, Segments, contours, features
 from cadcam.render.lines.silhouette import Topology, Turn
 from cadcam.render.lines.stretches import Stretches
 from cadcam.render.lines.trace import Tracer
@@ -41,6 +44,7 @@ from cadcam.render.lines.wireframe import NO_LINES, PLAIN_LINES, LineOptions, Wi
 from cadcam.render.view import Scene, nothing_in_view
 
 COINCIDENT_SHARE = 1e-6  # of the scene's diagonal
+_BEND = np.radians(30.0)  # largest bend between facets of a curved surface
 
 
 def visible_wireframe(
@@ -102,6 +106,14 @@ class LineDrawer:
         trace = Tracer(self.scene, camera, segments, source, lines, options.chord_px)
         unseen = trace.polylines(stretches.merged(hidden, True)) if options.hidden else NO_LINES
         return Wireframe(camera, camera_from_world, trace.polylines(stretches.merged(hidden, False)), unseen)
+
+    @cached_property
+    def bulges(self) -> Array:
+        """How far (P,) mm each body's curved surfaces may bulge over their facets, and its contours lie beyond."""
+        table = self._topology.table
+        smooth = (table.angle > FLAT) & (table.angle < _BEND)
+        smooth[self._edge[self._edge >= 0]] = False
+        return bulges(self.scene.mesh, table, smooth)
 
     def _segments(self, turn: Turn, options: LineOptions) -> Segments:
         """Return the feature segments and, if requested, this view's contours."""
