@@ -207,7 +207,7 @@ def _covariance_alone(alone: PoseSolution, sight: Sight, pose: Rigid) -> Array:
     usable = alone.measured[0].usable
     p, normal = sight.samples.p[usable], alone.places[0].normal[usable]
     own = alone.B @ alone.fit.gain[:, : len(p)]
-    by_noise = alone.B @ (alone.fit.covariance + alone.hidden_by_blur) @ alone.B.T
+    by_noise = alone.B @ (alone.fit.covariance + alone.hidden_by_blur + alone.by_contours) @ alone.B.T
     return np.asarray(by_noise + calibration_covariance([sight.photo], [p], [normal], [own], pose))
 
 
