@@ -79,7 +79,7 @@ def test_their_verdict_is_undecided_and_says_why() -> None:
 
 
 def test_what_is_missing_is_so_for_both() -> None:
-    photos = rig({"left": (1.0, 0.0, 0.0)}, "front", "left", mesh=displaced("block", None))
+    photos = rig({"left": (1.2, 0.0, 0.0)}, "front", "left", mesh=displaced("block", None))
     found = located(photos)
     assert found.disputed
     verdict = verify_part(part(), photos, found, ASKED)
