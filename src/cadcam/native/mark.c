@@ -232,15 +232,29 @@ static share inked(const cc_mark *mark, const pixel *p, const rule *const *nodes
     return out;
 }
 
+/* Whether no border comes near the pixel while it moves by up to `away` px: its share of ink stays 0 or 1. */
+static int plain(const cc_mark *mark, const pixel *p, double steepest, double away) {
+    double w[3];
+    for (int32_t i = 0; i < mark->n_sectors; i++)
+        if (mark->sectors[4 * i + 2] >= 0) return 0; /* borders towards the centre, too */
+    for (int32_t i = 0; i < mark->n_radii; i++) {
+        outward(p, mark->radii[i], w);
+        double e = w[0] * p->N[0] + w[1] * p->N[1] + w[2] * p->N[2];
+        if (!(fabs(e) > (REACH * p->s + away) * steepest)) return 0;
+    }
+    return 1;
+}
+
 /* The mean share along the motion d, and its slopes by d: the pixel sees what was at q - t d, t in [-1/2, 1/2]. */
 static share smeared(const cc_mark *mark, const pixel *p, const rule *const *nodes, double steepest, int slopes,
                      const double *d, double *by_d) {
     share out = {0};
     double step[2], N[3], toward[2][3];
     const double x[2] = {1, 0}, y[2] = {0, 1};
+    by_d[0] = by_d[1] = 0;
+    if (plain(mark, p, steepest, 0.5 * hypot(d[0], d[1]))) return inked(mark, p, nodes, steepest, slopes);
     along(p, x, step, toward[0]), along(p, y, step, toward[1]), along(p, d, step, N);
     const int panels = (int)fmin(fmax(ceil(hypot(d[0], d[1]) / (PANEL * p->s)), 1), 64);
-    by_d[0] = by_d[1] = 0;
     for (int k = 0; k < 8 * panels; k++) {
         double t = (2 * (k / 8) + 1 + node(k % 8)) / (2 * panels) - 0.5, weight = BY[k & 3] / (2 * panels);
         pixel there = *p;

@@ -22,7 +22,7 @@ from cadcam.target.boards.photometric import BLUR, CONTRAST, Fit
 from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import Geometry, affine, posed, predicted, share_of_ink
 from cadcam.target.marks.occlusion import clear_fit
-from cadcam.target.marks.window import MARGIN, Window, by_size
+from cadcam.target.marks.window import MARGIN, Window, batches, by_size
 
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # shares of a window
 _SOFTEST, _SOFT = 0.6, 3.0  # blur over the smaller radius, and px: with more of both, anything smooth fits
@@ -80,7 +80,7 @@ def fit_marks(
     margin: width of ground in the window, over the radius; keep clear of neighbours. Pixels that contradict the mark
     (something covers it) are left out.
     """
-    groups = by_size(np.asarray(mark.radius * np.linalg.svd(image_from_mark, compute_uv=False)[:, 0]))
+    groups = batches(mark, image_from_mark, margin)
     if len(groups) > 1:
         parts = [
             fit_marks(gray, mark, q[k], image_from_mark[k], perspective=perspective, margin=margin, blur=blur)
@@ -110,16 +110,26 @@ def _joined(parts: list[MarkFit], groups: list[Ids]) -> MarkFit:
 
 
 def likeness(
-    gray: Picture, mark: Mark, q: Array, image_from_mark: Array, *, margin: float = MARGIN, soft: float
+    gray: Picture,
+    mark: Mark,
+    q: Array,
+    image_from_mark: Array,
+    *,
+    margin: float = MARGIN,
+    soft: float,
+    sparser: int = 1,
 ) -> Array:
-    """Return the correlation (B,) of grey values with the mark predicted at q (B, 2), blurred by `soft` radii."""
+    """Return the correlation (B,) of grey values with the mark predicted at q (B, 2), blurred by `soft` radii.
+
+    sparser: with every how many of the rows and columns that the blur needs, for a quick answer.
+    """
     if not len(q):
         return np.zeros(0)
     major, minor = mark.radius * np.linalg.svd(image_from_mark, compute_uv=False).T
     out = np.zeros(len(q))
     for group in by_size(np.asarray(major)):
         for some in np.array_split(group, 1 + len(group) // _TOGETHER):
-            step = max(1, int(soft * minor[some].min(initial=np.inf) / _SPARSE))
+            step = sparser * max(1, int(soft * minor[some].min(initial=np.inf) / _SPARSE))
             window = Window.around(gray, q[some], image_from_mark[some], mark, margin, step)
             H = np.zeros((len(some), 3, 3))
             H[:, :2, :2], H[:, 2, 2] = np.linalg.inv(image_from_mark[some]), 1.0

@@ -21,7 +21,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids
+from cadcam.arrays import Array, Ids, Mask
 from cadcam.geometry import rotation as so3
 from cadcam.native.marks import LOOSE, Borders, picture, picture_with_slopes
 from cadcam.target.boards.photometric import BLUR, CONTRAST, Model
@@ -114,14 +114,27 @@ def mark_model(mark: Mark, geometry: Geometry, *, loose: int = 0) -> Model:
     """Return the model of a mark's image; loose: how many of b dx dy are free too, the others are held fixed.
 
     Its pixels (B, P, 2), or through a lens (B, P, 8): u, v, then the coordinates m in which H acts and dm/dq (2, 2).
+    Motions longer than the window is wide have no value (NaN): no fit ends there, and the mean over a motion takes as
+    long as it is.
     """
     borders = Borders.of(mark.sectors, mark.full)
 
     def model(parameters: Array, pixels: Array) -> tuple[Array, Array]:
         H, dH = with_slopes(geometry, parameters[:, geometry.places], geometry.held(parameters))
-        return picture_with_slopes(borders, pixels, H, dH, parameters[:, geometry.levels], loose=loose)
+        levels = parameters[:, geometry.levels]
+        absurd = _leaving(levels[:, -2:], pixels) if loose == LOOSE else np.zeros(len(levels), bool)
+        levels[absurd, -2:] = 0.0
+        value, slopes = picture_with_slopes(borders, pixels, H, dH, levels, loose=loose)
+        value[absurd] = np.nan
+        return value, slopes
 
     return model
+
+
+def _leaving(motion: Array, pixels: Array) -> Mask:
+    """Return which motions (B, 2) are longer than the windows of pixels (B, P, 2 or 8) are wide."""
+    furthest = np.abs(pixels[..., :2]).max(axis=(1, 2), initial=0.0)
+    return np.asarray(np.hypot(motion[:, 0], motion[:, 1]) > 2 * furthest)
 
 
 def predicted(mark: Mark, geometry: Geometry, parameters: Array, pixels: Array) -> Array:

@@ -19,6 +19,7 @@ from cadcam.target.marks.window import Window
 STRAIGHT, BENT, MOVED = 0, 1, LOOSE  # how many of b dx dy are fitted
 _SEEN = 30.0  # decrease of chi-square at which they are fitted: by chance once in 2e7 marks
 _LONG = 2.0  # blurs: least length of a motion; a shorter one shifts nothing, and pixel squares can look like it
+_LONGEST = 2.0  # of the mark's smaller radius: longest motion; one that smears a mark further leaves no mark to see
 _SHARPEST = 0.4  # of the fitted round blur: what remains of it at least when the motion is separated
 
 
@@ -46,9 +47,10 @@ def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q:
 def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Array, Array, Array]:
     """Return the decrease of chi-square (B,) by a nonlinear response and by motion, and parameters with the motion.
 
-    For motions too short to matter the decrease is 0. A motion of l px towards the angle a adds l^2/24 (1 + cos 2(n -
-    a)) to the variance of the blur across a border whose normal is at n. The round part is already in the blur; the
-    rest changes the picture, to first order, by l^2/(48 s) cos 2(n - a) times its derivative by the blur s.
+    For motions too short to matter, or too long for a mark, the decrease is 0. A motion of l px towards the angle a
+    adds l^2/24 (1 + cos 2(n - a)) to the variance of the blur across a border whose normal is at n. The round part is
+    already in the blur; the rest changes the picture, to first order, by l^2/(48 s) cos 2(n - a) times its derivative
+    by the blur s.
     """
     whole = mark_model(mark, geometry, loose=MOVED)
 
@@ -67,4 +69,5 @@ def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Ar
     turn = np.arctan2(step[:, n + 1], step[:, n]) / 2
     begin[:, geometry.motion] = np.sqrt(l2)[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     begin[:, BLUR] = np.sqrt(np.maximum(s * s - l2 / 24, (_SHARPEST * s) ** 2))
-    return bend, np.where(l2 > (_LONG * s) ** 2, both - bend, 0.0), begin
+    likely = (l2 > (_LONG * s) ** 2) & (l2 < (_LONGEST * window.size) ** 2)
+    return bend, np.where(likely, both - bend, 0.0), begin

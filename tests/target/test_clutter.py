@@ -1,0 +1,100 @@
+"""Marks among clutter: what the search asks for is bounded, whatever the candidates' number and size."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.arrays import Array, Picture
+from cadcam.camera.camera import Camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.target.boards.photometric import patches
+from cadcam.target.marks import candidates, window
+from cadcam.target.marks.candidates import MarkCandidates, mark_candidates, screened
+from cadcam.target.marks.fit import fit_marks, likeness
+from cadcam.target.marks.ideal import marks_picture
+from cadcam.target.marks.mark import dot, dot_and_ring
+from cadcam.target.marks.model import affine, mark_model
+
+MOST = 2_000_000  # pixels of windows at a time
+
+
+def _large(radius: float) -> tuple[Picture, Array, Array]:
+    """Return a picture of a dot of that many px, its centre and its shape, px per mm."""
+    side = int(2 * radius + 60)
+    camera = Camera.from_focal((side, side), 500.0, cx=side / 2 + 0.3, cy=side / 2 - 0.2)
+    mark = dot(20.0)
+    pose = Rigid(np.eye(3), [0.0, 0.0, 500.0 * mark.radius / radius])
+    rng = np.random.default_rng(4)
+    picture = marks_picture([mark], camera, [pose], blur_px=0.8, noise=0.01, rng=rng, background=0.8, paper=0.8)
+    return picture, np.array([side / 2 + 0.3, side / 2 - 0.2]), radius / mark.radius * np.eye(2)
+
+
+def test_many_large_candidates_are_processed_in_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The windows' squares stay below 2 million pixels at a time, and no mark's fit depends on the batches."""
+    picture, centre, shape = _large(150.0)
+    asked: list[int] = []
+
+    def counted(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array, Array, Array]:
+        values, pixels, there = patches(gray, q, reach, step)
+        asked.append(values.size)
+        return values, pixels, there
+
+    monkeypatch.setattr(window, "patches", counted)
+    fit = fit_marks(picture, dot(20.0), np.tile(centre + 0.4, (30, 1)), np.tile(shape, (30, 1, 1)))
+    assert sum(asked) > MOST > max(asked)
+    assert len(fit) == 30
+    assert np.ptp(fit.q, axis=0).max() < 1e-9
+    assert np.abs(fit.q - centre).max() < 5 * np.sqrt(fit.covariance[:, [0, 1], [0, 1]]).max() + 0.004
+
+
+@pytest.mark.parametrize("radius", [400.0, 700.0])
+def test_a_huge_mark_is_fitted_to_as_many_pixels_as_tell_its_place(radius: float) -> None:
+    """All along its border, and no more than a few ten thousand within and around it."""
+    picture, centre, shape = _large(radius)
+    mark = dot(20.0)
+    seen = window.Window.around(picture, centre[None], shape[None], mark, 0.7)
+    assert 10 * radius < seen.values.shape[1] < 60_000
+    fit = fit_marks(picture, mark, centre[None] + 0.4, shape[None])
+    sigma = np.sqrt(np.diag(fit.covariance[0]))
+    assert fit.good[0]
+    assert sigma.max() < 0.01
+    assert (np.abs(fit.q[0] - centre) < 5 * sigma + 0.004).all()
+
+
+def test_no_motion_is_longer_than_the_window(rng: np.random.Generator) -> None:
+    """The mean over it would take hundreds of times as long, and no mark would be seen."""
+    mark, geometry = dot(20.0), affine(turned=False, perspective=False)
+    p = np.zeros((2, geometry.free + 3))
+    p[:, geometry.levels] = [-0.6, 0.8, 0.8, 0.0, 0.0, 0.0, 3.0, 0.0]
+    p[:, 2], p[:, geometry.places[4]] = 1.0, 1.0
+    p[1, geometry.motion] = 300.0, 400.0
+    value, _ = mark_model(mark, geometry, loose=3)(p, rng.uniform(-15, 15, (2, 50, 2)))
+    assert np.isfinite(value[0]).all()
+    assert np.isnan(value[1]).all()
+
+
+def test_candidates_larger_than_the_picture_are_not_tried() -> None:
+    """The core of a mark twelve times its size may be seen where the mark itself cannot."""
+    picture = np.pad(_large(25.0)[0], 60, mode="edge")
+    assert len(mark_candidates(picture, dot(20.0), "blobs", None))
+    assert not len(mark_candidates(picture, dot_and_ring(20.0, 220.0, 240.0), "blobs", None))
+
+
+def test_thousands_of_candidates_are_first_compared_coarsely(monkeypatch: pytest.MonkeyPatch) -> None:
+    """What is then compared in full is a small part of them; the mark is kept."""
+    picture, centre, shape = _large(20.0)
+    rng = np.random.default_rng(6)
+    q = np.concatenate([centre[None], rng.uniform(0, picture.shape[0], (3000, 2))])
+    seen = MarkCandidates(q, np.tile(shape, (len(q), 1, 1)))
+    full: list[int] = []
+
+    def counted(*given: object, **how: object) -> Array:
+        if how.get("sparser", 1) == 1:
+            full.append(len(given[2]))  # type: ignore[arg-type]
+        return likeness(*given, **how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(candidates, "likeness", counted)
+    kept = screened(picture, dot(20.0), seen, most=10, margin=0.7)
+    assert np.abs(kept.q[0] - centre).max() < 1.0
+    assert sum(full) < 1000
