@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 import pytest
 
@@ -128,6 +130,6 @@ def test_as_many_equations_as_unknowns_stay_without_noise(rng: np.random.Generat
         (lambda: PictureMap.cut((801, 600), (-1, 0), (500, 100)), "cut is"),
     ],
 )
-def test_what_no_such_picture_is_is_refused(make: object, message: str) -> None:
+def test_what_no_such_picture_is_is_refused(make: Callable[[], PictureMap], message: str) -> None:
     with pytest.raises(BadValue, match=message):
-        make()  # type: ignore[operator]
+        make()
