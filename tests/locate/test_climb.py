@@ -1,4 +1,4 @@
-"""Poses of one basin are recognised as one."""
+"""Climbing poses: what few lines tell is held; edges judged one by one; poses of one basin recognised as one."""
 
 from __future__ import annotations
 
@@ -41,3 +41,25 @@ def test_what_an_edge_says_is_bounded_and_edges_are_judged_one_by_one(rng: np.ra
     assert gain.max() > 4.0 > gain[1].max() > 0
     assert np.allclose(found[:2], expected[:2], rtol=1e-12)
     assert found[2] == 0
+
+
+def test_a_motion_that_few_places_tell_is_held_by_how_far_the_others_slide() -> None:
+    """One place is 2 px beside its line, and fifty on a line along the motion: these tell nothing of it."""
+    values = np.zeros((SECTORS, 60, 60), np.uint8)
+    values[:, 10, :] = values[:, :, 50] = 255
+    eye = Eye(
+        Planes(values, *np.zeros((2, SECTORS), np.float32)),
+        np.array([[1.0, 0, 0], [0, 1.0, 0], [0, 0, 1]]),
+        np.eye(3),
+        np.zeros(3),
+    )
+    places = np.zeros(51, PLACE)
+    places["p"] = [*((x, 10.0, 1.0) for x in np.linspace(2, 40, 50)), (48.0, 40.0, 1.0)]
+    places["tangent"], places["weight"] = [*[(1.0, 0, 0)] * 50, (0, 1.0, 0)], 1.0
+    edges = PoseEdges([eye], places, np.zeros((1, 1), np.int64), np.array([[51]], np.int32))
+    pose = np.concatenate([np.eye(3).ravel(), np.zeros(3)])[None]
+    along = np.eye(6)[:, :1]
+    free, held = (edges.climb(pose, along, (2.0, 1.0), held=share)[0][0, 9] for share in (0.0, 0.05))
+    pull = np.exp(-0.5)  # of a line 2 px off under a Gaussian of 2 px; of the places on their line 1
+    assert free == pytest.approx(2 / 1.01, rel=1e-6)  # a motion is damped by a hundredth of its own pull, too
+    assert held == pytest.approx(2 * pull / (1.01 * pull + 0.05 * 50), rel=1e-6)

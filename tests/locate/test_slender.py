@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -12,6 +13,7 @@ from cadcam.cad.parts.shape import box
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.in_photos import locate_part
+from cadcam.locate.lines.attraction import telling_samples
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -72,9 +74,25 @@ def test_a_bar_is_found_from_a_rough_start(rng: np.random.Generator) -> None:
     assert error_px(bar(), CAMERA, found.pose.world_from_part, pose) < 0.5
 
 
+def test_attraction_asks_the_ends_of_a_bar_more_than_their_length() -> None:
+    taken, pose = slid(0.0)
+    sight = Sight.of(bar(), taken, pose, step_px=2.0, reach_px=9.0)
+    even, chosen = sight.thinned(300), telling_samples(sight, pose, 300)
+    assert len(sight.samples) > 800
+    assert abs(len(chosen.samples) - 300) < 30
+    assert at_ends(chosen) > 3 * at_ends(even) > 0
+    assert len(telling_samples(sight, pose, len(sight.samples)).samples) == len(sight.samples)
+
+
+def at_ends(sight: Sight) -> int:
+    """Return how many samples lie on an end of the bar."""
+    x = sight.samples.p[:, 0]
+    return int(np.sum(np.minimum(x, LENGTH - x) < 1))
+
+
 def slid(by_mm: float) -> tuple[Photo, Rigid]:
     """Return a photo of the bar, and its pose shifted along itself."""
-    pose = pose_of(*VIEWS[0])
+    pose = pose_of(*VIEWS[3])
     return photo(bar(), pose, np.random.default_rng(4), camera=CAMERA), pose @ Rigid(translation=[by_mm, 0, 0])
 
 
@@ -86,7 +104,9 @@ def test_a_bar_slid_along_itself_is_not_found(by_mm: float) -> None:
     support = judged_support([sight], pose, np.eye(6), chosen=0, scatter=0.02)
     assert support.shown > 0.8
     assert support.determined < 0.05
+    assert replace(support, determined=1.0).quality > 0.6  # so it is the ends that decide
     assert support.quality < 0.5
+    assert "slide or turn" in str(support)
     answer = refine_pose(bar(), [taken], pose)
     assert not answer.found or error_px(bar(), CAMERA, answer.pose.world_from_part, slid(0)[1]) < 1
 

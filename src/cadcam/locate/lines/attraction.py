@@ -33,7 +33,7 @@ _PULLS = 4  # Gauss-Newton steps on one set of candidates
 
 def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search_px: float) -> Rigid:
     """Return the pose whose lines lie on the photos' steps, from a start up to `search_px` off."""
-    few = [_telling(s, start, max(_SEARCHED // len(sights), 60)) for s in sights]
+    few = [telling_samples(s, start, max(_SEARCHED // len(sights), 60)) for s in sights]
     p = np.concatenate([s.samples.p for s in few])
     if not len(p):
         return start
@@ -47,8 +47,11 @@ def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search
     return pose
 
 
-def _telling(sight: Sight, pose: Rigid, most: int) -> Sight:
-    """Return the sight with about `most` of its samples, in part those that tell the pose: of a long bar, its ends."""
+def telling_samples(sight: Sight, pose: Rigid, most: int) -> Sight:
+    """Return the sight with about `most` of its samples, three fifths of them where they determine the pose best.
+
+    Of a long bar these are at its ends. pose: world_from_part near which the samples are used.
+    """
     n, p = len(sight.samples), sight.samples.p
     if n <= most:
         return sight

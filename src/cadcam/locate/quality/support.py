@@ -215,7 +215,7 @@ def _determined(told: Sequence[tuple[Array, Mask]]) -> float:
         return 0.0
     axes, size, _ = np.linalg.svd(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), full_matrices=False)
     shown = axes[here][:, size > _TOLD_AT_ALL * size[0]]
-    return float(np.linalg.eigvalsh(shown.T @ shown)[0])
+    return float(np.linalg.eigvalsh(shown.T @ shown)[0]) if shown.size else 0.0
 
 
 def with_room(sight: Sight, most: int) -> Sight:
