@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.fit.hand_eye import motions, tsai_lenz
+from cadcam.fit.hand_eye import motions, park_martin
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -70,7 +70,7 @@ def test_three_positions_determine_x_and_two_do_not(rng):
     """The thesis: at least three positions. Two give one motion, and X exp(k log B) solves it for every k."""
     c = cell(rng, 3)
     A, B = motions(c.base_from_flange, c.camera_from_target)
-    np.testing.assert_allclose(tsai_lenz(A, B).matrix, c.flange_from_held.matrix, atol=1e-7)
+    np.testing.assert_allclose(park_martin(A, B).matrix, c.flange_from_held.matrix, atol=1e-7)
     one_A, one_B = Rigid(A.rotation[0], A.translation[0]), Rigid(B.rotation[0], B.translation[0])
     other = c.flange_from_held @ Rigid.exp(0.3 * one_B.log())
     assert same(one_A @ other, other @ one_B)

@@ -9,7 +9,6 @@ import numpy as np
 import pytest
 
 from cadcam.calibrate.joint.adjustment import calibrate_jointly
-from cadcam.calibrate.joint.thesis import thesis_mixtures
 from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Division, Fisheye, Ideal, OddRadial
@@ -19,6 +18,7 @@ from cadcam.fit.robust import Loss
 from cadcam.geometry.rigid import Rigid
 
 from .scenes import SIZE, Scene, board, box, scene
+from .thesis_mixtures import mixture
 
 SKEWED = Camera.from_focal(SIZE, 1100, fy=1080, cx=655, cy=470, skew=4.0)
 AFAR = np.array([1e6, -2e6, 3e5])  # mm
@@ -204,21 +204,22 @@ def test_tables_2_21_and_2_22_are_reproduced(points, size, golden):
 
 def test_table_2_24_is_the_routine_at_a_half_and_the_joint_optimum_is_lower(points, size, golden):
     first, second = points("2_7", 1), points("2_7", 2)
-    (half,) = thesis_mixtures(first, second, size, [0.5])
+    here, there = mixture(first, second, size, 0.5)
+    total = 0.5 * (here.thesis_residual + there.thesis_residual)
     expected = golden("joint.alpha0.5")["value"]
-    internals = half.first.extended_pinhole.vector[6:].copy()
+    internals = here.extended_pinhole.vector[6:].copy()
     internals[2] = np.degrees(internals[2])
     assert internals == pytest.approx(expected["internals"], abs=1e-3)
-    for found, name in ((half.first, "ext1"), (half.second, "ext2")):
+    for found, name in ((here, "ext1"), (there, "ext2")):
         externals = found.extended_pinhole.vector[:6].copy()
         externals[3:] = np.degrees(externals[3:])
         assert externals == pytest.approx(expected[name], abs=5e-3)
-    assert [half.first.thesis_residual, half.second.thesis_residual] == pytest.approx(expected["residuals"], abs=1e-5)
-    assert half.total == pytest.approx(expected["total"], abs=1e-5)
+    assert [here.thesis_residual, there.thesis_residual] == pytest.approx(expected["residuals"], abs=1e-5)
+    assert total == pytest.approx(expected["total"], abs=1e-5)
     joint = calibrate_jointly([first, second], size)
-    squares = half.first.sum_of_squares + half.second.sum_of_squares
+    squares = here.sum_of_squares + there.sum_of_squares
     assert joint.sum_of_squares < 0.99 * squares
-    assert joint.view_residuals.mean() < half.total
+    assert joint.view_residuals.mean() < total
 
 
 def test_a_bowed_board_is_measured_and_left_flat_it_spoils_the_camera(rng):

@@ -31,10 +31,17 @@ def targets(shared: Shared) -> Array:
     return np.loadtxt(table, delimiter=",", skiprows=3)[:, :3]
 
 
+def pixel_from_ndc(camera: Camera, ndc: Array) -> Array:
+    """Return our pixels (..., 2) of normalised device coordinates (..., >= 2), as docs/conventions.md defines them."""
+    x = (ndc[..., 0] + 1) * camera.width / 2 - 0.5
+    y = (1 - ndc[..., 1]) * camera.height / 2 - 0.5
+    return np.stack([x, y], axis=-1)
+
+
 def gl_pixels(camera: Camera, projection: Array, model_view: Array, X: Array) -> tuple[Array, Array]:
     """Window positions as OpenGL computes them, in our pixels, and clip w."""
     clip = (projection @ model_view @ np.column_stack([X, np.ones(len(X))]).T).T
-    return opengl.pixel_from_ndc(camera, clip[:, :3] / clip[:, 3:]), clip[:, 3]
+    return pixel_from_ndc(camera, clip[:, :3] / clip[:, 3:]), clip[:, 3]
 
 
 def skewed() -> tuple[Camera, ExtendedPinhole]:
@@ -184,7 +191,7 @@ def test_table_3_9_shows_the_half_pixel_of_the_viewport(shared: Shared, golden: 
     assert np.all(np.abs(d.mean(axis=0) - 0.5) < 2 * standard_error)
     assert np.all(d.mean(axis=0) > 2 * standard_error)  # it is not zero
     camera = Camera.from_focal((768, 576), 800.0)
-    corner = opengl.pixel_from_ndc(camera, np.array([-1.0, 1.0, 0.0]))
+    corner = pixel_from_ndc(camera, np.array([-1.0, 1.0, 0.0]))
     assert tuple(corner) == (-0.5, -0.5)
 
 

@@ -12,7 +12,6 @@ from scipy.special import j1
 
 from cadcam.camera.optics import (
     Optics,
-    blur_sigma_px,
     lens_class,
     solve_optics,
     standard_lenses,
@@ -180,13 +179,6 @@ def test_the_core_of_the_airy_disc_is_nearly_a_gaussian():
         lambda s: float(np.sum(r * (airy - np.exp(-(r**2) / (2 * s**2))) ** 2)), bounds=(0.2, 0.8), method="bounded"
     )
     assert optics.airy_sigma_px() == pytest.approx(off.x * 0.55 * 8 / 3.45, rel=0.02)  # 0.42 has two digits
-
-
-def test_blur_adds_by_its_second_moments():
-    optics = Optics(sensor_format("IMX264"), 25.0, 1000.0, 4.0)
-    sharp, soft = blur_sigma_px(optics, 1000.0), blur_sigma_px(optics, 1100.0)
-    assert soft**2 - sharp**2 == pytest.approx(optics.defocus_px(1100.0) ** 2 / 16)
-    assert sharp**2 - blur_sigma_px(optics, 1000.0, pixel=False) ** 2 == pytest.approx(1 / 12)
 
 
 def test_motion_and_the_longest_exposure_are_one_rule():

@@ -16,12 +16,12 @@ from cadcam.files.shot import (
     read_shot,
     write_pgm,
     write_positions,
-    write_sidecar,
 )
 from cadcam.image.picture import read_picture, write_picture
 
 NOON = datetime(2026, 3, 2, 12, 30, 5, tzinfo=UTC)
 SHOT = ShotPosition(8175.4, 21616.93, "12", NOON)
+SIDECAR = '{"camera": "12", "x_mm": 8175.4, "y_mm": 21616.93, "time": "2026-03-02T12:30:05+00:00"}'
 GRAY = np.linspace(0, 1, 12, dtype=np.float32).reshape(3, 4)
 
 
@@ -48,7 +48,7 @@ def test_any_other_picture_has_a_sidecar_or_a_line_in_a_list(tmp_path):
     named = {"p.png": replace(SHOT, camera="left, 2"), "q.png": replace(SHOT, camera="#3")}
     write_positions(tmp_path / "named.csv", named)
     assert read_positions(tmp_path / "named.csv") == named
-    write_sidecar(tmp_path / "p.png", SHOT)
+    (tmp_path / "p.png.json").write_text(SIDECAR)
     assert read_shot(tmp_path / "p.png") == SHOT
 
 

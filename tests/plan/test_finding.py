@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.camera.optics import Optics, blur_sigma_px
+from cadcam.camera.optics import Optics
 from cadcam.camera.sensor_format import sensor_format
 from cadcam.errors import BadValue
 from cadcam.plan.uncertainty.finding import Finder, blur_sigmas, circle_covariance, defocus, edge_variance, outline
@@ -27,8 +27,9 @@ def test_the_closed_form_of_an_outline_is_its_integral(A: np.ndarray) -> None:
 def test_blur_of_many_distances_is_that_of_the_optics() -> None:
     optics = Optics(sensor_format("IMX264"), 16.0, 1500.0, 4.0)
     z = np.array([900.0, 1500.0, 2500.0])
-    np.testing.assert_allclose(blur_sigmas(optics, z), [blur_sigma_px(optics, float(d)) for d in z])
-    np.testing.assert_allclose(defocus(optics, z), [optics.defocus_px(float(d)) for d in z])
+    disc = np.array([optics.defocus_px(float(d)) for d in z])
+    np.testing.assert_allclose(defocus(optics, z), disc)
+    np.testing.assert_allclose(blur_sigmas(optics, z) ** 2, disc**2 / 16 + optics.airy_sigma_px() ** 2 + 1 / 12)
 
 
 def test_the_covariance_of_a_disc_is_the_cramer_rao_bound_of_its_picture() -> None:

@@ -8,9 +8,11 @@ import pytest
 from cadcam.camera.plane_camera import PlaneCamera
 from cadcam.files.shot import header_shot
 from cadcam.station.cross_prediction import split
-from cadcam.station.interpolation import bilinear_weights, rectangle_shares, rectangle_weights
-from cadcam.station.plane import calibrate_position, column_scales
+from cadcam.station.interpolation import bilinear_weights
+from cadcam.station.plane import calibrate_position
 from cadcam.station.plate import Plate, place_plate
+
+from .programs import column_scales, rectangle_shares, rectangle_weights
 
 
 def numbers(rows, *columns):

@@ -9,9 +9,9 @@ from cadcam.camera.plane_camera import PlaneCamera
 from cadcam.fit.dlt import dlt
 from cadcam.station.cross_prediction import split
 from cadcam.station.drawing import trend
-from cadcam.station.interpolation import rectangle_shares, rectangle_weights
-from cadcam.station.plane import column_scales
 from cadcam.station.plate import Plate, place_plate
+
+from .programs import column_scales, rectangle_shares, rectangle_weights
 
 
 def assert_golden(entry, value, rtol=1e-12):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, TooFewPoints, UnknownName
-from cadcam.station.budget import LASER, VISION, Budget, budget_of
+from cadcam.station.budget import Budget, budget_of
 from cadcam.station.gantry import Repeatability, Sighting, calibrate_gantry
 from cadcam.station.hall import Visit, make_hall
 from cadcam.station.interpolation import RULES
@@ -76,9 +76,11 @@ def test_the_budget_adds_up_to_the_covariance(hall, stations, rng):
 
 
 def test_tables_6_3_and_6_4_are_sums_of_squares():
-    assert LASER.total == pytest.approx(np.sqrt(3 * 9 + 400))  # "> 20 mm"
-    assert VISION.total == pytest.approx(np.sqrt(102))  # "ca. 10 mm"
-    assert next(iter(VISION.shares)) == "view where it was at the calibration"
+    laser = Budget({"survey": 3.0, "spot on the calibration mark": 3.0, "spot on the point": 3.0, "controller": 20.0})
+    vision = Budget({"survey": 1.0, "view where it was at the calibration": 10.0, "pixels": 1.0})
+    assert laser.total == pytest.approx(np.sqrt(3 * 9 + 400))  # "> 20 mm"
+    assert vision.total == pytest.approx(np.sqrt(102))  # "ca. 10 mm"
+    assert next(iter(vision.shares)) == "view where it was at the calibration"
     with pytest.raises(BadValue, match="contribution of 'x'"):
         Budget({"x": -1.0})
 

@@ -12,7 +12,7 @@ import pytest
 from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.target.marks.cross import best_radius, cross, surface, taps, template
+from cadcam.target.marks.cross import cross, surface, taps, template
 from cadcam.target.marks.ideal import marks_picture
 from cadcam.target.marks.mark import Mark, bulls_eye
 from cadcam.target.marks.subpixel import Peak, autocorrelation
@@ -112,14 +112,6 @@ def test_without_means_taken_off_the_correlation_cannot_have_the_shape_of_eq_4_3
     assert good < 0.04  # its floor: f is not quite the correlation's shape
     assert poor > 0.05
     assert poor > 2 * good
-
-
-def test_the_best_size_of_the_template_is_that_of_the_marks() -> None:
-    """Section 4.2, first step: within 3 % of the drawn radius, from a start 30 % off."""
-    picture = _seen(np.array([0.2, 0.1]))
-    radius, peak = best_radius(picture, MARK, np.array([[20.0, 20.0]]), (0.7 * RADIUS, 1.4 * RADIUS))
-    assert radius == pytest.approx(RADIUS, rel=0.03)
-    assert peak > 0.97
 
 
 def test_program_cross_finds_by_slices_what_the_whole_template_would_find(rng: np.random.Generator) -> None:

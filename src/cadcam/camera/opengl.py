@@ -123,13 +123,6 @@ def model_view_matrix(camera_from_world: Rigid) -> Array:
     return out
 
 
-def pixel_from_ndc(camera: Camera, ndc: Array) -> Array:
-    """Return our pixels (..., 2) of normalised device coordinates (..., >= 2)."""
-    x = (ndc[..., 0] + 1) * camera.width / 2 - 0.5
-    y = (1 - ndc[..., 1]) * camera.height / 2 - 0.5
-    return np.stack([x, y], axis=-1)
-
-
 def _check_range(near: float, far: float) -> None:
     if not (0 < near < far and np.isfinite(far)):
         raise BadValue("(near, far)", (near, far), "0 < near < far, in mm")

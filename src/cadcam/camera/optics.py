@@ -10,7 +10,7 @@ sensor's width, W that of the field of view.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import atan, degrees, inf, isfinite, sqrt
+from math import atan, degrees, inf, isfinite
 
 from cadcam.camera.camera import Camera
 from cadcam.camera.sensor_format import SensorFormat
@@ -229,15 +229,6 @@ def lens_class(angle_deg: float) -> str:
     if angle_deg < TELE_DEG:
         return "tele"
     return "wide angle" if angle_deg > WIDE_DEG else "normal"
-
-
-def blur_sigma_px(optics: Optics, z_mm: float, *, pixel: bool = True) -> float:
-    """Return the sigma in px of the Gaussian with the second moments of all blur at distance z.
-
-    Defocus: a disc of diameter d, d^2/16. Diffraction: the Airy disc's core, sigma = 0.42 lambda N (1 + m). The pixel's
-    own area: 1/12 px^2.
-    """
-    return sqrt(optics.defocus_px(z_mm) ** 2 / 16 + optics.airy_sigma_px() ** 2 + (PIXEL_PX2 if pixel else 0.0))
 
 
 def _positive(what: str, value: float, unit: str) -> None:

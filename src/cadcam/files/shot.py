@@ -32,7 +32,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.errors import BadValue, UnreadableFile
-from cadcam.files.jsontext import as_json, parsed
+from cadcam.files.jsontext import parsed
 from cadcam.files.points import header_line
 from cadcam.files.text import TextFile, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.image.picture import to_gray
@@ -129,14 +129,6 @@ def read_sidecar(path: str | os.PathLike[str]) -> ShotPosition:
     camera = place.at("camera").text() if "camera" in place.object else ""
     time = _time(path, place.at("time").text()) if "time" in place.object else None
     return place.build(lambda: ShotPosition(place.at("x_mm").number(), place.at("y_mm").number(), camera, time))
-
-
-def write_sidecar(picture: str | os.PathLike[str], shot: ShotPosition) -> None:
-    """Write the sidecar of a picture, PICTURE.json."""
-    time = {} if shot.time is None else {"time": shot.time.isoformat()}
-    camera = {"camera": shot.camera} if shot.camera else {}
-    path = Path(picture)
-    write_whole(path.with_name(path.name + ".json"), as_json({**camera, "x_mm": shot.x, "y_mm": shot.y, **time}))
 
 
 def read_positions(path: str | os.PathLike[str]) -> dict[str, ShotPosition]:

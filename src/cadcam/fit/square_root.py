@@ -2,8 +2,7 @@
 
 One QR factorisation of [own | shared | residual] per block gives a triangle whose lower part holds the block's
 information on the shared parameters alone. Nothing is squared: singular values down to 1e-10 of the columns' length
-count. Source of the sandwich: Liang and Zeger, "Longitudinal data analysis using generalized linear models" (1986); of
-its small-sample forms: MacKinnon and White (1985), Bell and McCaffrey (2002).
+count. Source of the jackknife by blocks: MacKinnon and White (1985), Bell and McCaffrey (2002).
 """
 
 from __future__ import annotations
@@ -23,12 +22,12 @@ _RANK = 1e-10
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Cofactors:
-    """Covariances for residuals of unit noise, and the sandwich of the blocks' scores.
+    """Covariances for residuals of unit noise, and what each block contributes.
 
     shared (n, n); own (k, l, l); lever (k, l, n): own parameters change by -lever @ d(shared) with the shared ones;
     own_alone (k, l, l): their cofactor with the shared ones fixed. scores (k, n): the gradient of each block by the
     shared parameters, its own parameters re-fitted; they sum to zero. information (k, n, n): that of each block on the
-    shared parameters. singular (n,): singular values of the shared part with columns of length one, largest first.
+    shared parameters.
     """
 
     shared: Array
@@ -37,7 +36,6 @@ class Cofactors:
     lever: Array
     scores: Array
     information: Array
-    singular: Array
 
     def cross(self, block: int) -> Array:
         """Return the cofactor (n, l) between the shared parameters and those of one block."""
@@ -47,24 +45,16 @@ class Cofactors:
         """Return the cofactor (l, l) between the parameters of two different blocks."""
         return np.asarray(self.lever[one] @ self.shared @ self.lever[other].T)
 
-    def clustered(self) -> Array:
-        """Return the covariance (n, n) of the shared parameters that remains valid if errors are alike within a block.
-
-        The sandwich N^-1 (sum_j c_j c_j^T) N^-1 k/(k - 1): blocks are independent, their rows need not be, and the
-        noise need not be known. With few blocks (less than about ten times the parameters) it is too small;
-        `jackknifed` is not. Raises `TooFewPoints` for less than two blocks.
-        """
-        k = self._blocks()
-        moves = self.scores @ self.shared
-        return np.asarray(moves.T @ moves * (k / (k - 1)))
-
     def jackknifed(self) -> Array:
         """Return the covariance (n, n) by leaving out one block at a time, each by one exact linear step.
 
-        (k - 1)/k sum_j d_j d_j^T with d_j = (N - N_j)^-1 c_j. Never too small on average; raises `DegenerateGeometry`
-        if the shared parameters are not determined without one of the blocks.
+        (k - 1)/k sum_j d_j d_j^T with d_j = (N - N_j)^-1 c_j. It holds though errors be alike within a block and their
+        size be unknown, and is never too small on average. Raises `TooFewPoints` for less than two blocks, and
+        `DegenerateGeometry` if the shared parameters are not determined without one of them.
         """
-        k = self._blocks()
+        k = len(self.scores)
+        if k < 2:
+            raise TooFewPoints("a covariance by blocks", k, 2, of="blocks")
         d = np.sqrt(np.diagonal(self.shared))
         left = np.linalg.inv(self.shared / np.outer(d, d)) - self.information * np.outer(d, d)
         values = np.linalg.eigvalsh(left)[:, 0] if d.size else np.ones(k)
@@ -75,12 +65,6 @@ class Cofactors:
             )
         moves = np.linalg.solve(left, (self.scores * d)[..., None])[..., 0] * d
         return np.asarray(moves.T @ moves * ((k - 1) / k))
-
-    def _blocks(self) -> int:
-        k = len(self.scores)
-        if k < 2:
-            raise TooFewPoints("a covariance by blocks", k, 2, of="blocks")
-        return k
 
 
 def factorise(
@@ -119,7 +103,6 @@ def factorise(
         lever=lever,
         scores=(np.swapaxes(aa, -1, -2) @ ar[..., None])[..., 0] * scale,
         information=(np.swapaxes(aa, -1, -2) @ aa) * np.outer(scale, scale),
-        singular=s,
     )
 
 

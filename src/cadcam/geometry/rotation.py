@@ -54,16 +54,11 @@ def log(R: Floats) -> Array:
     return factor[..., None] * vector
 
 
-def left_jacobian(w: Floats) -> Array:
-    """Return J with exp(w + d) = exp(J d) exp(w) to first order; w (..., 3) -> (..., 3, 3).
-
-    It is also the V of the rigid motion's exponential.
-    """
-    return exp_and_left_jacobian(w)[1]
-
-
 def exp_and_left_jacobian(w: Floats) -> tuple[Array, Array]:
-    """Return `exp(w)` and `left_jacobian(w)`, both (..., 3, 3), which share most of their terms."""
+    """Return exp(w) and J with exp(w + d) = exp(J d) exp(w) to first order; w (..., 3) -> (..., 3, 3) each.
+
+    They share most of their terms. J is also the V of the rigid motion's exponential.
+    """
     w = np.asarray(w, dtype=np.float64)
     sine, versine, rest = _of_one(w) if w.ndim == 1 else _of_many(w)
     W = hat(w)
@@ -72,7 +67,7 @@ def exp_and_left_jacobian(w: Floats) -> tuple[Array, Array]:
 
 
 def inverse_left_jacobian(w: Floats) -> Array:
-    """Return the inverse of `left_jacobian(w)`; finite for |w| < 2 pi."""
+    """Return the inverse (..., 3, 3) of the J of `exp_and_left_jacobian(w)`; finite for |w| < 2 pi."""
     w = np.asarray(w, dtype=np.float64)
     theta = np.linalg.norm(w, axis=-1)[..., None, None]
     W = hat(w)

@@ -36,19 +36,6 @@ class Budget:
         return dict(sorted(((c, v * v / whole) for c, v in self.contributions.items()), key=lambda item: -item[1]))
 
 
-LASER = Budget(
-    {
-        "survey of the calibration mark": 3.0,
-        "laser spot set on the calibration mark by hand": 3.0,
-        "laser spot set on the measured point by hand": 3.0,
-        "laser spot where the controller says": 20.0,
-    }
-)  # Industrial Vision, Table 6.3
-VISION = Budget(
-    {"survey of the calibration marks": 1.0, "view where it was at the calibration": 10.0, "pixels": 1.0}
-)  # Industrial Vision, Table 6.4
-
-
 def budget_of(measured: Measurement, name: str) -> Budget:
     """Return the budget of a measured point in its worst direction on the floor, by cause."""
     if name not in measured.names:

@@ -72,20 +72,6 @@ def surrounded(positions: Array, at: Array) -> bool:
     return bool(gaps.max() <= np.pi + _OUTSIDE)
 
 
-def rectangle_shares(one: Floats, opposite: Floats, at: Floats) -> tuple[float, float]:
-    """Return (s, t), a position's coordinates in the upright rectangle between two corners (2,), as in Prog 6."""
-    a, b, p = (np.asarray(v, dtype=np.float64) for v in (one, opposite, at))
-    if np.any(a == b):
-        raise BadValue("corners of the rectangle", (a.tolist(), b.tolist()), "two that differ in x and in y")
-    s, t = (p - a) / (b - a)
-    return float(s), float(t)
-
-
-def rectangle_weights(s: float, t: float) -> Array:
-    """Return the weights (4,) of the corners (0, 0), (0, 1), (1, 0), (1, 1) at (s, t), as in program bilinear."""
-    return np.array([(1 - s) * (1 - t), (1 - s) * t, s * (1 - t), s * t])
-
-
 def bilinear_weights(corners: Floats, at: Floats) -> Array | None:
     """Return the weights (4,) of four positions (4, 2) at a position by f = a x + b y + c xy + d (EQ 6.13).
 

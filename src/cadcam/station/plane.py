@@ -17,7 +17,7 @@ from cadcam.calibrate.points.flat import calibrate_plane
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
-from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.errors import DegenerateGeometry
 from cadcam.station.plate import Placement
 
 _STEP = 1e-30  # step of complex-step derivatives, which have no cancellation
@@ -179,16 +179,3 @@ def _scales(h: npt.NDArray[np.complex128], p: Array) -> npt.NDArray[np.complex12
     dot, cross = J[0, 0] * J[0, 1] + J[1, 0] * J[1, 1], J[0, 0] * J[1, 1] - J[0, 1] * J[1, 0]
     handed = np.sign(cross.real)
     return np.array([1 / nx, 1 / ny, ny / nx, np.arctan(dot / (handed * cross))])
-
-
-def column_scales(C: Floats) -> tuple[float, float, float, float]:
-    """Return what program calib printed for a (U, V) matrix: scales x and y mm/px, aspect, angle of the columns in rad.
-
-    These are norms of the matrix' columns, right only where C22 = 1 stands for t = 1 at the plate. For local values see
-    `local_scale`.
-    """
-    M = frozen(C, "plane to (U, V) matrix", (3, 3))[:2, :2]
-    nx, ny = np.linalg.norm(M, axis=0)
-    if nx == 0 or ny == 0:
-        raise BadValue("plane to (U, V) matrix", M.tolist(), "two columns that are not zero")
-    return float(1 / nx), float(1 / ny), float(ny / nx), float(np.arccos(np.clip(M[:, 0] @ M[:, 1] / (nx * ny), -1, 1)))

@@ -1,4 +1,4 @@
-"""The error of a joint calibration on views left out, and its scatter over resampled views."""
+"""The error of a joint calibration on views that were left out of it."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.calibrate.joint.adjustment import JointFit
-from cadcam.errors import CadcamError, DegenerateGeometry, TooFewPoints
+from cadcam.errors import CadcamError, TooFewPoints
 from cadcam.fit.block_least_squares import minimise_blocks
 from cadcam.fit.joint_model import JointModel, JointState
 
@@ -16,10 +16,10 @@ _FOLDS = 10
 _HALF = 4  # points for a pose
 
 
-def held_out_error(fit: JointFit, *, folds: int = _FOLDS) -> float:
+def held_out_error(fit: JointFit) -> float:
     """Return the rms (px, of one coordinate) at points of views that were left out of the estimate of the internals.
 
-    The views are left out in `folds` groups in turn. In a left-out view every other point gives the pose, and the error
+    The views are left out in ten groups in turn. In a left-out view every other point gives the pose, and the error
     is evaluated at the others; then vice versa. Unlike the residual it decreases only as long as a richer model
     describes the camera and not the views. nan where the remaining views do not determine the internals. Raises
     `TooFewPoints` for fewer than two views, or without any view of eight points.
@@ -28,7 +28,7 @@ def held_out_error(fit: JointFit, *, folds: int = _FOLDS) -> float:
     if k < 2:
         raise TooFewPoints("a held-out error", k, 2, of="views")
     squares, count = 0.0, 0
-    for held in np.array_split(np.arange(k), min(folds, k)):
+    for held in np.array_split(np.arange(k), min(_FOLDS, k)):
         try:
             rest = np.setdiff1d(np.arange(k), held)
             trained = minimise_blocks(fit.model.with_views(rest), _views(fit.solution.state, rest)).state
@@ -41,33 +41,6 @@ def held_out_error(fit: JointFit, *, folds: int = _FOLDS) -> float:
         most = int(fit.model.measured.sum(axis=1).max())
         raise TooFewPoints("a held-out error", most, 2 * _HALF, of="points in a view")
     return float(np.sqrt(squares / count))
-
-
-def bootstrap_by_view(fit: JointFit, rng: np.random.Generator, *, rounds: int = 200) -> Array:
-    """Return the free shared parameters (rounds, n) of calibrations from views drawn with replacement.
-
-    Their scatter is a covariance that assumes only that the views are alike and independent. Draws that do not
-    determine the camera are repeated; raises `DegenerateGeometry` if most do not.
-    """
-    rows: list[Array] = []
-    k, failed = len(fit.views), 0
-    while len(rows) < rounds:
-        drawn = rng.integers(k, size=k)
-        try:
-            found = minimise_blocks(fit.model.with_views(drawn), _views(fit.solution.state, drawn)).state
-        except CadcamError as error:
-            failed += 1
-            if failed > rounds:
-                raise DegenerateGeometry("most draws of views do not determine the camera; add views") from error
-            continue
-        rows.append(shared_values(fit.model, found))
-    return np.array(rows)
-
-
-def shared_values(model: JointModel, state: JointState) -> Array:
-    """Return the values (n,) of the model's free parameters."""
-    values = model.values(state)
-    return np.array([values[name] for name in model.free])
 
 
 def _views(state: JointState, index: Longs) -> JointState:

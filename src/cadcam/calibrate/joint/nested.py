@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.calibrate.joint.adjustment import JointFit, fit_of
-from cadcam.calibrate.joint.held_out import held_out_error, shared_values
+from cadcam.calibrate.joint.held_out import held_out_error
 from cadcam.camera.extended_pinhole import INTERNALS
 from cadcam.camera.lens import BrownConrady, Ideal
 from cadcam.errors import CadcamError, TooFewPoints
@@ -150,7 +150,7 @@ def _compared(
     fine, coarse = more.solution.blocks.sum_of_squares, less.solution.blocks.sum_of_squares
     F = max(coarse - fine, 0.0) / q / (fine / dof)
     place = [more.model.free.index(n) for n in names]
-    values = shared_values(more.model, more.solution.state)[place]
+    values = _shared_values(more.model, more.solution.state)[place]
     sigmas = np.sqrt(more.variance * np.diag(more.known.shared)[place])
     residuals = [float(np.sqrt(np.nanmean(np.sum(m.model.residuals(m.solution.state) ** 2, -1)))) for m in (more, less)]
     return Question(
@@ -234,3 +234,9 @@ def _held_out(fit: JointFit, other: float) -> float:
 
 def _chance(p: float) -> str:
     return f"p = {p:.2g}" if p >= 1e-12 else "p < 1e-12"
+
+
+def _shared_values(model: JointModel, state: JointState) -> Array:
+    """Return the values (n,) of the model's free parameters."""
+    values = model.values(state)
+    return np.array([values[name] for name in model.free])

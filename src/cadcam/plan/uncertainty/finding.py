@@ -70,9 +70,10 @@ class Finder:
 
 
 def blur_sigmas(optics: Optics | None, z_mm: Floats) -> Array:
-    """Return the sigma (...) px of a Gaussian as wide as all blur at distances z (...): as `optics.blur_sigma_px`.
+    """Return the sigma (...) px of the Gaussian with the second moments of all blur at distances z (...).
 
-    Without an f-number, or without optics, only the pixel's own area is known.
+    Defocus: a disc of diameter d, d^2/16. Diffraction: the Airy disc's core. The pixel's own area: 1/12 px^2. Without
+    an f-number, or without optics, only the pixel's own area is known.
     """
     z = np.asarray(z_mm, dtype=np.float64)
     if optics is None or optics.f_number is None:
@@ -81,7 +82,10 @@ def blur_sigmas(optics: Optics | None, z_mm: Floats) -> Array:
 
 
 def defocus(optics: Optics | None, z_mm: Floats) -> Array:
-    """Return the diameter (...) px of the circle of confusion at distance z; 0 where no f-number is known."""
+    """Return the diameter (...) px of the circle of confusion at distances z (...): `Optics.defocus_px` of many.
+
+    0 where no f-number is known.
+    """
     z = np.asarray(z_mm, dtype=np.float64)
     if optics is None or optics.f_number is None:
         return np.zeros(z.shape)

@@ -26,7 +26,6 @@ _STEP_BY_RADIUS = 0.12
 _ROUGH, _SLICES = 0.6, 0.8  # share of the required score that the first two sweeps must reach
 _FEW = 9  # pixels of each slice in the first sweep
 _TOGETHER = 4_000_000
-_SIZES = 7
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -123,31 +122,6 @@ def _grown(x: Index, y: Index, by: int, shape: tuple[int, ...]) -> tuple[Index, 
             region[(y + dy).clip(0, shape[0] - 1), (x + dx).clip(0, shape[1] - 1)] = True
     ys, xs = np.nonzero(region)
     return xs, ys
-
-
-def best_radius(gray: Picture, mark: Mark, q: Array, radii: tuple[float, float]) -> tuple[float, float]:
-    """Return the radius in px at which the template correlates best with marks near q (N, 2), and that correlation.
-
-    The dissertation's first step (4.2): the size is chosen for the highest mean of the peaks. radii: least and largest;
-    they are tried in steps, then the best is refined by a parabola through its neighbours.
-    """
-    low, high = radii
-    if not 0.5 < low <= high:
-        raise BadValue("radii", radii, "(least, largest), more than half a pixel")
-    for _ in range(3):
-        sizes = np.geomspace(low, high, _SIZES)
-        means = np.array([_mean_peak(gray, mark, q, r) for r in sizes])
-        k = int(np.argmax(means))
-        low, high = sizes[max(k - 1, 0)], sizes[min(k + 1, _SIZES - 1)]
-    return float(sizes[k]), float(means[k])
-
-
-def _mean_peak(gray: Picture, mark: Mark, q: Array, radius: float) -> float:
-    of = taps(template(mark, radius))
-    near = np.rint(np.asarray(q)).astype(int)
-    dx, dy = (a.ravel() for a in np.meshgrid([-1, 0, 1], [-1, 0, 1]))
-    x, y = (near[:, :1] + dx).ravel(), (near[:, 1:] + dy).ravel()
-    return float(correlation_at(gray, x, y, of).reshape(len(near), -1).max(axis=1).mean())
 
 
 def surface(gray: Picture, q: Array, of: Taps, half: int, *, zero_mean: bool = True) -> tuple[Array, Array]:

@@ -144,13 +144,6 @@ def _correlation(a: Array, b: Array, weight: Array) -> Array:
     return np.asarray((a * b).sum(axis=1) / np.sqrt(np.maximum((a * a).sum(axis=1) * (b * b).sum(axis=1), 1e-12)))
 
 
-def fit_poses(
-    gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float = MARGIN, blur: float = 1.0
-) -> MarkFit:
-    """Return marks fitted through a camera from rough poses (camera_from_mark): q are the images of their centres."""
-    return seen_through(gray, mark, camera, starts, margin=margin, blur=blur)[0]
-
-
 @dataclass(frozen=True, slots=True, eq=False)
 class CameraFit:
     """Intermediate results of a fit through a camera: windows about q (B, 2), weight (B, P) of kept pixels, parameters.
