@@ -93,14 +93,14 @@ def test_a_part_is_found_from_nothing_through_pixels_twice_as_long_as_wide(
 def test_a_symmetric_part_comes_back_in_every_pose_in_which_it_looks_the_same(rng: np.random.Generator) -> None:
     part = Part.of(box([0, 0, 0], [60, 60, 25]))
     pose = view(part, (0.5, 0.8, 0.7), away=6.0)
-    found = search(part, [photo(part, pose, rng)], ViewRange(distance_mm=(200.0, 350.0)))[:8]
+    best = search(part, [photo(part, pose, rng)], ViewRange(distance_mm=(200.0, 350.0)))[0].world_from_part
+    found = [best @ part_from_part for part_from_part in part.symmetries]
+    assert len(found) == 8
     v = part.scene.mesh.vertices
-    for hypothesis in found:
-        apart = np.linalg.norm(
-            CAMERA.project(hypothesis.world_from_part @ v)[:, None] - CAMERA.project(pose @ v)[None], axis=2
-        )
+    for world_from_part in found:
+        apart = np.linalg.norm(CAMERA.project(world_from_part @ v)[:, None] - CAMERA.project(pose @ v)[None], axis=2)
         assert apart.min(axis=1).max() < RIGHT_PX
-    rotations = np.array([h.world_from_part.rotation for h in found])
+    rotations = np.array([T.rotation for T in found])
     assert all(np.abs(rotations[k] - rotations[:k]).max(axis=(1, 2)).min() > 0.5 for k in range(1, 8))
     located = locate_part(part, [photo(part, pose, rng)], views=ViewRange(distance_mm=(200.0, 350.0)))
     assert located.found

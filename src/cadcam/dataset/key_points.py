@@ -8,16 +8,16 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.cad.mesh import used_vertices
-from cadcam.cad.units import MM, unit_name
 from cadcam.errors import UnknownName, UnreadableFile
 from cadcam.files.text import lines_of_cells, number_in, read_text
 from cadcam.render.view import Scene
 
 _COLUMNS = ("name", "x", "y", "z")
 _MOST = 1000
+_CORNERS = 12
 
 
-def read_key_points(path: str | os.PathLike[str], *, unit: str = "mm") -> tuple[tuple[str, ...], Array]:
+def read_key_points(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Array]:
     """Return names and places (K, 3) mm of the points in a file: a line `name, X, Y, Z`, then a point a line.
 
     Raises `UnreadableFile` naming the line.
@@ -41,10 +41,10 @@ def read_key_points(path: str | os.PathLike[str], *, unit: str = "mm") -> tuple[
         places.append([number_in(file, line.number, axis.upper(), cell[axis]) for axis in "xyz"])
     if not 0 < len(names) <= _MOST:
         raise UnreadableFile(path, f"holds {len(names)} points", f"1 to {_MOST} are needed")
-    return tuple(names), np.array(places) * MM[unit_name(unit)]
+    return tuple(names), np.array(places)
 
 
-def corners(scene: Scene, count: int = 12) -> tuple[tuple[str, ...], Array]:
+def corners(scene: Scene) -> tuple[tuple[str, ...], Array]:
     """Return names and places (K, 3) mm of corners, where other than two features meet, as far apart as possible.
 
     For a part with fewer corners, places along its edges; without edges, any vertices.
@@ -53,10 +53,10 @@ def corners(scene: Scene, count: int = 12) -> tuple[tuple[str, ...], Array]:
     met = np.bincount(edges.vertices.ravel(), minlength=len(mesh.vertices))
     for candidates in ((met > 0) & (met != 2), met > 0, used_vertices(mesh)):
         places = mesh.vertices[candidates]
-        if len(places) >= count:
+        if len(places) >= _CORNERS:
             break
     places = np.unique(np.round(places, 6), axis=0) + 0.0
-    spread = _spread(places, count)
+    spread = _spread(places, _CORNERS)
     return tuple(f"corner {i + 1}" for i in range(len(spread))), spread
 
 

@@ -123,18 +123,15 @@ class PosesFit:
         return np.asarray(np.einsum("ni,nij,nj->n", self.offsets, self.weights, self.offsets))
 
 
-def adjust(
-    poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rigid, *, variances: Array | None = None
-) -> PosesFit:
-    """Return the least-squares adjustment from a start near it; the robot's noise is estimated unless it is given."""
+def adjust(poses: HandEyePoses, flange_from_held: Rigid, base_from_fixed: Rigid) -> PosesFit:
+    """Return the least-squares adjustment from a start near it, with an estimate of the robot's noise."""
     X, Z = flange_from_held, base_from_fixed
     e, D, M = poses.linearised(X, Z)
-    s, spread = _median_variances(e) if variances is None else variances, np.zeros((2, 2))
+    s, spread = _median_variances(e), np.zeros((2, 2))
     smallest = np.inf
     for _ in range(30):
-        if variances is None:
-            found = variance_components(e, D, M, PATTERNS, s, floor=SMALLEST**2)
-            s, spread = found.variances, found.covariance
+        found = variance_components(e, D, M, PATTERNS, s, floor=SMALLEST**2)
+        s, spread = found.variances, found.covariance
         W = _weights(M, s)
         step = _step(e, D, W)
         size = float(np.max(np.abs(step) / _STEP))

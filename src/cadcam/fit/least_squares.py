@@ -20,6 +20,7 @@ from cadcam.fit.levenberg_marquardt import Stalled as Stalled
 from cadcam.fit.levenberg_marquardt import levenberg_marquardt
 
 State = TypeVar("State")
+_RANK = 1e-10
 
 
 class Problem(Protocol[State]):
@@ -58,16 +59,16 @@ def minimise(problem: Problem[State], start: State, options: Options | None = No
     return Solution(found.state, found.model.residuals, found.model.jacobian, found.model.cost, found.iterations)
 
 
-def cofactor(jacobian: Array, names: Sequence[str], *, rank_tolerance: float = 1e-10) -> Array:
+def cofactor(jacobian: Array, names: Sequence[str]) -> Array:
     """Return (J^T J)^-1 (n, n): the covariance of the parameters for residuals of unit noise.
 
     Raises `DegenerateGeometry` naming the combination of parameters that the residuals do not determine: a singular
-    value of J (columns scaled to one) below `rank_tolerance` of the largest.
+    value of J (columns scaled to one) below 1e-10 of the largest.
     """
     scale = column_norms(jacobian)
     enough = np.zeros((max(0, len(names) - len(jacobian)), len(names)))  # rows at least as many as columns: Vt is whole
     _, s, Vt = np.linalg.svd(np.concatenate([jacobian / scale, enough]), full_matrices=False)
-    if (s <= rank_tolerance * s[:1]).any():
+    if (s <= _RANK * s[:1]).any():
         direction = Vt[-1] / scale
         raise DegenerateGeometry(
             f"the observations do not determine {combination(Vt[-1], direction, names)} "

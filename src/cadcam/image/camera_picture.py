@@ -66,7 +66,7 @@ def camera_picture_in(data: bytes, name: str) -> Picture:
     return _decoded(name, data, MAX_PIXELS, None).picture
 
 
-def full_scale_of(paths: Iterable[str | os.PathLike[str]], *, max_pixels: int = MAX_PIXELS) -> FullScale | None:
+def full_scale_of(paths: Iterable[str | os.PathLike[str]]) -> FullScale | None:
     """Return the one white of all these pictures of one camera; None where it is not in question.
 
     It is not if the first is of bytes, or says what its white is: of one camera's pictures all are alike. Else all are
@@ -75,7 +75,7 @@ def full_scale_of(paths: Iterable[str | os.PathLike[str]], *, max_pixels: int = 
     brightest, from_top = 0, True
     for number, path in enumerate(paths):
         data = file_bytes(path)
-        held = stored(path, data, max_pixels=max_pixels)
+        held = stored(path, data, max_pixels=MAX_PIXELS)
         if not _is_open(held, data):
             if number == 0:
                 return None
@@ -87,9 +87,9 @@ def full_scale_of(paths: Iterable[str | os.PathLike[str]], *, max_pixels: int = 
     return FullScale(_white(brightest, from_top), brightest)
 
 
-def is_deep(path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS) -> bool:
+def is_deep(path: str | os.PathLike[str]) -> bool:
     """Return whether a picture's samples have more than 8 bits, so that a white can be stated for it."""
-    return stored(path, file_bytes(path), max_pixels=max_pixels).bits > 8
+    return stored(path, file_bytes(path), max_pixels=MAX_PIXELS).bits > 8
 
 
 def _decoded(path: str | os.PathLike[str], data: bytes, max_pixels: int, full_scale: float | None) -> Decoded:

@@ -65,7 +65,6 @@ def draw_points(
     mark: str = "cross",
     size: float = 9.0,
     width: float = 1.5,
-    opacity: float = 1.0,
 ) -> Picture:
     """Return a colour copy of the picture with a mark ("plus", "cross" or "circle") of `size` px at each q (N, 2).
 
@@ -77,9 +76,7 @@ def draw_points(
         raise BadValue("size", size, "a mark size above 0 px")
     points = frozen(q, "q", (None, 2), finite=False)
     strokes = [points[:, None] + size / 2 * stroke for stroke in _strokes(mark, size)]
-    return draw_polylines(
-        picture, [line for stroke in strokes for line in stroke], color=color, width=width, opacity=opacity
-    )
+    return draw_polylines(picture, [line for stroke in strokes for line in stroke], color=color, width=width)
 
 
 def draw_text(picture: npt.ArrayLike, q: npt.ArrayLike, text: str, *, color: Color, height: float = 14.0) -> Picture:

@@ -30,6 +30,7 @@ from cadcam.native.profiles import StepCells
 
 DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
 _ROWS = 48  # rows of a photo from which its noise is estimated
+_SHARP = 0.8  # px: blur of a sharp photo
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
 _USUAL = 1  # index of the blur that, with the next one, most lenses have
 _FAINTEST = 0.025  # contrast of the faintest steps searched for
@@ -113,18 +114,16 @@ def noise_of(gray: Picture) -> float:
     return max(quantile(both, 0.5) / 0.6745 / 6.0, _QUANTISED)
 
 
-def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8) -> float:
-    """Return the blur s (px) that fits the steps best in cells on strong edges; `default` where there are too few.
+def blur_of(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float) -> float:
+    """Return the blur s (px) that fits the steps best in cells on strong edges; 0.8 where there are too few.
 
     reach (N,): how far the cells reach along the normal, both ways.
     """
     found = _Misfits(gray, q, normal, reach, half_length).best()[0]
-    return found if np.isfinite(found) else default
+    return found if np.isfinite(found) else _SHARP
 
 
-def blur_matrix(
-    gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float, default: float = 0.8
-) -> Array:
+def blur_matrix(gray: Picture, q: Array, normal: Array, *, reach: Array, half_length: float) -> Array:
     """Return the blur as a covariance B (2, 2) px^2: a step across the unit normal n is blurred by sqrt(n' B n).
 
     As by `blur_of`, equal in all directions, unless the cells clearly require a different blur in different directions
@@ -133,7 +132,7 @@ def blur_matrix(
     misfits = _Misfits(gray, q, normal, reach, half_length)
     even, best = misfits.best()
     if not np.isfinite(even):
-        even = default
+        even = _SHARP
     elif misfits.depends(best):
         return misfits.matrix()
     return even**2 * np.eye(2)

@@ -24,7 +24,7 @@ from cadcam.locate.refine.refinement import Refinement, in_spite_of_noise
 from cadcam.locate.rivals import Rivals
 from cadcam.locate.search.approach import REACH, Reach, approach
 from cadcam.locate.search.hypothesis import Hypothesis
-from cadcam.locate.search.without_start import search_once
+from cadcam.locate.search.without_start import search
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 _RIVAL = 0.85  # share of the best hypothesis' score from which another one is refined as well
@@ -89,7 +89,7 @@ def locate_part(
     _check(photos)
     if start is None and freedom is not FREE:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
-    searched = search_once(part, photos, views) if start is None else []
+    searched = search(part, photos, views) if start is None else []
 
     def found_in(photos: Sequence[Photo]) -> Location:
         task = _LocateTask(part, photos, start, reach, freedom, options)

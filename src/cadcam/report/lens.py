@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
 from math import isfinite
 from typing import TYPE_CHECKING, Any
 
@@ -18,10 +17,11 @@ from cadcam.report.table import Table
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
+_FARTHEST_MM = 20000.0
 _DRAWN_MM = (4.0, 6.0, 8.0, 12.0, 16.0, 25.0, 35.0, 50.0, 75.0, 100.0)
 
 
-def lens_table(optics: Optics, *, title: str = "") -> Table:
+def lens_table(optics: Optics) -> Table:
     """Return the field of view of the optics, and with an f-number and pixels their sharpness."""
     width, height = optics.field_mm
     across, down, diagonal = optics.angles_deg
@@ -45,7 +45,7 @@ def lens_table(optics: Optics, *, title: str = "") -> Table:
             ("diffraction", f"Airy disc of {optics.diffraction_px():.3g} px"),
         ]
     return Table(
-        title or f"{optics.focal_mm:.4g} mm lens at {optics.distance_mm:.5g} mm",
+        f"{optics.focal_mm:.4g} mm lens at {optics.distance_mm:.5g} mm",
         ("what", "value"),
         tuple(rows),
         left=("what", "value"),
@@ -114,22 +114,15 @@ def _known_sensors() -> tuple[SensorFormat, ...]:
     return (*FORMATS.values(), *CHIPS.values())
 
 
-def write_lens_diagram(
-    path: str | os.PathLike[str],
-    sensor: SensorFormat,
-    *,
-    focals_mm: Sequence[float] = _DRAWN_MM,
-    chosen: Optics | None = None,
-    farthest_mm: float = 20000.0,
-) -> None:
+def write_lens_diagram(path: str | os.PathLike[str], sensor: SensorFormat, *, chosen: Optics | None = None) -> None:
     """Draw the dissertation's Fig 5-3 for a sensor: width of the field over the distance, a line for each focal length.
 
-    `chosen` is marked; lines end at `farthest_mm`, or beyond the chosen one. Raises `MissingExtra` without matplotlib.
+    `chosen` is marked; lines end at 20 m, or beyond the chosen one. Raises `MissingExtra` without matplotlib.
     """
-    farthest = max(farthest_mm, 1.2 * chosen.distance_mm if chosen else 0.0)
+    farthest = max(_FARTHEST_MM, 1.2 * chosen.distance_mm if chosen else 0.0)
     with figure(7.2, 5.0) as drawn:
         axes = drawn.subplots()
-        for focal in focals_mm:
+        for focal in _DRAWN_MM:
             _draw_line(axes, sensor.size_mm[0], focal, farthest)
         if chosen is not None:
             _mark(axes, chosen)

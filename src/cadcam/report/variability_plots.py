@@ -162,9 +162,9 @@ def _distribution(ax: Axes, name: str, studies: Mapping[str, Variability], first
     ax.locator_params(axis="x", nbins=5)
 
 
-def _round_levels(low: float, high: float, about: int = 7) -> Array:
-    """Return round numbers between low and high."""
-    raw = (high - low) / about
+def _round_levels(low: float, high: float) -> Array:
+    """Return about seven round numbers between low and high."""
+    raw = (high - low) / 7
     power = 10.0 ** np.floor(np.log10(raw)) if raw > 0 else 1.0
     step = next(power * s for s in (1, 2, 2.5, 5, 10) if power * s >= raw)
     return np.arange(np.ceil(low / step), np.floor(high / step) + 1) * step

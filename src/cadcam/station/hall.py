@@ -30,6 +30,7 @@ ROBOTS |= {"7": (19000.0, 27500.0, 1600.0, 11100.0), "12": (4500.0, 13000.0, 160
 SENSOR = Sensor(name="hall", noise=Noise(10_000.0, 60.0), gamma=Gamma(1 / 2.2), quantisation=Quantisation(8))
 """The camera of the hall by default: 40 dB at white, and a gamma of 1 / 2.2."""
 _WAVES = 4
+_TWIST_RAD = 3e-4  # largest rotation of a random gantry's view
 _DOWN = np.diag([-1.0, 1.0, -1.0])  # camera axes in the world: x to -x, y to +y, z down, as in Prog 4
 
 
@@ -99,7 +100,6 @@ def random_gantry(
     *,
     area: tuple[float, float, float, float],
     deflection_mm: float,
-    twist_rad: float = 3e-4,
     rng: np.random.Generator,
 ) -> Gantry:
     """Return a random gantry whose view's deviations differ by `deflection_mm` between its two worst places.
@@ -113,7 +113,7 @@ def random_gantry(
     waves = np.column_stack([frequency, rng.uniform(0, 2 * np.pi, _WAVES), shares])
     tilt = np.array([*rng.uniform(-0.05, 0.05, 2), rng.uniform(-0.02, 0.02)])
     bend = rng.choice([-1.0, 1.0], 2) * rng.uniform(0.5, 1.0, 2)
-    unscaled = Gantry(name, area, 1.0, twist_rad, waves, bend, tilt)
+    unscaled = Gantry(name, area, 1.0, _TWIST_RAD, waves, bend, tilt)
     x0, x1, y0, y1 = area
     x, y = np.meshgrid(np.linspace(x0, x1, 15), np.linspace(y0, y1, 15))
     deviation = unscaled.deviation(np.stack([x, y], axis=-1)).reshape(-1, 2)

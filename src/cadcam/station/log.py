@@ -22,7 +22,7 @@ from cadcam.errors import UnreadableFile, UnwritableFile
 from cadcam.files.jsontext import parsed_line
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
-from cadcam.record.record import Deviation, Record, Source
+from cadcam.record.record import Deviation, Record
 from cadcam.station.budget import budget_of
 from cadcam.station.gantry import Sighting
 
@@ -104,7 +104,6 @@ def records(
     serial: str = "",
     times: Sequence[datetime | None] = (),
     drawn: Mapping[str, Floats] | None = None,
-    sources: Sequence[Source] = (),
 ) -> list[Record]:
     """Return a product-state record for each measured mark, with its deviation in x and y where it is on the drawing.
 
@@ -120,7 +119,6 @@ def records(
             pose=_pose(measured, i),
             reason=f"mark {s.name} measured by camera {s.camera}",
             deviations=_deviations(measured, i, (drawn or {}).get(s.name)),
-            sources=tuple(sources),
         )
         for i, (s, t) in enumerate(zip(sightings, when, strict=True))
     ]

@@ -41,7 +41,6 @@ def assembled(
     corner_normals: npt.NDArray[np.floating] | None = None,
     face_colors: npt.NDArray[np.floating] | None = None,
     vertex_place: Place = "vertex {}".format,
-    face_place: Place = "face {}".format,
 ) -> Mesh:
     """Return the mesh of a file, or raise `UnreadableFile` with the place of the first thing wrong with it.
 
@@ -52,7 +51,7 @@ def assembled(
         what = f"{len(vertices)} vertices but no faces" if len(vertices) else "no geometry"
         raise UnreadableFile(path, f"holds {what}", "export the model as a triangle mesh, not as points or wires")
     check_finite(path, vertices, vertex_place)
-    check_indices(path, faces, len(vertices), face_place)
+    check_indices(path, faces, len(vertices), "face {}".format)
     names = tuple(names) or (path.stem,)
     part = np.zeros(len(faces), np.int32) if part is None else part
     present = np.flatnonzero(np.bincount(part, minlength=len(names)))

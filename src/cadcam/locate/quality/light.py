@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Longs, Mask, Picture, quantile
+from cadcam.arrays import Array, Ids, Longs, Picture, quantile
 from cadcam.locate.part import Part
 
 EVERY = 5  # px between the pixels used for the fit
@@ -62,18 +62,14 @@ class FittedLight:
         return np.asarray(value), np.sqrt(np.einsum("ni,ij,nj->n", change, self.covariance, change))
 
 
-def fitted_light(gray: Picture, normal: Array | Picture, color: Ids, *, without: Mask | None = None) -> FittedLight:
+def fitted_light(gray: Picture, normal: Array | Picture, color: Ids) -> FittedLight:
     """Return the light that explains the photo (H, W) with these normals (H, W, 3) and colours (H, W).
 
-    Each surface has the same weight whatever its size, as its pixels share their error. without (H, W): left out.
+    Each surface has the same weight whatever its size, as its pixels share their error.
     """
     few = slice(None, None, EVERY)
     g, n = (a.astype(np.float64) for a in (gray[few, few].ravel(), normal[few, few].reshape(-1, 3)))
-    c = color[few, few].ravel()
-    if without is not None:
-        counts = ~without[few, few].ravel()
-        g, n, c = g[counts], n[counts], c[counts]
-    return light_of(g, n, c)
+    return light_of(g, n, color[few, few].ravel())
 
 
 def light_of(g: Array, n: Array, c: Ids) -> FittedLight:

@@ -73,19 +73,9 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
     """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
 
     Accurate to about a pixel of the photo, for `refine_pose` to take up. score: log-likelihood ratio, in nats, of the
-    part there and a little displaced, from the fine and the rough judgement together. For a symmetric part all
-    equivalent poses are returned, one after the other. The part's aspects are computed on first use, which takes some
-    seconds once.
+    part there and a little displaced, from the fine and the rough judgement together. Of the equivalent poses of a
+    symmetric part only one is returned. The part's aspects are computed on first use, which takes some seconds once.
     """
-    return [
-        replace(h, world_from_part=h.world_from_part @ part_from_part)
-        for h in search_once(part, photos, views)
-        for part_from_part in part.symmetries
-    ]
-
-
-def search_once(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
-    """Return what `search` does, but only one of the equivalent poses of a symmetric part."""
     aspects, scales = part.aspects, _Scales(photos)
     looks = _rotations(part, views)
     rows = [

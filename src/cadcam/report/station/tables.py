@@ -133,17 +133,17 @@ def estimates_table(name: str, found: Sequence[PointEstimate]) -> Table:
     )
 
 
-def distance_tables(checks: Sequence[DistanceCheck], seen: DifferenceTrend | None, *, most: int = _MOST) -> list[Table]:
+def distance_tables(checks: Sequence[DistanceCheck], seen: DifferenceTrend | None) -> list[Table]:
     """Return distances and angles against the drawing (Table 6.12), and the statistics of their differences.
 
-    most: of more distances, only those that differ most relative to their uncertainty.
+    Of many distances only those are shown that differ most relative to their uncertainty.
     """
     shown = checks
     notes = ["+-: half of the 95 % interval"]
-    if len(checks) > most:
-        shown = sorted(checks, key=lambda c: -abs(c.difference) / max(c.half_width, 1e-9))[:most]
+    if len(checks) > _MOST:
+        shown = sorted(checks, key=lambda c: -abs(c.difference) / max(c.half_width, 1e-9))[:_MOST]
         notes.append(
-            f"shown: the {most} of {len(checks)} that differ most for their uncertainty; all of them: --csv FILE"
+            f"shown: the {_MOST} of {len(checks)} that differ most for their uncertainty; all of them: --csv FILE"
         )
     rows = tuple(
         (

@@ -8,6 +8,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Picture
 
+_LONGEST, _LEAST = 900, 450  # px: longer side of the picture searched first, and of the smallest worth searching
+
 
 def reduced(gray: Picture, scale: float) -> tuple[Picture, Callable[[Array], Array]]:
     """Return the picture reduced by `scale` (at most 1) and the map of its pixels q (N, 2) to those of the full one."""
@@ -20,11 +22,11 @@ def reduced(gray: Picture, scale: float) -> tuple[Picture, Callable[[Array], Arr
     return small, lambda q: (q + 0.5) * ratio - 0.5  # the picture's border maps to the border
 
 
-def scales(size: tuple[int, ...], *, longest: int = 900, least: int = 450) -> list[float]:
-    """Return the scales to search a picture at: first the one whose longer side is about `longest` px, then others."""
+def scales(size: tuple[int, ...]) -> list[float]:
+    """Return the scales to search a picture at: first the one whose longer side is about 900 px, then others."""
     side = max(size)
-    if side <= 1.3 * longest:
-        return [1.0] if side < 2 * least else [1.0, 0.5]
-    first = longest / side
+    if side <= 1.3 * _LONGEST:
+        return [1.0] if side < 2 * _LEAST else [1.0, 0.5]
+    first = _LONGEST / side
     larger = [min(1.0, first * 2**k) for k in range(1, 6) if first * 2 ** (k - 1) < 1.0]
     return [first, *larger, first / 2]

@@ -15,6 +15,8 @@ from cadcam.native.correlate import shrunken, spot_steps
 
 _RADIUS, _WIDTH = 5.0, 2.0  # px: least radius of a spot, and least width of a ring, in the reduced picture
 _ACROSS = 0.35  # of the radius, to both sides of the border; at most half of the width inside it
+_LEAST = 0.04  # of the response: 8 % more light outside than inside
+_MOST = 200
 _DIRECTIONS = 8  # fixed in the core
 _LEVEL = 0.02  # of grey values: a ratio of less is meaningless
 
@@ -37,19 +39,16 @@ def reduction(radius: float, width: float) -> int:
     return max(1, int(min(width / _WIDTH, radius / _RADIUS)))
 
 
-def spots(
-    gray: Picture, radius: float, width: float, *, dark: bool, least: float = 0.04, most: int = 200
-) -> tuple[Array, Array]:
+def spots(gray: Picture, radius: float, width: float, *, dark: bool) -> tuple[Array, Array]:
     """Return places (N, 2) px of spots of `radius` px, good to a fifth of it, strongest first, and their strength.
 
-    width: px of one colour inside the border, for a disc its radius. least: of the response; 0.04 is 8 % more light
-    outside than inside.
+    width: px of one colour inside the border, for a disc its radius.
     """
     factor = reduction(radius, width)
     small = shrunken(gray, factor) if factor > 1 else np.asarray(gray, np.float32)
     across = max(1.0, min(_ACROSS * radius, width / 2) / factor)
     response = spot_response(small, radius / factor, across, dark=dark)
-    q, strength = peaks(response, least, apart=0.7 * radius / factor, most=most)
+    q, strength = peaks(response, _LEAST, apart=0.7 * radius / factor, most=_MOST)
     return (q + 0.5) * factor - 0.5, strength
 
 

@@ -22,6 +22,7 @@ from cadcam.target.marks.cross import correlation_at, taps
 
 _REACH = 1.0  # px: largest shift of the function
 _WINDOW = 1.35  # radii: window of the centroid
+_ROUNDS = 5  # times that the window follows the centroid
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +151,7 @@ def parabola(window: Floats) -> Array:
     return np.asarray(np.where(summit[..., None], q, np.nan))
 
 
-def centroid(gray: Picture, q: Floats, radius: float, *, rounds: int = 5) -> Array:
+def centroid(gray: Picture, q: Floats, radius: float) -> Array:
     """Return the centroid (2,) of the grey values' distance from the ground, within a window about q that follows it.
 
     The ground is the median on the window's rim; radius: of the mark, px. Only for isolated marks on plain ground:
@@ -158,7 +159,7 @@ def centroid(gray: Picture, q: Floats, radius: float, *, rounds: int = 5) -> Arr
     """
     at = np.asarray(q, np.float64).copy()
     half = int(np.ceil(_WINDOW * radius)) + 1
-    for _ in range(rounds):
+    for _ in range(_ROUNDS):
         x0, y0 = (int(v) for v in np.rint(at))
         left, top = max(x0 - half, 0), max(y0 - half, 0)
         part = gray[top : y0 + half + 1, left : x0 + half + 1].astype(np.float64)
