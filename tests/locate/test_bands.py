@@ -14,7 +14,7 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import StepSums, step_rests, step_sums
 from cadcam.locate.lines.bands import banded
-from cadcam.locate.lines.cells import Cells, measured_steps
+from cadcam.locate.lines.cells import Cells, CellSize, measured_steps
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -28,7 +28,7 @@ from .photos import noisy
 
 CAMERA = Camera.from_focal((240, 200), 900.0)
 BLUR = 0.6
-ROOM = {"half_length": 2.0, "reach_px": 4.5, "room_px": 2.5}
+SIZE = CellSize(half_length=2.0, reach=4.5, room=2.5)
 
 
 def plate(band: float, height: float, *, blur: float = BLUR) -> np.ndarray:
@@ -54,9 +54,9 @@ def sighted(gray: np.ndarray) -> tuple[Sight, Rigid]:
 def offsets(sight: Sight, pose: Rigid, *, told: bool) -> np.ndarray:
     """Return where (n,) the steps of all edges are seen, with bands told or not."""
     at, where = sight.project(pose), np.zeros(len(sight.samples))
-    cells = Cells.of(sight, at, **ROOM)
+    cells = Cells.of(sight, at, SIZE)
     if told:
-        _, cells, sums = banded(sight, at, cells, where, ROOM)
+        _, cells, sums = banded(sight, at, cells, where, anew=True)
     else:
         sums = cells.sums_at(sight, at, where)
     found = measured_steps(sight, at, cells, where, sums=sums)
@@ -79,8 +79,8 @@ def test_where_there_is_no_band_none_is_told(rng: np.random.Generator) -> None:
     for _ in range(60):
         sight, pose = sighted(noisy(plate(0.0, 0.0), 0.03, rng))
         at = sight.project(pose)
-        cells = Cells.of(sight, at, **ROOM)
-        _, looked, _ = banded(sight, at, cells, np.zeros(len(sight.samples)), ROOM)
+        cells = Cells.of(sight, at, SIZE)
+        _, looked, _ = banded(sight, at, cells, np.zeros(len(sight.samples)), anew=True)
         told += int((looked.doubt > 0).sum())
         stretches += len(cells.which)
     assert told < 0.01 * stretches
@@ -90,8 +90,8 @@ def test_a_photo_too_small_for_cells_has_no_bands() -> None:
     sight, pose = sighted(plate(2.5, -0.2))
     none = sight.select(slice(0, 0))
     at = none.project(pose)
-    cells = Cells.of(none, at, **ROOM)
-    assert banded(none, at, cells, np.zeros(0), ROOM)[1] is cells
+    cells = Cells.of(none, at, SIZE)
+    assert banded(none, at, cells, np.zeros(0), anew=True)[1] is cells
 
 
 @pytest.mark.parametrize(("band", "height"), [(2.5, 0.12), (3.2, 0.12)])

@@ -12,7 +12,7 @@ from cadcam.cad.parts.shape import circle, prism
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.light import Blur
-from cadcam.locate.lines.cells import Cells, measured_steps
+from cadcam.locate.lines.cells import Cells, CellSize, measured_steps
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -41,7 +41,7 @@ def test_the_border_of_a_disc_is_measured_where_it_is(radius: float) -> None:
     pose = Rigid(np.diag([1.0, -1.0, -1.0]), np.array([0.0, 0.0, CAMERA.fx + 40]))  # its top in scale 1 px to 1 mm
     sight = Sight.of(part, Photo.of(disc(radius), CAMERA), pose, step_px=4.0, reach_px=9.0)
     at = sight.project(pose)
-    cells = Cells.of(sight, at, half_length=2.0, reach_px=4.5, room_px=2.5)
+    cells = Cells.of(sight, at, CellSize(2.0, 4.5, 2.5))
     found = measured_steps(sight, at, cells, np.zeros(len(sight.samples)))
     outward = np.sign(((at.q - CAMERA.principal_point) * at.normal).sum(axis=1))
     assert found.usable.mean() > 0.9
@@ -75,7 +75,7 @@ def test_cells_of_a_blurred_photo_reach_farther_across_blurred_edges_alone() -> 
     sight = Sight.of(part, Photo.of(disc(30.0), CAMERA), pose, step_px=4.0, reach_px=9.0)
     at = sight.project(pose)
     spread = np.diag([1.6**2, 0.6**2])
-    cells = Cells.of(sight, at, half_length=2.0, reach_px=4.5, room_px=2.5, spread=spread)
+    cells = Cells.of(sight, at, CellSize(2.0, 4.5, 2.5), spread=spread)
     upright = np.abs(at.normal[cells.which, 0]) > 0.9
     np.testing.assert_allclose(cells.blurs, np.where(upright, 1.6, 0.6))
     np.testing.assert_allclose(np.minimum(cells.below, cells.above), np.where(upright, 4.8, 4.5))
@@ -110,7 +110,7 @@ def test_ground_that_slopes_less_than_a_cell_tells_draws_no_edge_as_a_whole(as_l
         noisy = (sharp + NOISE * rng.standard_normal(sharp.shape)).astype(np.float32)
         sight = Sight.of(part, Photo.of(noisy, camera), pose, step_px=4.0, reach_px=14.0)
         at = sight.project(pose)
-        cells = Cells.of(sight, at, half_length=2.0, reach_px=7.0, room_px=2.5)
+        cells = Cells.of(sight, at, CellSize(2.0, 7.0, 2.5))
         found = measured_steps(sight, at, cells, np.zeros(len(sight.samples)), as_lines=as_lines)
         for side in (-1, 1):
             rows = found.usable & (np.abs(at.normal[:, 0]) > 0.9) & (side * (at.q[:, 0] - 160) > 0)

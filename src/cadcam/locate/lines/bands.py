@@ -10,13 +10,11 @@ model.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Longs
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.image.profile import StepSums, parabola, step_rests, step_sums
 from cadcam.locate.lines.cells import Cells
 from cadcam.locate.lines.edges import Projected
@@ -45,6 +43,22 @@ LEFT, MOST_PX = 0.2, 0.5  # remaining share of the bias that a band caused; its 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Bands:
+    """The bands beside n cells: apart (n, 2) px, where they end below and above, nan for none.
+
+    end (n, 2) px: where cells have to end because of a second step on the same side, inf for none.
+    """
+
+    apart: Array
+    end: Array
+
+    @property
+    def beside(self) -> Mask:
+        """Return which cells (n,) have a band."""
+        return np.asarray(np.isfinite(self.apart).any(axis=1))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Stretches:
     """The residuals of B stretches of cells.
 
@@ -60,18 +74,40 @@ class _Stretches:
     known: Array
     room: Array
 
-    def clear(self, some: Longs, known: Array, room: Array, blur: float) -> tuple[Longs, Array]:
-        """Return which of some stretches clearly show a step, and where; known (n, 3): steps known there."""
-        maybe = np.flatnonzero(self._gains(some, known, room, blur, _COARSE).max(axis=1, initial=0.0) > _MAYBE * _CLEAR)
-        gain = self._gains(some[maybe], known[maybe], room[maybe], blur, _TRIED)
+    def bands(self, blur: float) -> _Bands:
+        """Return the bands beside the cells.
+
+        A second step is searched for beside the first: on the other side it ends another band; on the same side cells
+        end before the farther one.
+        """
+        n = len(self.rest)
+        apart, end = np.full((n + 1, 2), np.nan), np.full((n + 1, 2), np.inf)  # the last row: cells of no stretch
+        known = np.column_stack([self.known, np.full(n, np.nan)])
+        some, first = self._clear(np.arange(n), known, blur)
+        apart[some, (first > 0).astype(int)] = first
+        known[some, 2] = first
+        again, second = self._clear(some, known, blur) if len(some) else (some, first)
+        for k, place in zip(again, second, strict=True):
+            side = int(place > 0)
+            if np.isnan(apart[k, side]):
+                apart[k, side] = place
+            else:
+                near, far = sorted((apart[k, side], place), key=abs)
+                apart[k, side], end[k, side] = near, abs(far) - _SHORT * blur
+        return _Bands(apart[self.of], end[self.of])
+
+    def _clear(self, some: Longs, known: Array, blur: float) -> tuple[Longs, Array]:
+        """Return which of some stretches clearly show a step, and where; known (B, 3): steps known in all of them."""
+        maybe = some[self._gains(some, known, blur, _COARSE).max(axis=1, initial=0.0) > _MAYBE * _CLEAR]
+        gain = self._gains(maybe, known, blur, _TRIED)
         best = np.argmax(gain, axis=1)
         clear = np.flatnonzero(gain[np.arange(len(best)), best] > _CLEAR)
         return maybe[clear], np.array([_peak(gain[k], int(best[k])) for k in clear])
 
-    def _gains(self, some: Longs, known: Array, room: Array, blur: float, tried: Array) -> Array:
+    def _gains(self, some: Longs, known: Array, blur: float, tried: Array) -> Array:
         """Return what steps at the places tried explain (n, t) in some stretches."""
         left = self.rest[some], self.number[some], self.variance[some]
-        return band_gains(*left, known, room, tried, width=_WIDTH, blur=blur)
+        return band_gains(*left, known[some], self.room[some], tried, width=_WIDTH, blur=blur)
 
 
 def share_beside_bands(sight: Sight, at: Projected, cells: Cells, where: Array) -> float:
@@ -83,62 +119,59 @@ def share_beside_bands(sight: Sight, at: Projected, cells: Cells, where: Array) 
         return 0.0
     for every in (2, 1):
         stretches = _stretches(sight, at, cells, where, every=every)
-        beside = _any(_found(stretches, cells.blur)[0])[stretches.of]
-        share = float(beside[stretches.of >= 0].mean())
+        share = float(stretches.bands(cells.blur).beside[stretches.of >= 0].mean())
         if share < _FEW_BANDS:
             break
     return share
 
 
 def banded(
-    sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float] | None = None
+    sight: Sight, at: Projected, cells: Cells, where: Array, *, anew: bool = False
 ) -> tuple[Cells, Cells, StepSums]:
     """Return cells of the photo's true blur, the same cells with bands modelled, and the sums of the latter.
 
-    where (N,) px along the normals: places of the steps. anew: arguments with which cells are laid out again where
-    bands may have been mistaken for blur.
+    where (N,) px along the normals: places of the steps. anew: whether cells are laid out again where bands may have
+    been mistaken for blur.
     """
-    if not len(cells.which):
-        return cells, cells, cells.sums_at(sight, at, where)
-    stretches = _stretches(sight, at, cells, where)
-    apart, end = _found(stretches, cells.blur)
     plain = cells.sums_at(sight, at, where)
-    if not np.isfinite(apart).any():
+    if not len(cells.which):
         return cells, cells, plain
-    told, sums = _told(cells, stretches.of, apart, end).settled(sight, at, where)
-    if anew is not None and _any(apart)[stretches.of].mean() > _BESIDE:
-        blur = _blur(sight, at, cells, where, anew)
+    stretches = _stretches(sight, at, cells, where)
+    bands = stretches.bands(cells.blur)
+    if not bands.beside.any():
+        return cells, cells, plain
+    if anew and bands.beside.mean() > _BESIDE:
+        blur = _blur(sight, at, cells, where)
         if abs(blur / cells.blur - 1) > _SAME:
-            spread = (blur / cells.blur) ** 2 * cells.spread
-            return banded(sight, at, Cells.of(sight, at, where=where, spread=spread, **anew), where)
+            return banded(sight, at, _blurred(sight, at, cells, where, blur), where)
+    told, sums = _told(cells, bands).settled(sight, at, where)
     drawn = _drawn(plain, sums, stretches.of)
-    return cells, replace(told, doubt=LEFT * np.where(_any(apart)[stretches.of], drawn, 0.0)), sums
+    return cells, replace(told, doubt=LEFT * np.where(bands.beside, drawn, 0.0)), sums
 
 
-def _blur(sight: Sight, at: Projected, cells: Cells, where: Array, anew: Mapping[str, float]) -> float:
+def _blur(sight: Sight, at: Projected, cells: Cells, where: Array) -> float:
     """Return the blur at which steps fit best with bands modelled."""
     tried, misfit = cells.blur * _BLURS, []
     for blur in tried:
-        spread = (blur / cells.blur) ** 2 * cells.spread
-        _, told, sums = banded(sight, at, Cells.of(sight, at, where=where, spread=spread, **anew), where)
+        _, told, sums = banded(sight, at, _blurred(sight, at, cells, where, blur), where)
         noise = sums.solved(told.held).noise
         misfit.append(float(np.mean(np.log(noise[np.isfinite(noise)]))))
     best = int(np.argmin(misfit))
     return float(np.exp(parabola(np.log(tried), np.array(misfit), best)))
 
 
-def _any(apart: Array) -> npt.NDArray[np.bool_]:
-    return np.append(np.isfinite(apart).any(axis=1), False)  # the last entry: cells of no stretch
+def _blurred(sight: Sight, at: Projected, cells: Cells, where: Array, blur: float) -> Cells:
+    """Return cells laid out again for another blur, px."""
+    return Cells.of(sight, at, cells.size, where=where, spread=(blur / cells.blur) ** 2 * cells.spread)
 
 
-def _told(cells: Cells, of: Longs, apart: Array, end: Array) -> Cells:
-    """Return cells that model steps `apart` (B, 2) px below and above, nan for none, and end before `end`."""
-    apart, end = np.vstack([apart, [np.nan, np.nan]])[of], np.vstack([end, [np.inf, np.inf]])[of]
+def _told(cells: Cells, bands: _Bands) -> Cells:
+    """Return cells that model the steps in which bands end."""
     twins, reach = cells.twins.copy(), np.stack([cells.below, cells.above], axis=1)
-    there = np.isfinite(apart)
-    twins[there] = np.column_stack([apart[there], np.zeros(there.sum())])
-    past = np.minimum(np.abs(apart) + _PAST * cells.blur, cells.room)
-    reach = np.minimum(np.where(there, np.fmax(reach, past), reach), end)
+    there = np.isfinite(bands.apart)
+    twins[there] = np.column_stack([bands.apart[there], np.zeros(there.sum())])
+    past = np.minimum(np.abs(bands.apart) + _PAST * cells.blur, cells.room)
+    reach = np.minimum(np.where(there, np.fmax(reach, past), reach), bands.end)
     return replace(cells, twins=twins, below=reach[:, 0], above=reach[:, 1])
 
 
@@ -157,55 +190,43 @@ def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
 
 def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array, *, every: int = 1) -> _Stretches:
     """Return the residuals of the step fits along stretches of a photo's lines, or along every `every`-th of them."""
-    run = sight.samples.run[cells.which].astype(np.int64)
+    of = _divided(sight.samples.run[cells.which].astype(np.int64))
+    some = np.arange(0, len(of), 1 + len(of) // _ENOUGH)
+    some = some[of[some] % every == 0]
+    placed, twins = cells.placed(at, where), cells.twins[some]
+    reach = np.minimum(cells.room[some], _FAR)
+    below, above = reach.T
+    far = StepCells(placed.q[some], placed.normal[some], below, above, cells.size.half_length, cells.blur, twins)
+    sums = step_sums(sight.photo.gray, far)
+    rest, number, variance = step_rests(sight.photo.gray, far, sums, bins=_BINS, width=_WIDTH)
+    first = np.flatnonzero(np.diff(of[some], prepend=-1))  # cell of each stretch, among some
+    few = np.bincount(of)[of[some][first]] < _FEW
+    known, room = _known_and_room(twins[:, :, 0], reach, first, few)
+    index = np.full(int(of[-1]) + 1, -1)
+    index[of[some][first]] = np.arange(len(first))
+    mean = np.add.reduceat(variance, first) / np.diff(first, append=len(some))
+    return _Stretches(index[of], np.add.reduceat(rest, first), np.add.reduceat(number, first), mean, known, room)
+
+
+def _divided(run: Longs) -> Longs:
+    """Return each cell's stretch (n,), from 0: runs are divided evenly, into about `_TOGETHER` cells each."""
     count = np.bincount(run)
     place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
     pieces = np.maximum(np.round(count / _TOGETHER), 1).astype(np.int64)[run]
-    of = np.cumsum(np.diff(run * len(run) + place * pieces // count[run], prepend=-1) > 0) - 1
-    some = np.arange(0, len(run), 1 + len(run) // _ENOUGH)
-    some = some[of[some] % every == 0]
-    placed, twins = cells.placed(at, where), cells.twins[some]
-    below, above = np.minimum(cells.room[some], _FAR).T
-    far = StepCells(placed.q[some], placed.normal[some], below, above, cells.half_length, cells.blur, twins)
-    sums = step_sums(sight.photo.gray, far)
-    rest, number, variance = step_rests(sight.photo.gray, far, sums, bins=_BINS, width=_WIDTH)
-    first = np.flatnonzero(np.diff(of[some], prepend=-1))
-    index = np.full(int(of[-1]) + 1, -1)
-    index[of[some][first]] = np.arange(len(first))
-    size = np.diff(first, append=len(below))
-    there = np.isfinite(twins[:, :, 0])
-    known = np.add.reduceat(there, first, dtype=float)
-    places = np.add.reduceat(np.where(there, twins[:, :, 0], 0.0), first) / np.where(known > 0, known, np.nan)
-    reach = np.minimum.reduceat(np.stack([below, above], axis=1), first) - _INSIDE
-    room = np.where((known > 0) | (np.bincount(of)[of[some][first]] < _FEW)[:, None], 0.0, reach)
-    mean = np.add.reduceat(variance, first) / size
-    return _Stretches(index[of], np.add.reduceat(rest, first), np.add.reduceat(number, first), mean, places, room)
+    return np.asarray(np.cumsum(np.diff(run * len(run) + place * pieces // count[run], prepend=-1) > 0) - 1)
 
 
-def _found(s: _Stretches, blur: float) -> tuple[Array, Array]:
-    """Return where (B, 2) px below and above bands end, nan where there is none, and where cells have to end.
+def _known_and_room(twins: Array, reach: Array, first: Longs, few: Mask) -> tuple[Array, Array]:
+    """Return the model's mean steps (B, 2) px beside stretches, nan for none, and the room (B, 2) px for bands.
 
-    A second step is searched for beside the first: on the other side it ends another band; on the same side cells end
-    before the farther one.
+    No room is left on the side of a known step, nor beside stretches of few cells. twins, reach (n, 2) px: the steps
+    below and above each cell, and its extent; first (B,): each stretch's first cell.
     """
-    n = len(s.rest)
-    apart, end = np.full((n, 2), np.nan), np.full((n, 2), np.inf)
-    known = np.column_stack([s.known, np.full(n, np.nan)])
-    some, first = s.clear(np.arange(n), known, s.room, blur)
-    if not len(some):
-        return apart, end
-    apart[some, (first > 0).astype(int)] = first
-    known[some, 2] = first
-    again, second = s.clear(some, known[some], s.room[some], blur)
-    for k, place in zip(some[again], second, strict=True):
-        side = int(place > 0)
-        other = apart[k, side]
-        if np.isnan(other):
-            apart[k, side] = place
-        else:
-            near, far = sorted((other, place), key=abs)
-            apart[k, side], end[k, side] = near, abs(far) - _SHORT * blur
-    return apart, end
+    there = np.isfinite(twins)
+    count = np.add.reduceat(there, first, dtype=float)
+    known = np.add.reduceat(np.where(there, twins, 0.0), first) / np.where(count > 0, count, np.nan)
+    room = np.minimum.reduceat(reach, first) - _INSIDE
+    return known, np.where((count > 0) | few[:, None], 0.0, room)
 
 
 def _peak(gain: Array, best: int) -> float:

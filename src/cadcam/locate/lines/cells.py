@@ -12,7 +12,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.image.profile import Steps, StepSums, step_sums
-from cadcam.locate.lines.edges import Projected
+from cadcam.locate.lines.edges import EdgeSamples, Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import StepCells, along_runs
 
@@ -31,25 +31,33 @@ _LEAST_PAIRS = 4  # fewest pairs of neighbouring cells on a run from which the n
 _MEDIAN_CHI2 = 0.4549  # of the square of a standard normal variable
 
 
+@dataclass(frozen=True, slots=True)
+class CellSize:
+    """Half the length of cells along their line, how far they reach to each side, and what they need there, px."""
+
+    half_length: float
+    reach: float
+    room: float
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Cells:
     """Which of a sight's samples have room for a cell, the cells' extents, and the parameters of their fits.
 
-    which (N,): numbers of the samples; below, above (N,) px: extent; held (N, 2): how strongly the slopes are held
-    (`image.profile.StepSums`); bow (N,) px: distance along the normal of the step of a curved line from its tangent,
-    averaged over the cell; half_length px; spread (2, 2) px^2: the photo's blur (`image.profile.blur_matrix`), blurs
-    (N,) px: across each cell's line. twins (N, 2, 2): other steps in them, as in `EdgeSamples`; room (N, 2) px: largest
-    possible extent below and above; doubt (N,) px: error that the steps of a stretch of line may share. first: the sums
-    at the initial places, which the first measurement needs again.
-    measurement needs again.
+    size: as asked for; which (N,): numbers of the samples; below, above (N,) px: extent, more than asked for where blur
+    needs it; held (N, 2): how strongly the slopes are held (`image.profile.StepSums`); bow (N,) px: distance along
+    the normal of the step of a curved line from its tangent, averaged over the cell; spread (2, 2) px^2: the photo's
+    blur (`image.profile.blur_matrix`), blurs (N,) px: across each cell's line. twins (N, 2, 2): other steps in them, as
+    in `EdgeSamples`; room (N, 2) px: largest possible extent below and above; doubt (N,) px: error that the steps of a
+    stretch of line may share. first: the sums at the initial places, which the first measurement needs again.
     """
 
+    size: CellSize
     which: Longs
     below: Array
     above: Array
     held: Array
     bow: Array
-    half_length: float
     spread: Array
     blurs: Array
     twins: Array
@@ -59,17 +67,9 @@ class Cells:
 
     @classmethod
     def of(
-        cls,
-        sight: Sight,
-        at: Projected,
-        *,
-        half_length: float,
-        reach_px: float,
-        room_px: float,
-        where: Array | None = None,
-        spread: Array | None = None,
+        cls, sight: Sight, at: Projected, size: CellSize, *, where: Array | None = None, spread: Array | None = None
     ) -> Cells:
-        """Return the cells of a sight; room_px is what a cell needs on each side of its line.
+        """Return the cells of a sight.
 
         where (N,) px along the normals: approximate places of the steps, default on the lines. spread (2, 2) px^2: the
         blur, default as measured on the strongest lines.
@@ -78,19 +78,27 @@ class Cells:
         little noise: where the ground is level they cost no accuracy, where light bends it they are free.
         """
         if spread is None:
-            spread = sight.blur(at, half_length=half_length, reach_px=reach_px)
-        blur = np.sqrt(((at.normal @ spread) * at.normal).sum(axis=1))
-        samples = sight.samples
-        rooms = ((samples.below, samples.beyond[:, 0]), (samples.above, samples.beyond[:, 1]))
-        room = np.stack([_room(next_line, beyond, blur) for next_line, beyond in rooms], axis=1)
-        below, above = np.minimum(room, np.maximum(reach_px, _REACH * blur)[:, None]).T
+            spread = sight.blur(at, half_length=size.half_length, reach_px=size.reach)
+        samples, blur = sight.samples, np.sqrt(((at.normal @ spread) * at.normal).sum(axis=1))
+        room = _room(samples, blur)
+        below, above = np.minimum(room, np.maximum(size.reach, _REACH * blur)[:, None]).T
         apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
-        enough = (below >= room_px) & (above >= room_px)
+        enough = (below >= size.room) & (above >= size.room)
         which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
-        free, bow = np.zeros((len(which), 2)), _bow(at, samples.run, half_length, blur)
-        light = (half_length, spread, blur[which], samples.twins[which], room[which], np.zeros(len(which)))
-        cells = cls(which, below[which], above[which], free, bow[which], *light)
-        cells, sums = cells.settled(sight, at, where)
+        unsettled = cls(
+            size,
+            which,
+            below[which],
+            above[which],
+            held=np.zeros((len(which), 2)),
+            bow=_bow(at, samples.run, size.half_length, blur)[which],
+            spread=spread,
+            blurs=blur[which],
+            twins=samples.twins[which],
+            room=room[which],
+            doubt=np.zeros(len(which)),
+        )
+        cells, sums = unsettled.settled(sight, at, where)
         return replace(cells, first=sums)
 
     @property
@@ -118,7 +126,7 @@ class Cells:
         normal = at.normal[self.which]
         aside = self.bow if where is None else self.bow + where[self.which]
         q = at.q[self.which] + aside[:, None] * normal
-        return StepCells(q, normal, self.below, self.above, self.half_length, self.blur, self.twins)
+        return StepCells(q, normal, self.below, self.above, self.size.half_length, self.blur, self.twins)
 
     def sums_at(self, sight: Sight, at: Projected, where: Array | None) -> StepSums:
         """Return the sums over the cells' pixels; where (N,) px: shift of each cell along the normal."""
@@ -220,9 +228,14 @@ def _sd_contrast(sight: Sight, found: Steps, run: Ids) -> Array:
     return np.sqrt(along_runs(variance, run, _CONTRAST))
 
 
-def _room(next_line: Array, beyond: Array, blur: Array) -> Array:
-    """Return the extent (N,) px that cells may have: short of the next line, or past it where that is a twin."""
-    return np.maximum(next_line - _APART * blur, np.minimum(next_line + _PAST * blur, beyond - _APART * blur))
+def _room(samples: EdgeSamples, blur: Array) -> Array:
+    """Return the extents (N, 2) px that cells may have below and above their lines.
+
+    That is short of the next line, or past it where that is a twin.
+    """
+    next_line, blur = np.stack([samples.below, samples.above], axis=1), blur[:, None]
+    past = np.minimum(next_line + _PAST * blur, samples.beyond - _APART * blur)
+    return np.asarray(np.maximum(next_line - _APART * blur, past))
 
 
 def _bow(at: Projected, run: Ids, half_length: float, blur: Array) -> Array:

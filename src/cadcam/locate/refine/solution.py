@@ -6,7 +6,7 @@ by a regression with errors common to each edge (`locate.refine.regression`).
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,7 +17,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.evidence import Evidence, rows_of
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.lines.bands import banded, share_beside_bands
-from cadcam.locate.lines.cells import Cells, StepOffsets, measured_steps
+from cadcam.locate.lines.cells import Cells, CellSize, StepOffsets, measured_steps
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.response import bend_of, leanings, straightened
 from cadcam.locate.lines.sight import Sight, nearest_steps
@@ -164,15 +164,15 @@ def solved(
     errors like those beside bands (`locate.refine.regression`). Raises `DegenerateGeometry` where the steps do not
     determine the pose.
     """
-    half = 0.5 * options.step_px
-    room = {"half_length": half, "reach_px": options.reach_px, "room_px": options.room_px}
+    size = CellSize(0.5 * options.step_px, options.reach_px, options.room_px)
     places = [s.project(pose) for s in sights]
-    where = [nearest_steps(s, at, half_length=half, reach=CLOSE_PX) for s, at in zip(sights, places, strict=True)]
-    cells = [Cells.of(s, at, where=w, spread=None, **room) for s, at, w in zip(sights, places, where, strict=True)]
+    each = list(zip(sights, places, strict=True))
+    where = [nearest_steps(s, at, half_length=size.half_length, reach=CLOSE_PX) for s, at in each]
+    cells = [Cells.of(s, at, size, where=w) for (s, at), w in zip(each, where, strict=True)]
     regression, on_lines = Regression.of(sights, options, bands=lines), False
     for number, iterations in enumerate(_ROUNDS):
         if bands and number:  # before the second round, lines are too far off to tell bands from other lines' steps
-            cells, measured = _steps_beside_bands(sights, places, cells, where, room if number == 1 else None)
+            cells, measured = _steps_beside_bands(sights, places, cells, where, anew=number == 1)
         else:
             measured = _steps(sights, places, cells, where, again=number > 0)
         other = rows_of(evidence, [s.photo for s in sights], pose)
@@ -205,10 +205,11 @@ def _steps_beside_bands(
     places: Sequence[Projected],
     cells: Sequence[Cells],
     where: Sequence[Array],
-    anew: Mapping[str, float] | None,
+    *,
+    anew: bool,
 ) -> tuple[list[Cells], list[StepOffsets]]:
     """Return cells without bands, and the steps measured in those with bands; where, anew: as in `bands.banded`."""
-    looked = [banded(*one, anew) for one in zip(sights, places, cells, where, strict=True)]
+    looked = [banded(*one, anew=anew) for one in zip(sights, places, cells, where, strict=True)]
     each = zip(sights, places, looked, where, strict=True)
     measured = [measured_steps(s, at, with_bands, w, sums=sums) for s, at, (_, with_bands, sums), w in each]
     return [plain for plain, _, _ in looked], measured

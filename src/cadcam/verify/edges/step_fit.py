@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask, quantile
-from cadcam.locate.lines.cells import Cells, measured_steps
+from cadcam.locate.lines.cells import Cells, CellSize, measured_steps
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
 from cadcam.verify.edges.sightlines import REACH_PX, STEP_PX, Sightlines
@@ -86,7 +86,7 @@ def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array, disti
     for i, sight in enumerate(sights):
         rows = lines.photo == i
         at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
-        cells = Cells.of(sight, at, half_length=STEP_PX / 2, reach_px=REACH_PX, room_px=ROOM_PX)
+        cells = Cells.of(sight, at, CellSize(STEP_PX / 2, REACH_PX, ROOM_PX))
         found = measured_steps(sight, at, cells, expected[rows], as_lines=True)
         clear = (lines.room[rows] >= ROOM_PX + _APART * cells.blur) | distinct[rows]
         usable = found.usable & clear
