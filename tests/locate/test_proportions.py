@@ -10,7 +10,7 @@ from cadcam.locate.lines.bands import FARTHEST_PX
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.proportions import Stretched, _pulled, stretched
+from cadcam.locate.quality.proportions import Stretched, _Stretchable, stretched
 from cadcam.locate.quality.support import judged_support
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.native.profiles import met
@@ -53,7 +53,7 @@ def test_a_model_of_right_proportions_fits_best_as_it_is(rng: np.random.Generato
 def test_a_model_that_a_try_moves_out_of_the_photo_stays_as_long_as_it_was(rng: np.random.Generator) -> None:
     """All of it is behind the camera: no line is left to pull."""
     behind, seen = Rigid(translation=[0, 0, -5000.0]) @ CORNER, sights(BOX, photo(BOX, CORNER, rng), CORNER)
-    pose, lengths = _pulled(seen, behind, np.zeros(3), np.eye(6), SIZE / 2, None)
+    pose, lengths = _Stretchable(seen, np.eye(6), SIZE / 2).pulled(behind, np.zeros(3))
     assert pose is behind
     assert not lengths.any()
 

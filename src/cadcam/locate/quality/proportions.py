@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -80,49 +81,63 @@ def stretched(sights: Sequence[Sight], pose: Rigid, B: Array) -> Stretched:
     Accurate to about a pixel; sights are returned whole, with their samples moved. Where nothing fits better than the
     model as it is, they are returned unchanged.
     """
-    few, k = [s.thinned(max(_ASKED // len(sights), 60)) for s in sights], B.shape[1]
-    middle = _middle(sights)
-    B = aligned(B, middle, sights[0].towards(middle, pose))
-    far = _LineSteps(few, pose, np.zeros(3), B, middle, _far(few, pose))
-    as_it_is, trials = _tried(far, k)
+    few, middle = [s.thinned(max(_ASKED // len(sights), 60)) for s in sights], _middle(sights)
+    model = _Stretchable(few, aligned(B, middle, sights[0].towards(middle, pose)), middle)
+    far = model.steps(pose, np.zeros(3), _far(few, pose))
     pulled = [
-        _pulled(few, carried(pose, B, x, middle), np.log1p(f), B, middle, None if f.any() else far) for x, f in trials
+        model.pulled(model.carried(pose, x), np.log1p(f), None if f.any() else far)
+        for x, f in _promising(far, B.shape[1])
     ]
     away = any(np.ptp(s) >= _BACK for _, s in pulled)
-    on = [_LineSteps(few, *pose_and_s, B, middle).met_now for pose_and_s in pulled] if away else []
-    if max(on, default=0.0) <= as_it_is:
+    on = [model.steps(*pose_and_s).met_now for pose_and_s in pulled] if away else []
+    if max(on, default=0.0) <= far.met_now:
         return Stretched(sights, pose, np.ones(3))
     best, s = pulled[int(np.argmax(on))]
     return Stretched(_scaled(sights, middle, s), best, np.exp(s - s.mean()))
 
 
-def _pulled(
-    sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array, seen: _LineSteps | None
-) -> tuple[Rigid, Array]:
-    """Return the pose and the logarithms of the scales after pulling the lines onto steps nearby, seen ones first."""
-    k = B.shape[1]
-    for reach, soft in _PULLS:
-        seen = seen or _LineSteps(sights, pose, s, B, middle, reach)
-        if not len(seen.J):
-            break  # out of all photos
-        stiff = np.zeros((k + 3, k + 3))
-        stiff[k:, k:] = _OF_PULL * (soft / _USUAL) ** 2 * (np.eye(3) + _SUM * np.full((3, 3), 1 / 3))
-        before = np.append(np.zeros(k), s - s.mean())
-        step = pulled_onto(seen.J, seen.offset, seen.slope, soft=soft, stiff=(stiff, before))
-        pose, s, seen = carried(pose, B, step[:k], middle), s + step[k:], None
-        if float(np.ptp(s)) < _BACK:
-            break
-    return pose, s
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretchable:
+    """A part's lines that are scaled about a point `middle` (3,), at poses free along B (6, k).
+
+    s (3,) is everywhere the logarithm of the scales along the axes.
+    """
+
+    sights: Sequence[Sight]
+    B: Array
+    middle: Array
+
+    def steps(self, pose: Rigid, s: Array, reach: int = _CLOSE) -> _LineSteps:
+        """Return the steps within `reach` px of the scaled lines."""
+        return _LineSteps(_scaled(self.sights, self.middle, s), pose, self.B, self.middle, reach)
+
+    def carried(self, pose: Rigid, x: Array) -> Rigid:
+        """Return the pose moved by x (k,)."""
+        return carried(pose, self.B, x, self.middle)
+
+    def pulled(self, pose: Rigid, s: Array, seen: _LineSteps | None = None) -> tuple[Rigid, Array]:
+        """Return the pose and scales after pulling the lines onto steps nearby, those already seen there first."""
+        k = self.B.shape[1]
+        for reach, soft in _PULLS:
+            seen = seen or self.steps(pose, s, reach)
+            if not len(seen.J):
+                break  # out of all photos
+            stiff = np.zeros((k + 3, k + 3))
+            stiff[k:, k:] = _OF_PULL * (soft / _USUAL) ** 2 * (np.eye(3) + _SUM * np.full((3, 3), 1 / 3))
+            before = np.append(np.zeros(k), s - s.mean())
+            step = pulled_onto(seen.J, seen.offset, seen.slope, soft=soft, stiff=(stiff, before))
+            pose, s, seen = self.carried(pose, step[:k]), s + step[k:], None
+            if float(np.ptp(s)) < _BACK:
+                break
+        return pose, s
 
 
 class _LineSteps:
     """Derivative J (N, k + 3) of the lines by motions and scales, and steps (N, M): places along normals, slopes."""
 
-    def __init__(
-        self, sights: Sequence[Sight], pose: Rigid, s: Array, B: Array, middle: Array, reach: int = _CLOSE
-    ) -> None:
+    def __init__(self, sights: Sequence[Sight], pose: Rigid, B: Array, middle: Array, reach: int) -> None:
         rows, offsets, slopes, runs, before = [], [], [], [], 0
-        for sight in _scaled(sights, middle, s):
+        for sight in sights:
             at = sight.project(pose)
             found = sight.candidates(at.q, at.normal, half_length=2.0, reach=reach, most=_STEPS)
             by_place = at.row[:, :3]  # a twist's translation moves a point as the point itself
@@ -146,34 +161,36 @@ class _LineSteps:
         """Return the number of samples on lines that meet steps, given the lines' shares (..., R)."""
         return np.asarray(shares**_COUNTS @ self.of_run)
 
-    @property
+    @cached_property
     def shares_now(self) -> Array:
         """Return the shares (R,) at the lines' present places."""
         return np.asarray(self.shares(np.zeros((1, len(self.J))))[0])
 
-    @property
+    @cached_property
     def met_now(self) -> float:
         """Return the number of samples on lines that meet steps at their present places."""
         return float(self.met(self.shares_now))
 
 
-def _tried(seen: _LineSteps, k: int) -> tuple[float, list[tuple[Array, Array]]]:
-    """Return how much of the lines meets steps now, and motions (k,) and f - 1 (3,) along one axis that do better."""
-    shares = seen.shares_now
-    motions, by_length = _kept_in_place(seen, k, shares)
-    trials = (_TRIED[:, None] * by_length[:, None]).reshape(-1, by_length.shape[1])
-    met = seen.met(seen.shares(trials)).reshape(3, -1)
-    met_now = float(seen.met(shares))
-    far = np.array([quantile(np.abs(of_axis), 0.9) for of_axis in by_length])
+def _promising(seen: _LineSteps, k: int) -> list[tuple[Array, Array]]:
+    """Return motions (k,) and f - 1 (3,) along one axis with which the lines meet steps about as now or better.
+
+    All scales that the first pull reaches from the present places are one trial: no motion and f = 1.
+    """
+    motions, by_length = _kept_in_place(seen, k, seen.shares_now)
+    moved = _TRIED[:, None] * by_length[:, None]  # (axes, values tried, N)
+    met = seen.met(seen.shares(moved.reshape(-1, moved.shape[2]))).reshape(3, -1)
+    enough = _WORTH * seen.met_now
     met[:, np.abs(_TRIED) < _NONE] = 0
-    in_reach = np.abs(_TRIED) * far[:, None] < _PULLS[0][1]  # of the first pull, from the present places
-    better = [(np.zeros(k), np.zeros(3))] if met[in_reach].max(initial=0) > _WORTH * met_now else []
+    far = np.array([quantile(np.abs(of_axis), 0.9) for of_axis in by_length])
+    in_reach = np.abs(_TRIED) * far[:, None] < _PULLS[0][1]
+    trials = [(np.zeros(k), np.zeros(3))] if met[in_reach].max(initial=0) > enough else []
     met[in_reach] = 0
-    while len(better) < _LOOKED_AT and met.max() > _WORTH * met_now:
+    while len(trials) < _LOOKED_AT and met.max() > enough:
         axis, best = np.unravel_index(int(np.argmax(met)), met.shape)
-        better.append((motions[:, axis] * _TRIED[best], _TRIED[best] * np.eye(3)[axis]))
+        trials.append((motions[:, axis] * _TRIED[best], _TRIED[best] * np.eye(3)[axis]))
         met[axis, np.abs(_TRIED - _TRIED[best]) < _APART] = 0
-    return met_now, better
+    return trials
 
 
 def _kept_in_place(seen: _LineSteps, k: int, shares: Array) -> tuple[Array, Array]:

@@ -33,6 +33,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 
 import numpy as np
 
@@ -149,25 +150,25 @@ def judged_support(
     would only move lines to the bands' other sides are no evidence.
     """
     constraints = B.shape[1] + chosen
-    first = support_at(sights, world_from_part, constraints=constraints, scatter=scatter, B=B)
-    if first.gone < 0 or not _WITHOUT[0] < first.quality < _WITHOUT[1]:
-        first = replace(first, without=0.0)
+    ask = partial(support_at, constraints=constraints, scatter=scatter)
+    support = ask(sights, world_from_part, B=B)
+    if support.gone >= 0 and _WITHOUT[0] < support.quality < _WITHOUT[1]:
+        sights = [s.select(s.samples.part != support.gone) for s in sights]
+        support = replace(ask(sights, world_from_part, B=B), without=support.without)
     else:
-        sights = [s.select(s.samples.part != first.gone) for s in sights]
-        left = support_at(sights, world_from_part, constraints=constraints, scatter=scatter, B=B)
-        first = replace(left, without=first.without)
-    first = replace(first, color=color * max(1 - first.free * _COLOR / constraints, 0.0))
+        support = replace(support, without=0.0)
+    support = replace(support, color=color * max(1 - support.free * _COLOR / constraints, 0.0))
     most = _ALWAYS if in_noise(sights) else _IN_DOUBT[1]  # in noise a few missing lines hardly show
-    if not _IN_DOUBT[0] < first.quality < most:
-        return first
+    if not _IN_DOUBT[0] < support.quality < most:
+        return support
     other = stretched(sights, world_from_part, B)
     if other.by < _OTHER or (bands and other.moved_px(sights, world_from_part) < FARTHEST_PX):
-        return first
-    poses = ((sights, world_from_part), (other.sights, other.world_from_part))
-    asked = [support_at(_alone(s), pose, constraints=constraints, scatter=scatter) for s, pose in poses]
-    alike = [replace(a, free=first.free, scatter=first.scatter, hidden=0.0, color=first.color).net for a in asked]
-    gain = alike[1] - alike[0]
-    return replace(first, hidden=0.0, gain=gain, proportions=str(other)) if gain > 0 else first
+        return support
+    alike = partial(replace, free=support.free, scatter=support.scatter, hidden=0.0, color=support.color)
+    as_it_is = alike(ask(_alone(sights), world_from_part))
+    as_other = alike(ask(_alone(other.sights), other.world_from_part))
+    gain = as_other.net - as_it_is.net
+    return replace(support, hidden=0.0, gain=gain, proportions=str(other)) if gain > 0 else support
 
 
 def _alone(sights: Sequence[Sight]) -> list[Sight]:

@@ -23,7 +23,6 @@ class Strips:
 
     middle: distance along the normal to the plate's middle; half: its half thickness; room: from the middle to the
     next line beyond the plate.
-    middle, beyond the plate, the next line is.
     """
 
     middle: Array

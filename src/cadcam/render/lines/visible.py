@@ -7,14 +7,16 @@ in float64 and cut the edge into stretches of constant visibility; one point of 
 nothing is sampled, and the ends of visible lines are exact to rounding.
 
 The definition of visible. A point of an edge is hidden if a face meets the open segment to the camera's centre while
-the point lies more than a tolerance off that face's plane (`occlusion.OccludingFaces`). Hence: - the edge's own faces
-never hide it, nor do faces that coincide with it: the foot of a stiffener on a plate, coplanar
+the point lies more than a tolerance off that face's plane (`occlusion.OccludingFaces`). Hence:
+
+- the edge's own faces never hide it, nor do faces that coincide with it: the foot of a stiffener on a plate, coplanar
   overlaps, T-junctions. A sheet without thickness does not hide lines lying in it from either side.
 - an edge of a watertight part is hidden if its own faces turn away: both of them at a convex edge, either of them at a
   concave one. There the sight line starts inside the material; deciding it by the two faces needs no tolerance. It is
   not applied to open sheets, nor to a part whose material holds the camera.
 - contours of convex and saddle-shaped regions follow the same rule: outer ones are convex edges, inner ones concave.
 - parts that pass through each other hide one another from where they cross; the line of crossing itself is not drawn.
+
 The tolerance is 1e-6 of the scene's diagonal, ten times what Embree's float32 can resolve there; for contact edges, as
 wide as the one by which contacts are found.
 """
