@@ -123,7 +123,7 @@ def test_what_was_measured_is_kept_even_if_nobody_reads_the_tables(
     def gone(*_: object) -> None:
         raise RuntimeError
 
-    monkeypatch.setattr("cadcam.cli.station.jobs.print_tables", gone)
+    monkeypatch.setattr("cadcam.cli.station.measuring.print_tables", gone)
     ran = cadcam(*MEASURE, *BOTH, "--log", "unread.jsonl", "--store", "unread.sqlite", "--block", "B1")
     assert ran.code != 0
     assert len((folder / "unread.jsonl").read_text().splitlines()) == 12

@@ -8,7 +8,7 @@ thing before a sharp one, or behind it, covers just what it does through a real 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -101,54 +101,36 @@ class Photographer:
         n = np.float32(len(points))
         return Cutout(camera, np.divide(color, n, dtype=np.float32), np.divide(alpha, n, dtype=np.float32))
 
-    def _add(self, color: Picture, alpha: Picture, seen: Pinhole, light: Light, towards: Sequence[Array]) -> None:
+    def _add(self, color: Picture, alpha: Picture, pinhole: Pinhole, light: Light, towards: Sequence[Array]) -> None:
         """Add what one pinhole sees; towards: of each lamp the directions (h, w, 3) in a tile of pixels."""
-        view = self._renderer.render(seen.camera, seen.camera_from_world, channels=_SEEN)
-        at = np.nonzero(view.mask)
-        to = [tile[at[0] % tile.shape[0], at[1] % tile.shape[1]] for tile in towards]
-        irradiance = self._irradiance(view, seen, at, light, to)
-        color[at] += self._reflectance[view.face[at]] * irradiance[:, None]
-        alpha[at] += 1
+        view = self._renderer.render(pinhole.camera, pinhole.camera_from_world, channels=_SEEN)
+        seen = _Surface(view, pinhole, *np.nonzero(view.mask))
+        irradiance = self._irradiance(seen, light, [seen.of_tile(tile) for tile in towards])
+        color[seen.at] += self._reflectance[view.face[seen.at]] * irradiance[:, None]
+        alpha[seen.at] += 1
 
-    def _irradiance(
-        self, view: View, seen: Pinhole, at: tuple[npt.NDArray[np.intp], ...], light: Light, towards: Sequence[Array]
-    ) -> Picture:
-        """Return the light (N,) on the surface points that the pixels `at` see, as the radiance of white.
+    def _irradiance(self, seen: _Surface, light: Light, towards: Sequence[Array]) -> Picture:
+        """Return the light (N,) on surface points, as the radiance of white.
 
         towards: of each lamp the direction (N, 3) of its point, for each of them.
         """
-        normal = view.normal[at]
-        total = np.full(len(normal), light.ambient, np.float32)
+        normals, R = seen.normals, seen.pinhole.camera_from_world.rotation
+        total = np.full(len(normals), light.ambient, np.float32)
         if light.flash:
-            total += light.flash * np.clip(-np.einsum("ij,ij->i", normal, seen.directions[at].astype(np.float32)), 0, 1)
-        R = seen.camera_from_world.rotation
+            total += light.flash * np.clip(-np.einsum("ij,ij->i", normals, seen.directions), 0, 1)
         for lamp, to in zip(light.lamps, towards, strict=True):
-            cosine = np.clip(np.einsum("ij,ij->i", normal, (to @ R.T).astype(np.float32)), 0, 1)
+            cosine = np.clip(np.einsum("ij,ij->i", normals, (to @ R.T).astype(np.float32)), 0, 1)
             lit = np.flatnonzero(cosine > 0)
-            where = tuple(i[lit] for i in at)
-            points = self._points(view, seen, where)
-            dark = self._shaded(
-                points, normal[lit] @ R.astype(np.float32), to[lit], float(view.depth[where].max(initial=0))
-            )
-            cosine[lit[dark]] = 0
+            cosine[lit[self._shaded(seen.some(lit), to[lit])]] = 0
             total += lamp.strength * cosine
         return total
 
-    def _points(self, view: View, seen: Pinhole, at: tuple[npt.NDArray[np.intp], ...]) -> Array:
-        """Return the surface points (N, 3) in the world that pixels see."""
-        z = view.depth[at].astype(np.float64)[:, None]
-        return seen.camera_from_world.inv @ np.concatenate([seen.plane[at] * z, z], axis=1)
-
-    def _shaded(self, points: Array, normals: Picture, towards: Array, farthest: float) -> Mask:
-        """Return which points (N, 3) with normals (N, 3) in the world have the model between them and a lamp.
-
-        towards (N, 3): the unit direction of the lamp from each; farthest: the largest depth of a point, which is known
-        to 1e-6 of it.
-        """
+    def _shaded(self, seen: _Surface, towards: Array) -> Mask:
+        """Return which surface points (N,) have the model between them and a lamp; towards (N, 3): its directions."""
         if self._caster is None:
             self._caster = Caster(self._scene.mesh)
-        caster = self._caster
-        clear = _CLEAR * max(caster.radius, farthest)
+        caster, points, normals = self._caster, seen.points, seen.world_normals
+        clear = _CLEAR * max(caster.radius, seen.farthest)
 
         def cast(part: slice) -> Mask:
             p = points[part]
@@ -157,6 +139,55 @@ class Photographer:
             return np.asarray(caster.first_hit(start, towards[part], reach) >= 0)
 
         return np.concatenate(on_all_cores(cast, blocks(len(points))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Surface:
+    """The surface points that N pixels of a pinhole's view see; row, column (N,): the pixels."""
+
+    view: View
+    pinhole: Pinhole
+    row: npt.NDArray[np.intp]
+    column: npt.NDArray[np.intp]
+
+    @property
+    def at(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
+        """Return the pixels as an index."""
+        return self.row, self.column
+
+    def some(self, which: npt.NDArray[np.intp]) -> _Surface:
+        """Return some of the points."""
+        return _Surface(self.view, self.pinhole, self.row[which], self.column[which])
+
+    def of_tile(self, tile: Array) -> Array:
+        """Return the values (N, ...) of the points' pixels in a tile (h, w, ...) that is repeated over the picture."""
+        return np.asarray(tile[self.row % tile.shape[0], self.column % tile.shape[1]])
+
+    @property
+    def normals(self) -> Picture:
+        """Return the unit normals (N, 3) in the pinhole's frame."""
+        return np.asarray(self.view.normal[self.at])
+
+    @property
+    def world_normals(self) -> Picture:
+        """Return the unit normals (N, 3) in the world."""
+        return np.asarray(self.normals @ self.pinhole.camera_from_world.rotation.astype(np.float32))
+
+    @property
+    def directions(self) -> Picture:
+        """Return the unit directions (N, 3) in which the pixels look, in the pinhole's frame."""
+        return np.asarray(self.pinhole.directions[self.at], np.float32)
+
+    @property
+    def points(self) -> Array:
+        """Return the points (N, 3) in the world."""
+        z = self.view.depth[self.at].astype(np.float64)[:, None]
+        return self.pinhole.camera_from_world.inv @ np.concatenate([self.pinhole.plane[self.at] * z, z], axis=1)
+
+    @property
+    def farthest(self) -> float:
+        """Return the largest depth of a point, which is known to 1e-6 of it; 0 for none."""
+        return float(self.view.depth[self.at].max(initial=0))
 
 
 def blur_before(sensor: Sensor, camera: Camera, aperture: Aperture | None) -> float:

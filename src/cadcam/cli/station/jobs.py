@@ -1,4 +1,4 @@
-"""The jobs of `cadcam station` on real input."""
+"""The jobs of `cadcam station` on real input, but for measuring."""
 
 from __future__ import annotations
 
@@ -7,23 +7,21 @@ from math import hypot
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import numbers, refuse
+from cadcam.cli.arguments import numbers
 from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.output import check_target, print_json, print_tables, progress, say
 from cadcam.cli.station.inputs import PictureSource, gray_picture, look_of, sightings, source
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
-from cadcam.whole import write_whole
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from cadcam.arrays import Array
     from cadcam.camera.camera import Camera
-    from cadcam.camera.measurement import Measurement
     from cadcam.files.pixels import ListedPixels
     from cadcam.files.shot import ShotPosition
-    from cadcam.station.drawing import DifferenceTrend, DistanceCheck
-    from cadcam.station.gantry import Repeatability, Sighting
+    from cadcam.station.drawing import DifferenceTrend
+    from cadcam.station.gantry import Repeatability
     from cadcam.station.plane import PlaneCalibration
     from cadcam.station.plate import Plate
 
@@ -86,47 +84,6 @@ def map_deviations(arguments: argparse.Namespace) -> None:
 
         write_figure(arguments.plot, deviation_figure(stations))
         say(f"wrote {arguments.plot}")
-
-
-def measure_marks(arguments: argparse.Namespace) -> None:
-    """Measure marks; print, compare with the drawing, log."""
-    from cadcam.report.station.tables import distance_tables, distances_csv, estimates_table, sighting_tables
-    from cadcam.station.document import read_stations
-    from cadcam.station.log import append_log, log_entries
-    from cadcam.station.measure import estimates, measure_marks
-
-    if arguments.csv:
-        check_target(arguments.csv, (".csv",))
-    if not arguments.drawing:
-        refuse(
-            arguments, "--distance", "--csv", why="without --drawing", expected="--drawing FILE with the marks' places"
-        )
-    if not (arguments.log or arguments.store):
-        refuse(arguments, "--block", why="where nothing is kept", expected="--log FILE or --store FILE beside it")
-    stations = read_stations(arguments.station)
-    seen, shots = sightings(arguments, stations)
-    _refuse_twice(seen)
-    measured = measure_marks(stations, seen, rule=arguments.rule, extrapolate=arguments.extrapolate)
-    checks, together = _against_drawing(arguments, measured)
-    entries = log_entries(measured, seen, times=[shot.time for shot in shots], block=arguments.block or "")
-    if arguments.log:  # written before anything is printed: the reader of the tables may close the pipe
-        append_log(arguments.log, entries)
-        say(f"added {len(entries)} lines to {arguments.log}")
-    if arguments.store:
-        _keep(arguments, measured, seen, shots)
-    if arguments.csv:
-        write_whole(arguments.csv, distances_csv(checks).encode())
-        say(f"wrote {arguments.csv}")
-    if arguments.json:
-        print_json({"measured": entries, "distances": [_check_as_json(c) for c in checks]})
-    else:
-        print_tables(sighting_tables(measured, seen))
-        if arguments.explain:
-            beyond = arguments.extrapolate
-            each = [(s, estimates(stations[s.camera], s, rule=arguments.rule, extrapolate=beyond)) for s in seen]
-            print_tables([estimates_table(s.name, found) for s, found in each])
-        if checks:
-            print_tables(distance_tables(checks, together))
 
 
 def recalibrate(arguments: argparse.Namespace) -> None:
@@ -257,58 +214,6 @@ def _repeatability(text: str | None) -> Repeatability | None:
     if len(values) > 2:
         raise BadValue("--repeatability", repr(text), "one number in mm, or two for x and y")
     return Repeatability.stated(values[0], values[-1])
-
-
-def _refuse_twice(seen: Sequence[Sighting]) -> None:
-    names = [s.name for s in seen]
-    twice = [name for name in names if names.count(name) > 1]
-    if twice:
-        raise BadValue("mark", f"{twice[0]!r} seen twice", "each mark in one picture of its name")
-
-
-def _against_drawing(
-    arguments: argparse.Namespace, measured: Measurement
-) -> tuple[tuple[DistanceCheck, ...], DifferenceTrend | None]:
-    from cadcam.station.drawing import check_distances, independent, trend
-    from cadcam.station.survey import read_drawing
-
-    if not arguments.drawing:
-        return (), None
-    for pair in arguments.distance:
-        if len(pair) != 2:
-            raise BadValue("--distance", ",".join(pair), "two mark names such as A,B")
-    pairs = [(pair[0], pair[1]) for pair in arguments.distance] or None
-    checks = check_distances(measured, read_drawing(arguments.drawing), pairs)
-    apart = independent(checks)
-    return checks, trend([c.difference for c in apart], [c.drawn for c in apart]) if len(apart) >= 3 else None
-
-
-def _check_as_json(check: DistanceCheck) -> dict[str, Any]:
-    import numpy as np
-
-    return {
-        "of": [check.one, check.other],
-        "measured_mm": check.measured,
-        "half_width_95_mm": check.half_width,
-        "drawn_mm": check.drawn,
-        "difference_mm": check.difference,
-        "angle_deg": float(np.degrees(check.angle)),
-    }
-
-
-def _keep(
-    arguments: argparse.Namespace, measured: Measurement, seen: Sequence[Sighting], shots: Sequence[ShotPosition]
-) -> None:
-    from cadcam.record.store import open_store
-    from cadcam.station.log import records
-    from cadcam.station.survey import read_drawing
-
-    drawn = read_drawing(arguments.drawing) if arguments.drawing else None
-    times = [shot.time for shot in shots]
-    with open_store(arguments.store) as store:
-        kept = records(measured, seen, part="coupling mark", serial=arguments.block or "", times=times, drawn=drawn)
-        store.add(*kept)
-        say(f"added {len(kept)} records to {store.name}")
 
 
 def _trend_of_log(log: Sequence[Mapping[str, Any]], drawing: str) -> DifferenceTrend | None:

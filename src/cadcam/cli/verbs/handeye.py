@@ -73,6 +73,16 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
+    _add_robot(parser)
+    _add_camera(parser)
+    add_full_scale(parser)
+    parser.add_argument("--leave-out", type=names, default=(), metavar="A,B", help="names of poses not to use")
+    parser.add_argument("-o", "--output", metavar="FILE", help="result to write (.json)")
+    add_points_options(parser)
+    add_json(parser)
+
+
+def _add_robot(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("robot", nargs="+", help="file or folder of robot poses, or files of one pose each")
     parser.add_argument(
         "--mounting", required=True, choices=("eye-in-hand", "eye-to-hand"), help="camera on the flange, or in the cell"
@@ -84,6 +94,9 @@ def add_to(verbs: Verbs) -> None:
     )
     parser.add_argument("--robot-unit", metavar="U", help="unit of the robot's positions: mm, m ... (default: its own)")
     parser.add_argument("--inverted", action="store_true", help="the file holds flange_from_base")
+
+
+def _add_camera(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--camera", metavar="FILE", help="camera file; its internals are held")
     parser.add_argument(
         "--adjust-internals", action="store_true", help="let the internals move within the camera file's own covariance"
@@ -96,11 +109,6 @@ def add_to(verbs: Verbs) -> None:
         "--camera-poses", metavar="FILE", help="poses of the target in the camera frame, instead of pixels"
     )
     parser.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
-    add_full_scale(parser)
-    parser.add_argument("--leave-out", type=names, default=(), metavar="A,B", help="names of poses not to use")
-    parser.add_argument("-o", "--output", metavar="FILE", help="result to write (.json)")
-    add_points_options(parser)
-    add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:

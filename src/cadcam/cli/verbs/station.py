@@ -6,6 +6,7 @@ import argparse
 
 from cadcam.cli.arguments import Run, Verbs, add_jobs, add_json, job, names, real, seed, verb, whole
 from cadcam.cli.station import jobs as station_jobs
+from cadcam.cli.station import measuring
 from cadcam.cli.station import simulate as station_simulate
 from cadcam.cli.whites import add_full_scale
 
@@ -113,7 +114,7 @@ def _add_map(jobs: Verbs) -> None:
 
 def _add_measure(jobs: Verbs) -> None:
     short = "measure marks, one in each picture"
-    parser = _job(jobs, "measure", station_jobs.measure_marks, short)
+    parser = _job(jobs, "measure", measuring.measure_marks, short)
     parser.add_argument(
         "pictures", nargs="*", metavar="PICTURE", help="pictures of one mark each; named as their files"
     )

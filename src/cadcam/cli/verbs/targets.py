@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from cadcam.target.marks.mark import Mark
 
 _SHEETS = (".pdf", ".svg")
+_METHODS = ("auto", "spots", "correlation", "blobs")
 _RULES = ("photometric", "parabola", "centroid", "autocorrelation", "autocorrelation-grid")
 MARK_HELP = """\
 marks (diameters, with their unit; light- before a mark: white on black):
@@ -82,12 +83,10 @@ def _add_find(jobs: Verbs) -> None:
     find.add_argument("--mark", required=True, metavar="MARK", help="what is looked for, such as dot-ring:4cm:8cm:12cm")
     find.add_argument("--radius", type=real, nargs="+", metavar="PX", help="of the outermost border: one, or from to")
     find.add_argument("--count", type=whole, metavar="N", help="how many there are in each picture")
-    methods, rules = (
-        ("auto", "spots", "correlation", "blobs"),
-        "rule for the position; all but the first for comparison",
+    find.add_argument("--method", default=_METHODS[0], choices=_METHODS, help="of the search (default auto)")
+    find.add_argument(
+        "--subpixel", default=_RULES[0], choices=_RULES, help="rule for the position; all but the first for comparison"
     )
-    find.add_argument("--method", default="auto", choices=methods, help="of the search (default auto)")
-    find.add_argument("--subpixel", default=_RULES[0], choices=_RULES, help=rules)
     find.add_argument("--camera", metavar="FILE", help="camera file: fit poses through it")
     find.add_argument("--perspective", action="store_true", help="no camera: fit the perspective of several borders")
     find.add_argument("--any-number", action="store_true", help="coded marks: whichever number is read")
