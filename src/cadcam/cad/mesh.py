@@ -109,6 +109,12 @@ class Mesh:
         return np.stack([used.min(axis=0), used.max(axis=0)])
 
     @property
+    def box_corners(self) -> Array:
+        """The corners (8, 3) in mm of that box."""
+        low, high = self.bounds
+        return np.asarray(np.where(np.indices((2, 2, 2)).reshape(3, -1).T, high, low))
+
+    @property
     def size_mm(self) -> Array:
         """Extent (3,) along x, y, z in mm."""
         low, high = self.bounds

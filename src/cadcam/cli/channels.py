@@ -184,8 +184,7 @@ def _check_numbers(path: str, faces: int) -> None:
 
 def _step_for(scene: Scene, poses: Iterable[Rigid]) -> float:
     """Return the smallest depth step in mm that fits 16 bits for all poses: one for a whole set."""
-    low, high = scene.mesh.bounds
-    box = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
+    box = scene.mesh.box_corners
     farthest = max(float((pose @ box)[:, 2].max()) for pose in poses)
     return next((s for s in _DEPTH_STEPS_MM if farthest / s <= _DEEPEST), _DEPTH_STEPS_MM[-1])
 

@@ -226,22 +226,24 @@ def _from_text(file: TextFile) -> RobotNumbers:
     lines = lines[1:] if columns else lines
     if not lines:
         raise UnreadableFile(file.path, "has column names but no poses", "give one pose a line")
+    _refuse_uneven(file, lines, len(columns) or len(lines[0].cells))
     named = [i for i, c in enumerate(columns) if c in _NAME_COLUMNS] if columns else _name_in_front(lines[0])
-    wanted = len(columns) or len(lines[0].cells)
-    names, numbers = [], []
+    names = [line.cells[named[0]] if named else "" for line in lines]
+    whats = columns or [f"cell {i + 1}" for i in range(len(lines[0].cells))]
+    numbers = [i for i in range(len(whats)) if i not in named]
+    values = np.array([[number_in(file, line.number, whats[i], line.cells[i]) for i in numbers] for line in lines])
+    kept = tuple(columns[i] for i in numbers) if columns else ()
+    if values.shape[1] == 16 and not kept:
+        values = _without_last_row(file.path, values.reshape(-1, 4, 4))
+    return RobotNumbers(file.path, tuple(names), values, kept, unit)
+
+
+def _refuse_uneven(file: TextFile, lines: Sequence[Line], wanted: int) -> None:
     for line in lines:
         if len(line.cells) != wanted:
             raise UnreadableFile(
                 file.path, f"line {line.number} has {len(line.cells)} cells", f"there are {wanted} in the first line"
             )
-        names.append(line.cells[named[0]] if named else "")
-        cells = [(i, c) for i, c in enumerate(line.cells) if i not in named]
-        numbers.append([number_in(file, line.number, columns[i] if columns else f"cell {i + 1}", c) for i, c in cells])
-    kept = tuple(c for i, c in enumerate(columns) if i not in named)
-    values = np.array(numbers)
-    if values.shape[1] == 16 and not kept:
-        values = _without_last_row(file.path, values.reshape(-1, 4, 4))
-    return RobotNumbers(file.path, tuple(names), values, kept, unit)
 
 
 def _header(line: Line) -> tuple[tuple[str, ...], str]:

@@ -28,18 +28,19 @@ def plane_frames(p: Array, measured: Mask) -> tuple[Array, Array, Array]:
 
 def homographies(p: Array, q: Array, measured: Mask) -> Array:
     """Return H (k, 3, 3) with (q, 1) ~ H (p, 1) for points p, q (k, N, 2), by the normalised linear transform."""
-    S, T = _normaliser(p, measured), _normaliser(q, measured)
-    one = _apply(S, p)
-    u = _apply(T, q)[..., :2]
-    return np.asarray(np.linalg.inv(T) @ _null_vectors(one, u, measured).reshape(-1, 3, 3) @ S)
+    return _linear_maps(p, q, measured)
 
 
 def camera_matrices(p: Array, q: Array, measured: Mask) -> Array:
     """Return P (k, 3, 4) with (q, 1) ~ P (p, 1) for points p (k, N, 3) and q (k, N, 2), N >= 6 not on a plane."""
+    return _linear_maps(p, q, measured)
+
+
+def _linear_maps(p: Array, q: Array, measured: Mask) -> Array:
+    """Return M (k, 3, n + 1) with (q, 1) ~ M (p, 1) for points p (k, N, n) and q (k, N, 2)."""
     S, T = _normaliser(p, measured), _normaliser(q, measured)
-    one = _apply(S, p)
-    u = _apply(T, q)[..., :2]
-    return np.asarray(np.linalg.inv(T) @ _null_vectors(one, u, measured).reshape(-1, 3, 4) @ S)
+    maps = _null_vectors(_apply(S, p), _apply(T, q)[..., :2], measured)
+    return np.asarray(np.linalg.inv(T) @ maps.reshape(-1, 3, p.shape[2] + 1) @ S)
 
 
 def poses_of_homographies(H: Array, K: Array) -> tuple[Array, Array]:

@@ -188,11 +188,11 @@ def _start_refined(
     if task.start is None or quality >= _SURE:
         return []
     score = max(h.score for h in hypotheses)  # nothing is likelier than a good start
+    near = task.options.search_px
     nothing_yet = quality == 0
-    least = 0.0 if nothing_yet else _PROMISING
-    far = max(task.options.search_px, task.reach.shift_px)
+    ranges, least = ((near, max(near, task.reach.shift_px)), 0.0) if nothing_yet else ((near,), _PROMISING)
     done: list[Location] = []
-    for search_px in (task.options.search_px, far) if nothing_yet else (task.options.search_px,):
+    for search_px in ranges:
         if any(location.found for location in done) or basins.hold(task.start, search_px):
             continue
         options = replace(task.options, search_px=search_px)

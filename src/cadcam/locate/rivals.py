@@ -24,7 +24,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.apart import Apart, Reading, away, shows_alike, told_apart
 from cadcam.locate.quality.support import ASKED
 from cadcam.locate.refine.options import EdgeOptions
-from cadcam.locate.refine.refinement import Refinement
+from cadcam.locate.refine.refinement import Refinement, drawn
 from cadcam.locate.views.likeness import Likeness
 from cadcam.render.lines.visible import edge_points
 
@@ -63,14 +63,7 @@ class Rivals:
         """
         rivals: list[_Rival] = []
         for _ in range(_ROUNDS):
-            pose = found.pose.world_from_part
-            likely = [like for like in self.part.likenesses if not self.holds(found, pose @ like.motion, like.mirrored)]
-            if not likely:
-                return found
-            if sights is None or any(s.moved_px(s.drawn, pose) > _NEAR_PX for s in sights):
-                sights = self._sights(self.part, pose)  # drawn elsewhere, they include lines that are hidden here
-            own = Reading.of(sights, pose, near=_NEAR_PX)
-            rivals = [one for like in likely if (one := self._rival(pose @ like.motion, like, own)) is not None]
+            rivals = self._rivals(found, sights)
             shown = [one for one in rivals if one.apart.against]
             if not shown:
                 break
@@ -84,6 +77,17 @@ class Rivals:
         undecided = any(one.like.mirrored and one.apart.open for one in rivals)
         either = "; of the part and its mirror image either may be seen"
         return replace(found, reason=found.reason + either) if undecided else found
+
+    def _rivals(self, found: Location, sights: Sequence[Sight] | None) -> list[_Rival]:
+        """Return the rivals that a found pose's own lines do not exclude; sights: as for `checked`."""
+        pose = found.pose.world_from_part
+        likely = [like for like in self.part.likenesses if not self.holds(found, pose @ like.motion, like.mirrored)]
+        if not likely:
+            return []
+        if sights is None or any(s.moved_px(s.drawn, pose) > _NEAR_PX for s in sights):
+            sights = self._sights(self.part, pose)  # drawn elsewhere, they include lines that are hidden here
+        own = Reading.of(sights, pose, near=_NEAR_PX)
+        return [one for like in likely if (one := self._rival(pose @ like.motion, like, own)) is not None]
 
     def _refined(self, rival: _Rival) -> tuple[Location, Sequence[Sight]]:
         """Return the location that refining a rival's pose gives, and its lines."""
@@ -139,8 +143,7 @@ class Rivals:
         return Freedom(like.motion.inv.adjoint() @ self.freedom.basis)
 
     def _sights(self, part: Part, pose: Rigid) -> list[Sight]:
-        sizes = {"step_px": self.options.step_px, "reach_px": 2 * self.options.reach_px}
-        return [Sight.of(part, photo, pose, **sizes) for photo in self.photos]
+        return drawn(part, self.photos, pose, self.options)
 
 
 def _mirrored(found: Location, apart: Apart) -> Location:

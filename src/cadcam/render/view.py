@@ -275,9 +275,7 @@ def with_rgb(layers: Mapping[str, npt.NDArray[Any]], channels: Channel) -> dict[
 
 def nothing_in_view(mesh: Mesh, camera: Camera, camera_from_world: Rigid) -> NothingInView:
     """Return the error that says where the model's box lies, in the camera frame (mm) and in the picture (px)."""
-    low, high = mesh.bounds
-    corners = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
-    p = camera_from_world @ corners
+    p = camera_from_world @ mesh.box_corners
     box = " x ".join(f"[{a:.0f}, {b:.0f}]" for a, b in zip(p.min(axis=0), p.max(axis=0), strict=True))
     text = f"the model's box spans {box} mm in the camera frame (x right, y down, z forward)"
     if p[:, 2].max() <= 0:

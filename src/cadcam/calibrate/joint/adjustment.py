@@ -13,6 +13,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 from cadcam.calibrate.joint import start as joint_start
+from cadcam.calibrate.points.free import free_names
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of
 from cadcam.camera.joint_estimate import JointEstimate
@@ -105,7 +106,7 @@ def fit_jointly(
 ) -> JointFit:
     """Return the joint calibration of `calibrate_jointly` in its raw form."""
     lens, fixed = lens or Ideal(), dict(fixed or {})
-    free = _free_names(fixed, lens, tuple(free_lens), bend)
+    free = free_names(fixed, lens, tuple(free_lens), of=INTERNALS, what="shared parameter") + (BEND if bend else ())
     _refuse_few(views, free)
     _refuse_copies(views)
     model, origin = _model(views, free, lens, bend=bend)
@@ -263,21 +264,6 @@ def _stated(views: Sequence[Observations]) -> bool:
 
 def _label(view: Observations, j: int) -> str:
     return f"{j + 1} ({view.source})"
-
-
-def _free_names(fixed: Mapping[str, float], lens: Lens, free_lens: tuple[str, ...], bend: bool) -> tuple[str, ...]:
-    for name, value in fixed.items():
-        if name not in INTERNALS:
-            raise UnknownName("shared parameter to fix", name, INTERNALS)
-        if not np.isfinite(value) or (name in ("focal", "aspect") and value <= 0):
-            raise BadValue(f"fixed {name}", value, "a finite number, above 0 for focal and aspect")
-        if name == "skew" and abs(value) >= np.pi / 2:
-            raise BadValue(f"fixed {name}", f"{np.degrees(value):g} deg", "an angle between -90 and 90 deg")
-    for name in free_lens:
-        if name not in lens.parameters:
-            raise UnknownName(f"coefficient of the {lens.name} lens", name, lens.parameters)
-    internals = (n for n in INTERNALS if n not in fixed)
-    return (*internals, *(n for n in lens.parameters if n in free_lens), *(BEND if bend else ()))
 
 
 def _refuse_few(views: Sequence[Observations], free: tuple[str, ...]) -> None:

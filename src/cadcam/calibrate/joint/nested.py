@@ -25,7 +25,8 @@ from cadcam.fit.levenberg_marquardt import Options
 
 _LEVEL = 0.01  # significance level
 _WORSE = 1.01  # ratio of held-out errors that is not an improvement
-_BROWN = (("k1",), ("k2",), ("p1", "p2"), ("k3",), ("k4", "k5", "k6"))
+_TANGENTIAL: tuple[str, ...] = ("p1", "p2")
+_BROWN: tuple[tuple[str, ...], ...] = (("k1",), ("k2",), _TANGENTIAL, ("k3",), ("k4", "k5", "k6"))
 _VIEWS = 4  # with fewer, the scatter between views is not used
 
 
@@ -128,17 +129,22 @@ def ask(fit: JointFit, names: tuple[str, ...], *, held_out: float = np.nan) -> Q
 
 
 def _groups(fit: JointFit) -> list[tuple[str, ...]]:
+    """Return the groups of parameters to ask about.
+
+    Of the lens: the last family of coefficients that is free, the next one that is not, and the tangential ones, of
+    which nothing is asked before another is free.
+    """
     groups: list[tuple[str, ...]] = [("aspect",), ("skew",), ("U0", "V0")]
     if fit.model.bump is not None:
         groups.append(BEND)
-    families = _BROWN if isinstance(fit.model.lens, BrownConrady) else [(n,) for n in fit.model.lens.parameters]
-    ladder = [f for f in families if f != ("a1",)]  # a1 is redundant with the focal length
-    known = [f for f in ladder if set(f) & set(fit.model.free)]
-    radial = [f for f in known if f != ("p1", "p2")]
-    groups += radial[-1:] + ([("p1", "p2")] if ("p1", "p2") in known else [])
-    ahead = [f for f in ladder if not set(f) & set(fit.model.free)]
-    next_radial = [f for f in ahead if f != ("p1", "p2")][:1]
-    return groups + next_radial + ([("p1", "p2")] if ("p1", "p2") in ahead and known else [])
+    of_lens = _BROWN if isinstance(fit.model.lens, BrownConrady) else [(n,) for n in fit.model.lens.parameters]
+    families = [f for f in of_lens if f != ("a1",)]  # a1 is redundant with the focal length
+    free = [f for f in families if set(f) & set(fit.model.free)]
+    held = [f for f in families if f not in free]
+    groups += [f for f in free if f != _TANGENTIAL][-1:]
+    groups += [_TANGENTIAL] if _TANGENTIAL in free else []
+    groups += [f for f in held if f != _TANGENTIAL][:1]
+    return groups + ([_TANGENTIAL] if _TANGENTIAL in held and free else [])
 
 
 def _compared(

@@ -79,15 +79,19 @@ def _job(
     names = names or tuple(str(i + 1) for i in range(pixels.shape[1]))
     if (len(viewpoints), len(names)) != pixels.shape[:2]:
         raise BadValue("pixels", f"of shape {pixels.shape}", f"({len(viewpoints)} viewpoints, {len(names)} points, 2)")
+    _refuse_half_seen(viewpoints, pixels, names)
+    for what, given in (("viewpoint names", [v.name for v in viewpoints]), ("point names", names)):
+        if len(set(given)) != len(given) or not given:
+            raise BadValue(what, ", ".join(given) or "none", "at least one, each name once")
+    return _Job(tuple(viewpoints), pixels, names, None if plane is None else Surface(plane, plane_sigma_mm), method)
+
+
+def _refuse_half_seen(viewpoints: Sequence[Viewpoint], pixels: Array, names: Sequence[str]) -> None:
     half = np.isfinite(pixels).any(axis=-1) & ~np.isfinite(pixels).all(axis=-1) | np.isinf(pixels).any(axis=-1)
     if half.any():
         v, i = (int(k) for k in np.argwhere(half)[0])
         where = f"pixel (column, row) of point {names[i]!r} from {viewpoints[v].name!r}"
         raise BadValue(where, pixels[v, i].tolist(), "two finite numbers, or NaN for both where it was not seen")
-    for what, given in (("viewpoint names", [v.name for v in viewpoints]), ("point names", names)):
-        if len(set(given)) != len(given) or not given:
-            raise BadValue(what, ", ".join(given) or "none", "at least one, each name once")
-    return _Job(tuple(viewpoints), pixels, names, None if plane is None else Surface(plane, plane_sigma_mm), method)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

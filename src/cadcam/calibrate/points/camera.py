@@ -9,6 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.calibrate.points.free import free_names
 from cadcam.calibrate.points.linear import dlt_estimate, dlt_states, seen_from_the_front
 from cadcam.calibrate.points.refusals import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
 from cadcam.camera.camera import Camera
@@ -54,7 +55,7 @@ def calibrate_camera(
     arguments.
     """
     lens, fixed = lens or Ideal(), dict(fixed or {})
-    free = _free_names(fixed, lens, tuple(free_lens))
+    free = free_names(fixed, lens, tuple(free_lens), of=NAMES, what="parameter")
     _refuse_few(observations, free)
     refuse_flat(observations.p_world, unknowns=len(free))
     if method not in METHODS:
@@ -173,22 +174,6 @@ def _no_best_camera(observations: Observations, free: tuple[str, ...], error: St
         f"long, do not determine {len(free)} parameters; fix some (skew is 0 and aspect known for most cameras), or "
         f"add points at other depths ({error})"
     )
-
-
-def _free_names(fixed: Mapping[str, float], lens: Lens, free_lens: tuple[str, ...]) -> tuple[str, ...]:
-    for name, value in fixed.items():
-        if name not in NAMES:
-            raise UnknownName("parameter to fix", name, NAMES)
-        if not np.isfinite(value):
-            raise BadValue(f"fixed {name}", value, "a finite number")
-        if name in ("focal", "aspect") and value <= 0:
-            raise BadValue(f"fixed {name}", value, "a positive number")
-        if name in ("b", "skew") and abs(value) >= np.pi / 2:
-            raise BadValue(f"fixed {name}", f"{np.degrees(value):g} deg", "an angle between -90 and 90 deg")
-    for name in free_lens:
-        if name not in lens.parameters:
-            raise UnknownName(f"coefficient of the {lens.name} lens", name, lens.parameters)
-    return (*(n for n in NAMES if n not in fixed), *(n for n in lens.parameters if n in free_lens))
 
 
 def _refuse_few(observations: Observations, free: tuple[str, ...]) -> None:

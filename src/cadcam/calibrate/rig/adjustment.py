@@ -76,18 +76,20 @@ def calibrate_rig(
     Raises `BadValue`, `InconsistentViews` naming frames that were not taken together, `DegenerateGeometry` naming a
     camera without a link or what the frames do not determine, and what `calibrate_jointly` raises for one camera.
     """
-    labels = _labels(cameras, frames)
-    seen = [j for j in range(len(labels)) if any(c.views[j] is not None for c in cameras.values())]
+    _refuse_unlike(cameras, frames)
+    _refuse_the_same_twice(cameras)
+    count = len(next(iter(cameras.values())).views)
+    seen = [j for j in range(count) if any(c.views[j] is not None for c in cameras.values())]
     fits = [_alone(name, camera, loss) for name, camera in cameras.items()]
     index = [np.array([i for i, j in enumerate(seen) if c.views[j] is not None]) for c in cameras.values()]
     origin = np.mean([fit.origin for fit in fits], axis=0)
-    used = [labels[j] for j in seen]
-    model, start = _posed(tuple(cameras), fits, index, used, origin)
+    labels = [frames[j] if frames else _label(j, cameras) for j in seen]
+    model, start = _posed(tuple(cameras), fits, index, labels, origin)
     solution = minimise_blocks(model, start, loss=loss, options=_FINE)
-    known = factorise(solution.weighted, model.shared, OWN, used, kind="frame")
+    known = factorise(solution.weighted, model.shared, OWN, labels, kind="frame")
     views = tuple(tuple(c.views[j] for j in seen) for c in cameras.values())
-    given = tuple(frames) or tuple(str(j + 1) for j in range(len(labels)))
-    return _estimate(model, solution, known, views, tuple(given[j] for j in seen), [f.size for f in fits], origin)
+    named = tuple(frames[j] if frames else str(j + 1) for j in seen)
+    return _estimate(model, solution, known, views, named, [f.size for f in fits], origin)
 
 
 def _posed(
@@ -121,15 +123,16 @@ def _estimate(
     variance = 1.0 if stated else solution.variance
     mounts = Rigid(so3.nearest(state.mount_rotation), state.mount_translation)
     R = so3.nearest(state.R)
+    poses = Rigid(R, state.t - R @ origin)
     local = _local_from_steps(model, mounts)
-    Ad = Rigid(R, state.t - R @ origin).inv.adjoint()
+    Ad = poses.inv.adjoint()
     by_frame = covariance_by_view(known)
     return RigEstimate(
         names=model.names,
         cameras=tuple(_camera(model, state, c, size) for c, size in enumerate(sizes)),
         camera_from_rig=mounts,
         frames=frames,
-        rig_from_world=Rigid(R, state.t - R @ origin),
+        rig_from_world=poses,
         views=views,
         free=tuple(m.free for m in model.cameras),
         covariance=variance * local @ known.shared @ local.T,
@@ -199,8 +202,8 @@ def by_camera(counts: Mapping[str, int]) -> str:
     return ", ".join(f"{n} of camera {name!r}" for name, n in counts.items())
 
 
-def _labels(cameras: Mapping[str, RigCamera], frames: Sequence[str]) -> list[str]:
-    """Return the name of each frame for messages: its own, and those of each camera's picture."""
+def _refuse_unlike(cameras: Mapping[str, RigCamera], frames: Sequence[str]) -> None:
+    """Raise `BadValue` or `TooFewPoints` unless every camera has a view or None for each frame."""
     counts = {name: len(camera.views) for name, camera in cameras.items()}
     if len(cameras) < 2:
         raise BadValue("the number of cameras on the rig", len(cameras), "2 or more")
@@ -214,13 +217,12 @@ def _labels(cameras: Mapping[str, RigCamera], frames: Sequence[str]) -> list[str
     for name, camera in cameras.items():
         if not any(v is not None for v in camera.views):
             raise TooFewPoints(f"camera {name!r} by itself", 0, 1, of="views")
-    _refuse_the_same_twice(cameras)
-    names = tuple(frames) or tuple(str(j + 1) for j in range(next(iter(counts.values()))))
-    out = []
-    for j, name in enumerate(() if frames else names):
-        sources = [v.source for c in cameras.values() if (v := c.views[j]) is not None and v.source != "memory"]
-        out.append(f"{name} ({' | '.join(sources)})" if sources else name)
-    return list(frames) or out
+
+
+def _label(number: int, cameras: Mapping[str, RigCamera]) -> str:
+    """Return the name of a frame without one, for messages: its number, and each camera's picture."""
+    sources = [v.source for c in cameras.values() if (v := c.views[number]) is not None and v.source != "memory"]
+    return f"{number + 1} ({' | '.join(sources)})" if sources else str(number + 1)
 
 
 def _refuse_the_same_twice(cameras: Mapping[str, RigCamera]) -> None:

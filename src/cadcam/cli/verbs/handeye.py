@@ -292,18 +292,23 @@ def _rows(robot: RobotNumbers, seen: list[str]) -> dict[str, int]:
             raise UnreadableFile(robot.path, f"has {count} poses", f"there are {len(seen)} pictures; or give names")
         return dict(zip(seen, range(count), strict=True))
     by_name = {name: i for i, name in enumerate(robot.names)}
-    if not set(by_name) & set(seen):
-        numbers = {_by_number(Path(name))[:1]: i for name, i in by_name.items()}
-        mine = {name: _by_number(Path(name))[:1] for name in seen}
-        if len(numbers) == count and len(set(mine.values())) == len(seen) and set(mine.values()) <= set(numbers):
-            say("poses and pictures have no names in common; paired by the numbers in them")
-            return {name: numbers[number] for name, number in mine.items()}
+    if not set(by_name) & set(seen) and (rows := _rows_by_number(robot, seen)):
+        say("poses and pictures have no names in common; paired by the numbers in them")
+        return rows
     lost = next((name for name in seen if name not in by_name), None)
     if lost is not None:
         raise UnreadableFile(robot.path, f"has no pose {lost!r}", f"its poses are {', '.join(list(by_name)[:8])} ...")
     if len(seen) < count:
         say(f"{count - len(seen)} of {count} robot poses have no picture and are not used")
     return {name: by_name[name] for name in seen}
+
+
+def _rows_by_number(robot: RobotNumbers, seen: Sequence[str]) -> dict[str, int]:
+    """Return the row of each picture by the last numbers in the names; empty where these do not pair all of them."""
+    rows = {_by_number(Path(name))[0]: row for row, name in enumerate(robot.names)}
+    own = {name: _by_number(Path(name))[0] for name in seen}
+    unique = len(rows) == len(robot.names) and len(set(own.values())) == len(own)
+    return {name: rows[n] for name, n in own.items()} if unique and set(own.values()) <= set(rows) else {}
 
 
 def _by_number(path: Path) -> tuple[int, str]:

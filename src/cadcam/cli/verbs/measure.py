@@ -204,17 +204,7 @@ def _rig_viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list
 
 def _viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Viewpoint]:
     """Return the viewpoints in the order of the pixels file's views; each must be given."""
-    from cadcam.cli.cameras import read_any_camera
-
-    if not arguments.camera:
-        raise BadValue("--camera", "not given", "a camera file for each view, or --rig FILE")
-    cameras: dict[str, tuple[str, CameraFile]] = {}
-    for text in arguments.camera:
-        name, path = _named(text)
-        if name in cameras:
-            raise BadValue("--camera", f"the view {name!r} twice", "one file for each view")
-        same = [file for other, file in cameras.values() if other == path]
-        cameras[name] = path, same[0] if same else read_any_camera(path)  # the same calibration: its errors are shared
+    cameras = _cameras(arguments.camera)
     known = {
         name: _fixed(name, path, file, arguments.sigma)
         for name, (path, file) in cameras.items()
@@ -234,6 +224,27 @@ def _viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Vie
                 f"view in {pixels.source} (no --camera, --moved or --placed gives it):", view, known or cameras
             )
     return [known[view] for view in pixels.views]
+
+
+def _cameras(given: Sequence[str] | None) -> dict[str, tuple[str, CameraFile]]:
+    """Return path and content of each view's camera file.
+
+    A file of several views is read once: they share the errors of one calibration.
+    """
+    from cadcam.cli.cameras import read_any_camera
+
+    if not given:
+        raise BadValue("--camera", "not given", "a camera file for each view, or --rig FILE")
+    cameras: dict[str, tuple[str, CameraFile]] = {}
+    read: dict[str, CameraFile] = {}
+    for text in given:
+        name, path = _named(text)
+        if name in cameras:
+            raise BadValue("--camera", f"the view {name!r} twice", "one file for each view")
+        if path not in read:
+            read[path] = read_any_camera(path)
+        cameras[name] = path, read[path]
+    return cameras
 
 
 def _fixed(name: str, path: str, file: CameraFile, sigma: float | None) -> Viewpoint:

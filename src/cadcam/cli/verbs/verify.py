@@ -15,14 +15,17 @@ from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from cadcam.geometry.rigid import Rigid
     from cadcam.locate.freedom import Freedom
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
+    from cadcam.locate.photo import Photo
     from cadcam.report.verify.json import VerificationOrigin
     from cadcam.verify.inspection import InspectionOptions
     from cadcam.verify.judge import Verification
-    from cadcam.verify.tolerances.tolerance import Tolerances
+    from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
 _SUFFIXES = (".html", ".json")
 _OF_A_VERDICT = ("--tolerances", "--reach", "--alarms", "--serial", "--station")
@@ -260,8 +263,6 @@ def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None, as
 
 def _list(arguments: argparse.Namespace) -> None:
     """Print the names that can be used; draw them."""
-    import numpy as np
-
     from cadcam.report.verify.names import chain_table, part_table
     from cadcam.verify.tolerances.tolerance import Selection
 
@@ -276,20 +277,29 @@ def _list(arguments: argparse.Namespace) -> None:
         print_json({"columns": list(table.columns), "rows": [list(row) for row in table.rows]})
     else:
         print_tables([table])
-    if not arguments.output:
-        return
+    if arguments.output:
+        over = None
+        if shots is not None and asked is not None:
+            over = shots.photos[0], _located(arguments, part, shots, asked).pose.world_from_part
+        _draw_names(arguments.output, part, chosen, over)
+
+
+def _draw_names(paths: Sequence[str], part: Part, chosen: Selection | None, over: tuple[Photo, Rigid] | None) -> None:
+    """Write a picture of the part with the chosen names, on paper or over a photo of it in a pose."""
+    import numpy as np
+
     from cadcam.image.picture import to_rgb, write_picture
     from cadcam.render.standard_view import standard_view
     from cadcam.report.verify.names import names_on_paper, names_over_photo
 
     mesh = part.scene.mesh
-    if shots is not None and asked is not None:
-        photo = shots.photos[0]
-        pose = photo.viewpoint.camera_from_world @ _located(arguments, part, shots, asked).pose.world_from_part
-        picture = names_over_photo(to_rgb(photo.gray), part.lines, photo.camera, pose, chosen)
-    else:
+    if over is None:
         shown = mesh if chosen is None else mesh.subset(np.flatnonzero(chosen.bodies(part.scene)).tolist())
         picture = names_on_paper(part.lines, *standard_view(shown), chosen)
-    for path in arguments.output:
+    else:
+        photo, world_from_part = over
+        pose = photo.viewpoint.camera_from_world @ world_from_part
+        picture = names_over_photo(to_rgb(photo.gray), part.lines, photo.camera, pose, chosen)
+    for path in paths:
         write_picture(path, picture)
         say(f"wrote {path}")

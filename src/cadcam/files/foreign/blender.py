@@ -19,7 +19,6 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import UnreadableFile
 from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
 from cadcam.files.foreign.mrcal import literal
-from cadcam.files.foreign.opencv import whole
 from cadcam.files.foreign.pose import camera_from_world_of_eye, world_from_eye
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place
@@ -68,7 +67,7 @@ def read(source: ForeignFile) -> Foreign:
         raise UnreadableFile(file.path, "has no complete CAMERA = {...}", "is it cut off?")
     root = Place(file.path, ("CAMERA",), literal(TextFile(file.path, file.text[found.end() : end + 2], file.sha256)))
     size = root.at("resolution")
-    width, height = (whole(Place(root.path, size.keys, v)) for v in size.array((2,)).tolist())
+    width, height = (Place(root.path, size.keys, v).whole() for v in size.array((2,)).tolist())
     lens, sensor, shift_x, shift_y = (root.at(n).number() for n in ("lens", "sensor_width", "shift_x", "shift_y"))
     aspect_x, aspect_y = root.at("pixel_aspect").array((2,)).tolist()
     if not (sensor > 0 and aspect_x > 0 and aspect_y > 0):

@@ -15,7 +15,6 @@ import numpy as np
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
-from cadcam.files.foreign.opencv import whole
 from cadcam.files.foreign.pose import numbers, rigid
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place, as_json, parsed
@@ -47,9 +46,9 @@ def read(source: ForeignFile) -> Foreign:
             raise Place(source.path, (), {}).error("holds neither camera.json nor scene_camera.json")
         fx, fy, cx, cy = (one.at(name).number() for name in ("fx", "fy", "cx", "cy"))
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        camera = one.build(lambda: Camera((whole(one.at("width")), whole(one.at("height"))), K))
+        camera = one.build(lambda: Camera((one.at("width").whole(), one.at("height").whole()), K))
         return Foreign("bop", (NamedCamera("camera", camera),))
-    size = (whole(one.at("width")), whole(one.at("height"))) if one is not None else None
+    size = (one.at("width").whole(), one.at("height").whole()) if one is not None else None
     shape = size or source.needed_size("scene_camera.json without camera.json beside it")
     names = [name for name, value in scene.object.items() if isinstance(value, dict)]
     if not names:

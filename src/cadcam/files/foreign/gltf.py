@@ -19,7 +19,6 @@ from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.errors import UnreadableFile
 from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
-from cadcam.files.foreign.opencv import whole
 from cadcam.files.foreign.pose import camera_from_world_of_eye, numbers, world_from_eye
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place, as_json, parsed
@@ -95,7 +94,7 @@ def _camera(place: Place, source: ForeignFile) -> Camera:
     extras = place.object.get("extras")
     if isinstance(extras, dict) and "size_px" in extras:
         size = place.at("extras").at("size_px")
-        width, height = (whole(Place(place.path, size.keys, v)) for v in size.array((2,)).tolist())
+        width, height = (Place(place.path, size.keys, v).whole() for v in size.array((2,)).tolist())
     else:
         width, height = source.needed_size("a glTF camera")
     yfov = lens.at("yfov").number()
@@ -129,7 +128,7 @@ def _placed(root: Place) -> list[tuple[str, int, Array, Place]]:
                     raise node.error("is its own ancestor", "export it again")
                 matrix = _local(nodes[at]) @ matrix
             name = node.object.get("name")
-            out.append((name if isinstance(name, str) else f"camera {i}", whole(node.at("camera")), matrix, node))
+            out.append((name if isinstance(name, str) else f"camera {i}", node.at("camera").whole(), matrix, node))
     return out
 
 

@@ -16,7 +16,6 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens
 from cadcam.errors import BadValue
 from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
-from cadcam.files.foreign.opencv import whole
 from cadcam.files.foreign.pose import camera_from_world_of_eye, world_from_eye
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place, as_json, parsed
@@ -103,7 +102,7 @@ def _values(camera: Camera) -> dict[str, Any]:
 
 
 def _camera(place: Place, source: ForeignFile) -> Camera:
-    size = (whole(place.at("w")), whole(place.at("h"))) if "w" in place.object else source.needed_size("this file")
+    size = (place.at("w").whole(), place.at("h").whole()) if "w" in place.object else source.needed_size("this file")
     fx = _focal(place, "fl_x", "camera_angle_x", size[0])
     fy = _focal(place, "fl_y", "camera_angle_y", size[1]) if {"fl_y", "camera_angle_y"} & set(place.object) else fx
     cx, cy = (

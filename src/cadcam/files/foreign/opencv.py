@@ -116,23 +116,15 @@ def _xml_value(node: Node) -> Any:
 def _size(source: ForeignFile, root: Place) -> tuple[int, int]:
     for width, height in zip(_WIDTH, _HEIGHT, strict=True):
         if width in root.object and height in root.object:
-            return whole(root.at(width)), whole(root.at(height))
+            return root.at(width).whole(), root.at(height).whole()
     return source.needed_size("this file")
-
-
-def whole(place: Place) -> int:
-    """Return a whole number; an error naming the place otherwise."""
-    value = place.number()
-    if value != int(value):
-        raise place.error(f"is {value:g}", "a whole number is expected")
-    return int(value)
 
 
 def _matrix(place: Place, shape: tuple[int | None, int]) -> Array:
     """Return an opencv-matrix, or a list of rows, as an array of this shape."""
     if not isinstance(place.value, dict):
         return place.array(shape)
-    rows, columns = whole(place.at("rows")), whole(place.at("cols"))
+    rows, columns = place.at("rows").whole(), place.at("cols").whole()
     data = place.at("data").array((None,))
     if rows * columns != data.size or columns != shape[1] or shape[0] not in (None, rows):
         raise place.error(f"is {rows} x {columns} with {data.size} numbers", f"expected shape {shape}")

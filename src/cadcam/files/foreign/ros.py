@@ -17,7 +17,7 @@ from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Lens, lens_from_opencv
 from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamera, WriteOptions
-from cadcam.files.foreign.opencv import coefficients, whole
+from cadcam.files.foreign.opencv import coefficients
 from cadcam.files.foreign.pose import numbers
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place
@@ -41,7 +41,7 @@ def read(source: ForeignFile) -> Foreign:
         ("camera_matrix", "distortion_coefficients") if "camera_matrix" in root.object else _short(root)
     )
     prefix = "image_" if "image_width" in root.object else ""
-    size = whole(root.at(f"{prefix}width")), whole(root.at(f"{prefix}height"))
+    size = root.at(f"{prefix}width").whole(), root.at(f"{prefix}height").whole()
     model = root.at("distortion_model").text() if root.object.get("distortion_model") is not None else ""
     K = _row(root.at(matrix), 9).reshape(3, 3)
     if not K.any():

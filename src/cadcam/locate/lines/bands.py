@@ -17,7 +17,7 @@ import numpy as np
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.image.profile import StepSums, parabola, step_rests, step_sums
 from cadcam.locate.lines.cells import Cells
-from cadcam.locate.lines.edges import Projected
+from cadcam.locate.lines.edges import Projected, numbered, pieces_of
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import StepCells, band_gains
 
@@ -190,7 +190,7 @@ def _drawn(without: StepSums, told: StepSums, of: Longs) -> Array:
 
 def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array, *, every: int = 1) -> _Stretches:
     """Return the residuals of the step fits along stretches of a photo's lines, or along every `every`-th of them."""
-    of = _divided(sight.samples.run[cells.which].astype(np.int64))
+    of = numbered(pieces_of(sight.samples.run[cells.which], _TOGETHER))
     some = np.arange(0, len(of), 1 + len(of) // _ENOUGH)
     some = some[of[some] % every == 0]
     placed, twins = cells.placed(at, where), cells.twins[some]
@@ -206,14 +206,6 @@ def _stretches(sight: Sight, at: Projected, cells: Cells, where: Array, *, every
     index[of[some][first]] = np.arange(len(first))
     mean = np.add.reduceat(variance, first) / np.diff(first, append=len(some))
     return _Stretches(index[of], np.add.reduceat(rest, first), np.add.reduceat(number, first), mean, known, room)
-
-
-def _divided(run: Longs) -> Longs:
-    """Return each cell's stretch (n,), from 0: runs are divided evenly, into about `_TOGETHER` cells each."""
-    count = np.bincount(run)
-    place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
-    pieces = np.maximum(np.round(count / _TOGETHER), 1).astype(np.int64)[run]
-    return np.asarray(np.cumsum(np.diff(run * len(run) + place * pieces // count[run], prepend=-1) > 0) - 1)
 
 
 def _known_and_room(twins: Array, reach: Array, first: Longs, few: Mask) -> tuple[Array, Array]:

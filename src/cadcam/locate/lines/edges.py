@@ -134,6 +134,23 @@ def sample_lines(
     return samples if inside.all() else samples.select(inside)
 
 
+def pieces_of(run: Ids, most: float) -> Longs:
+    """Return ascending numbers (n,) of the pieces of line that samples lie on, not without gaps.
+
+    Every run, whose samples follow each other, is divided evenly into pieces of about `most` samples.
+    """
+    run = run.astype(np.int64)
+    count = np.bincount(run)
+    place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
+    of_run = np.maximum(np.round(count / most), 1).astype(np.int64)[run]
+    return np.asarray(run * len(run) + place * of_run // count[run])
+
+
+def numbered(of: Longs) -> Longs:
+    """Return ascending numbers (n,) renumbered from 0 without gaps."""
+    return np.cumsum(np.diff(of, prepend=of[:1]) > 0, dtype=np.int64)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class _Paths:
     """The M segments of polylines that have a length: from a to b (M, 2) px, and from pa to pb (M, 3) mm.

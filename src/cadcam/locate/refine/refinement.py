@@ -312,9 +312,16 @@ class Refinement:
 
     def sights(self, pose: Rigid, before: Sequence[Sight] = ()) -> list[Sight]:
         """Return the lines drawn at a pose; the photos' noise known from `before` is kept."""
-        noise = [s.noise for s in before] or [np.nan] * len(self.photos)
-        sizes = {"step_px": self.options.step_px, "reach_px": 2 * self.options.reach_px}
-        return [Sight.of(self.part, p, pose, noise=n, **sizes) for p, n in zip(self.photos, noise, strict=True)]
+        return drawn(self.part, self.photos, pose, self.options, noise=[s.noise for s in before])
+
+
+def drawn(
+    part: Part, photos: Sequence[Photo], pose: Rigid, options: EdgeOptions, *, noise: Sequence[float] = ()
+) -> list[Sight]:
+    """Return the photos with a part's lines drawn at a pose; noise: of each photo, by default it is measured."""
+    sizes = {"step_px": options.step_px, "reach_px": 2 * options.reach_px}
+    each = zip(photos, noise or [np.nan] * len(photos), strict=True)
+    return [Sight.of(part, photo, pose, noise=n, **sizes) for photo, n in each]
 
 
 def _away(sights: Sequence[Sight], pose: Rigid) -> bool:

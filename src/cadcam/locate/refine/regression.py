@@ -17,7 +17,7 @@ from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateGeometry
 from cadcam.fit.grouped import GroupedFit, Groups, grouped_fit
 from cadcam.locate.lines.cells import StepOffsets
-from cadcam.locate.lines.edges import Projected
+from cadcam.locate.lines.edges import Projected, numbered, pieces_of
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.refine.options import EdgeOptions
 
@@ -81,12 +81,12 @@ class Regression:
         variance: of all data; exact are those whose error is noise alone: other evidence, and priors. Beside bands, the
         groups of a line form a family, with an error in common; line (n,): of each offset.
         """
-        group, n = _numbered(piece), len(piece)
+        group, n = numbered(piece), len(piece)
         expected = _expected(self.sights, measured, group)
         edges, exact = len(expected), len(variance) - n
         family, of_family = None, None
         if self.bands:
-            of_line = _numbered(line)
+            of_line = numbered(line)
             of_family = _relative(variance[:n], of_line, on_lines)
             begins = np.flatnonzero(np.diff(group, prepend=-1))
             family = np.concatenate([of_line[begins], len(of_family) + np.arange(exact)])
@@ -106,11 +106,6 @@ def _undrawn(fit: GroupedFit, bright: Array) -> GroupedFit:
     k, n, group = len(fit.x) - 1, len(fit.offset), fit.group[: len(bright)]
     drawn = fit.x[k] * np.bincount(group, bright, n) / np.maximum(np.bincount(group, minlength=n), 1)
     return replace(fit, x=fit.x[:k], covariance=fit.covariance[:k, :k], offset=fit.offset + drawn, gain=fit.gain[:k])
-
-
-def _numbered(of: Longs) -> Longs:
-    """Return ascending numbers (n,) renumbered from 0 without gaps."""
-    return np.cumsum(np.diff(of, prepend=of[:1]) > 0, dtype=np.int64)
 
 
 def _relative(variance: Array, group: Longs, on_lines: bool) -> Array:
@@ -146,11 +141,7 @@ def _pieces(sights: Sequence[Sight], options: EdgeOptions) -> list[Longs]:
     most = max(int(most), 5)
     out, before = [], 0
     for sight in sights:
-        run = sight.samples.run.astype(np.int64)
-        count = np.bincount(run)
-        place = np.arange(len(run)) - (np.cumsum(count) - count)[run]
-        pieces = np.maximum(np.round(count / most), 1)[run].astype(np.int64)
-        number = before + run * len(run) + place * pieces // np.maximum(count, 1)[run]
-        out.append(np.stack([number, before + run * len(run)], axis=1))
+        run = sight.samples.run
+        out.append(before + np.stack([pieces_of(run, most), run.astype(np.int64) * len(run)], axis=1))
         before += (int(run.max(initial=-1)) + 1) * len(run)
     return out

@@ -94,7 +94,7 @@ class Texture:
     def __init__(self, part: Part) -> None:
         self._scene = part.scene
         low, high = part.scene.mesh.bounds
-        self._corners = np.where(np.indices((2, 2, 2)).reshape(3, -1).T, high, low)
+        self._corners = part.scene.mesh.box_corners
         self._middle, self._radius = (low + high) / 2, float(np.linalg.norm(high - low) / 2)
         self._renderer: Renderer | None = None
         self.forget()

@@ -118,7 +118,7 @@ class Tracker:
         if freedom is not FREE and start is None:
             raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
         self._part, self._freedom = part, freedom
-        self._memory = _Memory(_corners(part), start, velocity)
+        self._memory = _Memory(part.scene.mesh.box_corners, start, velocity)
         self._texture = Texture(part) if texture else None
 
     def next(self, frame: Frame) -> TrackedFrame:
@@ -311,10 +311,3 @@ def _spread_px(corners: Array, pose: PoseEstimate, photo: Photo) -> float:
         return np.inf
     S = J @ pose.point_covariance(corners) @ J.swapaxes(1, 2)
     return float(np.sqrt(np.linalg.eigvalsh(S).max()))
-
-
-def _corners(part: Part) -> Array:
-    """Return the corners (8, 3) of the part's bounding box, mm."""
-    low, high = part.scene.mesh.bounds
-    pick = np.indices((2, 2, 2)).reshape(3, -1).T.astype(bool)
-    return np.asarray(np.where(pick, high, low), np.float64)

@@ -139,14 +139,7 @@ def calibrated(scene: LayoutScene, assumed: CalibratedFrom, camera: Camera, pose
 
     internals: whether focal length and principal point are estimated too, or only the pose.
     """
-    world = next(iter(scene.poses.values()))
-    low, high = scene.part.bounds
-    corners = np.array([[(low, high)[i][0], (low, high)[j][1], (low, high)[k][2]] for i, j, k in np.ndindex(2, 2, 2)])
-    depth = (pose @ (world @ corners))[:, 2]
-    near, far = max(float(depth.min()), 0.05 * float(depth.max())), float(depth.max())
-    if not far > 0:
-        near, far = 1000.0, 2000.0  # it looks away from the part and will measure nothing
-    points = _spread_in_view(camera, assumed.points, near, far)
+    points = _spread_in_view(camera, assumed.points, *_depths(scene, pose))
     _, J = project_with_sensitivity(camera, pose, pose.inv @ points)
     sigma = np.hypot(assumed.sigma_px, assumed.points_mm * np.linalg.norm(J[..., :3], axis=(1, 2)) / np.sqrt(2))
     free = _FOUND_WITH_INTERNALS if internals else _FOUND
@@ -156,6 +149,14 @@ def calibrated(scene: LayoutScene, assumed: CalibratedFrom, camera: Camera, pose
     covariance = np.zeros((11, 11))
     covariance[np.ix_(free, free)] = inverse @ inverse.T / np.outer(scale, scale)
     return covariance
+
+
+def _depths(scene: LayoutScene, pose: Rigid) -> tuple[float, float]:
+    """Return the least and the largest depth of the part, mm; any, if the camera looks away from it."""
+    world = next(iter(scene.poses.values()))
+    depth = (pose @ (world @ scene.part.box_corners))[:, 2]
+    far = float(depth.max())
+    return (max(float(depth.min()), 0.05 * far), far) if far > 0 else (1000.0, 2000.0)
 
 
 def _spread_in_view(camera: Camera, n: int, near: float, far: float) -> Array:

@@ -241,18 +241,18 @@ def _found(gray: Picture, mark: Mark, fit: MarkFit, i: int, search: str, subpixe
     flags = {"saturated": fit.clipped[i] > _SATURATED, "covered": fit.hidden[i] > _COVERED, "cut": fit.outside[i] > 0}
     flags["tilt open"] = fit.doubt[i] > _OPEN
     found = FoundMark(
-        fit.q[i],
-        fit.covariance[i],
-        float(fit.score[i]),
-        float(mark.radius * np.linalg.svd(S, compute_uv=False)[0]),
-        S,
-        f"{search}, {subpixel}",
-        None if mark.concentric else float(np.arctan2(S[1, 0], S[0, 0])),
-        mark.number,
-        float(fit.blur[i]),
-        float(fit.contrast[i]),
-        tuple(name for name, raised in flags.items() if raised),
-        None if fit.poses is None else fit.poses[i],
+        pixel=fit.q[i],
+        covariance=fit.covariance[i],
+        score=float(fit.score[i]),
+        size=float(mark.radius * np.linalg.svd(S, compute_uv=False)[0]),
+        image_from_mark=S,
+        method=f"{search}, {subpixel}",
+        angle=None if mark.concentric else float(np.arctan2(S[1, 0], S[0, 0])),
+        number=mark.number,
+        blur=float(fit.blur[i]),
+        contrast=float(fit.contrast[i]),
+        flags=tuple(name for name, raised in flags.items() if raised),
+        pose=None if fit.poses is None else fit.poses[i],
     )
     if subpixel == "photometric":
         return found
@@ -264,17 +264,15 @@ def subpixel_position(gray: Picture, mark: Mark, found: FoundMark, rule: str) ->
     radius = mark.radius * float(np.sqrt(abs(np.linalg.det(found.image_from_mark))))
     if rule == "centroid":
         q = centroid(gray, found.pixel, radius)
+    elif rule == "parabola":
+        window, top = surface(gray, found.pixel[None], taps(template(mark, radius)), 1)
+        q = top[0] + parabola(window)[0]
     else:
         ideal = template(mark, radius)
-        of = taps(ideal)
-        if rule == "parabola":
-            window, top = surface(gray, found.pixel[None], of, 1)
-            q = top[0] + parabola(window)[0]
-        else:
-            peak = Peak.of_template(ideal)
-            window, top = surface(gray, found.pixel[None], of, peak.l)
-            shift, _ = peak.shift(window[0], grid=_GRID if rule.endswith("grid") else None)
-            q = top[0] - shift
+        peak = Peak.of_template(ideal)
+        window, top = surface(gray, found.pixel[None], taps(ideal), peak.l)
+        shift, _ = peak.shift(window[0], grid=_GRID if rule.endswith("grid") else None)
+        q = top[0] - shift
     return q if np.isfinite(q).all() else found.pixel
 
 

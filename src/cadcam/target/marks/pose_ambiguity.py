@@ -153,9 +153,17 @@ class Tilt:
         at = np.linalg.solve(seen.L[i], pose.translation)
         places = np.array([at[0] / at[2], at[1] / at[2], np.log(at[2] / seen.scale[i])])
         return cls(
-            seen.q[i], seen.L[i], float(seen.scale[i]), sight, lean, unit.ravel(), clear.T @ r / variance,
-            clear.T @ clear / variance, places, not mark.concentric,
-        )  # fmt: skip
+            q=seen.q[i],
+            L=seen.L[i],
+            scale=float(seen.scale[i]),
+            sight=sight,
+            lean=lean,
+            H=unit.ravel(),
+            slope=clear.T @ r / variance,
+            curve=clear.T @ clear / variance,
+            places=places,
+            turned=not mark.concentric,
+        )
 
     def upright(self) -> float:
         """Return the excess of the upright pose's chi-square over that of the fitted one."""

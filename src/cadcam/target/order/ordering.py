@@ -138,9 +138,7 @@ def _found(q: Array, plan: MarkPlan, signs: tuple[int, ...], sigma_px: float) ->
             continue
         first, log = _first(q, plan, orders, sigma_px)
         if log < _LOG_CHANCE:  # it has the perspective, perhaps not yet the place: a grid may be matched with a shift
-            fewer = min(_FEWER, int((first >= 0).sum()) // 4)
-            others = [without_strays(q, plan, other, sigma_px) for other in rivals(q, plan, first, signs, fewer=fewer)]
-            orders = np.unique([*orders, *(o for o in others if (o >= 0).sum() >= FEWEST)], axis=0)
+            orders = _with_rivals(q, plan, orders, first, signs, sigma_px)
             first, log = _first(q, plan, orders, sigma_px)
         marks = int((first >= 0).sum())
         rank = (log < _LOG_CHANCE, marks - 0.01 * log)
@@ -151,6 +149,13 @@ def _found(q: Array, plan: MarkPlan, signs: tuple[int, ...], sigma_px: float) ->
     if not len(best):
         raise _no_order(q, plan, 0, np.inf, 0.0)
     return best
+
+
+def _with_rivals(q: Array, plan: MarkPlan, orders: Ids, first: Ids, signs: tuple[int, ...], sigma_px: float) -> Ids:
+    """Return the orders with those at other places of the plan that explain hardly fewer marks than the first."""
+    fewer = min(_FEWER, int((first >= 0).sum()) // 4)
+    others = [without_strays(q, plan, other, sigma_px) for other in rivals(q, plan, first, signs, fewer=fewer)]
+    return np.unique([*orders, *(o for o in others if (o >= 0).sum() >= FEWEST)], axis=0)
 
 
 def _first(q: Array, plan: MarkPlan, orders: Ids, sigma_px: float) -> tuple[Ids, float]:

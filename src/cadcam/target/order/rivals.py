@@ -11,7 +11,7 @@ from cadcam.fit.plane_maps import mapped, perspectives
 from cadcam.target.order.plan import MarkPlan, NearestMark, areas, matched_once
 
 _NEAR = 0.3  # of the spacing
-_NEIGHBOURS_KEPT = 1  # of those around the base, share that must fall on a mark
+_LOST = 1  # neighbours of the base that need not fall on a mark
 _SLANT = 5.0
 _LEAST_SINE = 0.3
 _SPREAD = 24  # marks from all over the plan that are tried before the rest
@@ -28,7 +28,7 @@ def rivals(q: Array, plan: MarkPlan, index: Ids, signs: tuple[int, ...], *, fewe
     A, shift = _self_maps(plan, base, signs)
     nearest = NearestMark(plan)
     known = index[index >= 0]
-    for sample, beside in ((around, _NEIGHBOURS_KEPT), (known[:: -(-len(known) // _SPREAD)], fewer)):
+    for sample, beside in ((around, _LOST), (known[:: -(-len(known) // _SPREAD)], fewer)):
         hits = nearest(plan.p[sample] @ np.swapaxes(A, 1, 2) + shift[:, None])[1] < _NEAR**2
         kept = hits.sum(axis=1) >= len(sample) - beside
         A, shift = A[kept], shift[kept]

@@ -161,13 +161,10 @@ def _likeliest(case: Case, look: Findings, number: int) -> tuple[Array | None, f
 
     The gain is 0 where it was measured there already; the place is None for the body as drawn, or absent.
     """
-    survey, part = look.survey, look.survey.whole_part(number)
+    survey, part, moved = look.survey, look.survey.whole_part(number), displaced(look.measured, number)
     assert part is not None  # a suspect
-    now, moved = survey.by[part], displaced(look.measured, number)
-    places = [now + d for d in survey.guesses(number, reach_px=case.reach_px)]
-    places += [] if moved is None else [moved.basis @ moved.estimate.value]
-    places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
-    places = [p for p in places if np.linalg.norm(p) <= case.reach_px * survey.mm_per_px(number)]
+    measured = None if moved is None else moved.basis @ moved.estimate.value
+    places = _places(case, survey, number, survey.by[part], measured)
     guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
     drawable = [(p, guess) for p, guess in guesses if guess is not None]
     drawn = [look.drawn, *(guess for _, guess in drawable)]
@@ -176,11 +173,17 @@ def _likeliest(case: Case, look: Findings, number: int) -> tuple[Array | None, f
     if best == 0 or likelihood[best] <= without:
         return None, 0.0
     place = drawable[best - 1][0]
-    if moved is not None:
-        apart = place - moved.basis @ moved.estimate.value
-        if off_px(survey, survey.rows(number), apart) <= AGREES_PX:
-            return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it really is
+    if measured is not None and off_px(survey, survey.rows(number), place - measured) <= AGREES_PX:
+        return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it really is
     return place, float(likelihood[best] - likelihood[0])
+
+
+def _places(case: Case, survey: Survey, number: int, now: Array, measured: Array | None) -> list[Array]:
+    """Return displacements (3,) mm at which a body may be, within reach and other than the one drawn `now`."""
+    places = [now + d for d in survey.guesses(number, reach_px=case.reach_px)]
+    places += [] if measured is None else [measured]
+    places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
+    return [p for p in places if np.linalg.norm(p) <= case.reach_px * survey.mm_per_px(number)]
 
 
 def elsewhere_by(case: Case, look: Findings, part: int) -> float:
