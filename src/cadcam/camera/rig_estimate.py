@@ -81,11 +81,8 @@ class RigEstimate:
         frames = (k, len(self.rig_from_world.translation), *(len(v) for v in self.views))
         if len(set(frames)) > 1:
             raise BadValue("numbers of frames, poses, each camera's views", frames, "one number for all")
-        for names in (self.names, self.frames):
-            seen = self.views if names is self.names else tuple(zip(*self.views, strict=True))
-            for name, views in zip(names, seen, strict=True):
-                if not any(view is not None for view in views):
-                    raise BadValue(f"camera or frame {name!r}", "without anything seen", "at least one view")
+        _refuse_without_views(self.names, self.views)
+        _refuse_without_views(self.frames, tuple(zip(*self.views, strict=True)))
         for name, free in zip(self.names, self.free, strict=True):
             for parameter in free:
                 if parameter not in self.values(name):
@@ -268,3 +265,9 @@ def _residual(r: Array | None) -> float:
 
 def _joined(parts: Sequence[Array | None]) -> Array:
     return np.concatenate([r for r in parts if r is not None])
+
+
+def _refuse_without_views(names: Sequence[str], seen: Sequence[Sequence[Observations | None]]) -> None:
+    for name, views in zip(names, seen, strict=True):
+        if not any(view is not None for view in views):
+            raise BadValue(f"camera or frame {name!r}", "without anything seen", "at least one view")

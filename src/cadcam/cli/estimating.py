@@ -93,6 +93,16 @@ def fixed_as_asked(arguments: argparse.Namespace) -> dict[str, float]:
     return fixed
 
 
+def _no_lens(model: str, text: str) -> BadValue | UnknownName:
+    """Return the error for --lens text with a model that is none, perhaps a coefficient of one."""
+    from cadcam.camera.lens import LENSES
+
+    having = [name for name in LENSES if model in LENSES[name]().parameters]
+    if having:
+        return BadValue("--lens", repr(text), f"MODEL:TERMS; {model} is of {', '.join(having)}: {having[0]}:{text}")
+    return UnknownName("lens model", model, LENSES)
+
+
 def lens_as_asked(arguments: argparse.Namespace) -> tuple[Lens | None, tuple[str, ...]]:
     """Return the lens of --lens MODEL:TERMS and the names of its free coefficients; (None, ()) where none is given."""
     from cadcam.camera.lens import LENSES
@@ -101,11 +111,8 @@ def lens_as_asked(arguments: argparse.Namespace) -> tuple[Lens | None, tuple[str
     if text is None:
         return None, ()
     model, _, terms = text.partition(":")
-    having = [name for name in LENSES if model in LENSES[name]().parameters]
-    if model not in LENSES and having:
-        raise BadValue("--lens", repr(text), f"MODEL:TERMS; {model} is of {', '.join(having)}: {having[0]}:{text}")
     if model not in LENSES:
-        raise UnknownName("lens model", model, LENSES)
+        raise _no_lens(model, text)
     known = LENSES[model]().parameters
     held: dict[str, float] = {}
     free: list[str] = []

@@ -89,8 +89,8 @@ def pose_as_json(b_from_a: Rigid) -> dict[str, Any]:
     return {"rotation": b_from_a.rotation.tolist(), "translation_mm": b_from_a.translation.tolist()}
 
 
-def pose_in(place: Place, directions: tuple[str, ...] = _DIRECTIONS) -> Rigid:
-    """Return the first of these directions (mm) in a JSON object with one of them as key; default camera_from_world."""
+def pose_in(place: Place, directions: tuple[str, ...]) -> Rigid:
+    """Return the first of these directions (mm) in a JSON object with one of them as key."""
     said = [d for d in directions if d in place.object]
     if len(said) != 1:
         raise place.error("needs one pose", f'such as "{directions[0]}": {{"rotation": ..., "translation_mm": ...}}')
@@ -103,7 +103,7 @@ def same_way(direction: str, other: str) -> bool:
     return direction.partition("_from_")[0] == other.partition("_from_")[0]
 
 
-def stated(file: TextFile, directions: tuple[str, ...] = _DIRECTIONS) -> tuple[str, float]:
+def stated(file: TextFile, directions: tuple[str, ...]) -> tuple[str, float]:
     """Return direction and millimetres per unit stated in a comment line; `UnreadableFile` if there is none."""
     said = re.compile(rf"({'|'.join(directions)})[\s,:]+(?:in\s+)?([A-Za-z]+)\.?")
     remedy = f"add a first line such as '# {directions[0]}, mm' (or {directions[1]}; or m, cm, in ...)"

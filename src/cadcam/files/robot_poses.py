@@ -216,6 +216,20 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 
 
 def _from_text(file: TextFile) -> RobotNumbers:
+    columns, unit, lines = _text_table(file)
+    width = len(lines[0].cells)
+    named = [i for i, c in enumerate(columns) if c in _NAME_COLUMNS] if columns else _name_in_front(lines[0])
+    numbers = [i for i in range(width) if i not in named]
+    whats = columns or [f"cell {i + 1}" for i in range(width)]
+    names = tuple(line.cells[named[0]] if named else "" for line in lines)
+    values = np.array([[number_in(file, line.number, whats[i], line.cells[i]) for i in numbers] for line in lines])
+    if values.shape[1] == 16 and not columns:
+        values = _without_last_row(file.path, values.reshape(-1, 4, 4))
+    return RobotNumbers(file.path, names, values, tuple(columns[i] for i in numbers) if columns else (), unit)
+
+
+def _text_table(file: TextFile) -> tuple[tuple[str, ...], str, list[Line]]:
+    """Return the names of the columns, if any, the unit of x, y, z, and the lines below, all of one length."""
     lines = list(lines_of_cells(file))
     if not lines:
         raise UnreadableFile(file.path, "holds only comments", "give one pose a line")
@@ -226,24 +240,13 @@ def _from_text(file: TextFile) -> RobotNumbers:
     lines = lines[1:] if columns else lines
     if not lines:
         raise UnreadableFile(file.path, "has column names but no poses", "give one pose a line")
-    _refuse_uneven(file, lines, len(columns) or len(lines[0].cells))
-    named = [i for i, c in enumerate(columns) if c in _NAME_COLUMNS] if columns else _name_in_front(lines[0])
-    names = [line.cells[named[0]] if named else "" for line in lines]
-    whats = columns or [f"cell {i + 1}" for i in range(len(lines[0].cells))]
-    numbers = [i for i in range(len(whats)) if i not in named]
-    values = np.array([[number_in(file, line.number, whats[i], line.cells[i]) for i in numbers] for line in lines])
-    kept = tuple(columns[i] for i in numbers) if columns else ()
-    if values.shape[1] == 16 and not kept:
-        values = _without_last_row(file.path, values.reshape(-1, 4, 4))
-    return RobotNumbers(file.path, tuple(names), values, kept, unit)
-
-
-def _refuse_uneven(file: TextFile, lines: Sequence[Line], wanted: int) -> None:
+    wanted = len(columns) or len(lines[0].cells)
     for line in lines:
         if len(line.cells) != wanted:
             raise UnreadableFile(
                 file.path, f"line {line.number} has {len(line.cells)} cells", f"there are {wanted} in the first line"
             )
+    return columns, unit, lines
 
 
 def _header(line: Line) -> tuple[tuple[str, ...], str]:

@@ -10,7 +10,7 @@ from cadcam.fit.camera_model import CameraModel
 _SETTLED = 1e-10  # steps with a smaller predicted relative decrease do not separate basins
 
 
-def descend(model: CameraModel, states: Array, iterations: int = 20) -> tuple[Array, Array]:
+def descend(model: CameraModel, states: Array, iterations: int) -> tuple[Array, Array]:
     """Return the states (B, k) after at most `iterations` of Levenberg-Marquardt each, and their sums of squares (B,).
 
     Normal equations with scaled columns: good to about 1e-8, enough to separate basins; the best is then refined by

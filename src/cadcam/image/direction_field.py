@@ -52,7 +52,7 @@ def direction_fields(
     camera: Camera,
     *,
     reduction: int = 1,
-    levels: int = 3,
+    levels: int,
     region: tuple[int, int, int, int] | None = None,
 ) -> tuple[DirectionField, ...]:
     """Return the fields of a photo (H, W) taken by `camera`, the finest (`reduction` photo pixels per pixel) first.

@@ -273,7 +273,7 @@ def step_candidates(
     return StepCandidates(offset, slope)
 
 
-def slope_noise(noise: float, half_length: float, spread: float = 0.0) -> float:
+def slope_noise(noise: float, half_length: float, spread: float) -> float:
     """Return the sd of a profile's slope due to noise, in a picture smoothed by a Gaussian of sd `spread` px.
 
     The profile is the mean over 2 half_length px along the line, smoothed by a Gaussian of 1 px across it.

@@ -72,7 +72,7 @@ def picture(borders: Borders, places: Array, H: Array, levels: Array) -> Array:
 
 
 def picture_with_slopes(
-    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, loose: int = 0
+    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, loose: int
 ) -> tuple[Array, Array]:
     """Return grey values (B, P) and derivatives (B, P, k + 5 + loose) by x y * * c s m gx gy and more; dH (B, k, 3, 3).
 

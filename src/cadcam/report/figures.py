@@ -19,6 +19,7 @@ FORMATS = ("png", "svg", "pdf")
 # Okabe and Ito's colours, distinct for nearly everybody and in grey
 BLUE, ORANGE, GREEN, PURPLE, SKY = "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#56B4E9"
 INK = "#222222"
+_DPI = 140
 _LOOK: Any = {
     "font.family": "DejaVu Sans",
     "font.size": 9.0,
@@ -50,12 +51,12 @@ def figure(width: float, height: float) -> Iterator[Figure]:
         yield Figure(figsize=(width, height))
 
 
-def write_figure(path: str | os.PathLike[str], drawn: Figure, *, dpi: int = 140) -> None:
+def write_figure(path: str | os.PathLike[str], drawn: Figure) -> None:
     """Write a figure as .png, .svg or .pdf, whole or not at all."""
     kind = Path(path).suffix.lower().removeprefix(".")
     if kind not in FORMATS:
         raise UnknownName("kind of plot", kind, FORMATS)
     out = io.BytesIO()
     dated = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind, {})
-    drawn.savefig(out, format=kind, dpi=dpi, metadata=dated)
+    drawn.savefig(out, format=kind, dpi=_DPI, metadata=dated)
     write_whole(path, out.getvalue())

@@ -15,7 +15,7 @@ from cadcam.locate.match.templates import Features, TemplateMatches
 from cadcam.report.table import Table
 
 
-def peaks_table(peaks: Peaks, title: str = "Peaks") -> Table:
+def peaks_table(peaks: Peaks, title: str) -> Table:
     """Return score, place, angle and scale of each peak with their sigmas, and the gap to the next."""
     sigma = peaks.sigma
     scaled = bool(sigma[:, 3].any()) if len(peaks) else False

@@ -128,7 +128,7 @@ def in_threads(work: Callable[[_A], _B], items: Sequence[_A]) -> list[_B]:
         return list(pool.map(work, items))
 
 
-def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float = 0.8) -> Array:
+def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float) -> Array:
     """Return the log-likelihood ratio (N,), in nats, of the photos with the part at each pose and without it.
 
     Pictures are full of straight lines: that one of them runs along an edge by chance does not become less likely as

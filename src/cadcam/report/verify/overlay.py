@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import os
 from collections.abc import Sequence
 from html import escape
 
@@ -17,6 +18,7 @@ from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation, 
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement
+from cadcam.whole import write_whole
 
 # Okabe and Ito's hues: blue, pale grey, vermilion; distinct for people with any colour vision
 NEGATIVE, ZERO, POSITIVE = np.array([0.0, 0.45, 0.70]), np.array([0.85, 0.85, 0.85]), np.array([0.84, 0.37, 0.0])
@@ -41,6 +43,22 @@ def full_scale(seen: Inspection) -> float:
     values += [f.size for f in seen.features if f.state is State.DISPLACED]
     most = max(values, default=0.0)
     return float(next((s for s in (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0) if most <= s), 20.0))
+
+
+def write_overlay_svg(
+    path: str | os.PathLike[str],
+    photo: Photo,
+    number: int,
+    seen: Inspection,
+    *,
+    judgements: Sequence[Judgement] = (),
+    quality: int = 85,
+) -> None:
+    """Write the <svg> as a separate picture, whole or not at all."""
+    alone = overlay_svg(photo, number, seen, judgements=judgements, quality=quality).replace(
+        "<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1
+    )
+    write_whole(path, alone.encode())
 
 
 def overlay_svg(

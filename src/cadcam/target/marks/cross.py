@@ -41,15 +41,14 @@ class Taps:
         return Taps(self.dx[which], self.dy[which], self.value[which])
 
 
-def template(mark: Mark, radius_px: float, *, blur: float = _SHARP, half: int | None = None) -> Picture:
+def template(mark: Mark, radius_px: float, *, blur: float = _SHARP) -> Picture:
     """Return the ideal picture (n, n) of an upright mark, its centre in the middle of the middle pixel, paper 1, ink 0.
 
-    n = 2 half + 1, by default the mark and a quarter of its radius of ground. blur: Gaussian, including the pixel's
-    own.
+    It holds the mark and a quarter of its radius of ground. blur: Gaussian, including the pixel's own.
     """
     if not radius_px > 0.5:
         raise BadValue("radius", f"{radius_px:g} px", "more than half a pixel")
-    half = max(_LEAST_HALF, round(_GROUND * radius_px)) if half is None else half
+    half = max(_LEAST_HALF, round(_GROUND * radius_px))
     x, y = np.meshgrid(np.arange(-half, half + 1.0), np.arange(-half, half + 1.0))
     scale = mark.radius / radius_px
     H = np.diag([scale, scale, 1.0])[None]

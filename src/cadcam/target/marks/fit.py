@@ -164,7 +164,10 @@ class CameraFit:
 def seen_through(
     gray: Picture, mark: Mark, camera: Camera, starts: tuple[Rigid, ...], *, margin: float, blur: float
 ) -> tuple[MarkFit, CameraFit]:
-    """Return `fit_poses`, with its intermediate results for further analysis."""
+    """Return marks fitted through a camera from rough poses (camera_from_mark), and the fit's intermediate results.
+
+    q are the images of the marks' centres.
+    """
     origin = np.array([pose.translation for pose in starts]).reshape(-1, 3)
     R = np.array([pose.rotation for pose in starts]).reshape(-1, 3, 3)
     q, J = camera.project_with_jacobian(origin)

@@ -163,7 +163,7 @@ def coded_ring(number: int, disc: float, inner: float, outer: float, *, bits: in
     return Mark(_name(f"coded:{number}", (disc, inner, outer)) + suffix, np.array(sectors), number=number)
 
 
-def ring_numbers(bits: int = CODE_BITS) -> tuple[int, ...]:
+def ring_numbers(bits: int) -> tuple[int, ...]:
     """Return the numbers of `bits` bits that are the least of their cyclic shifts, all of which differ."""
     if not 4 <= bits <= 16:
         raise BadValue("bits", bits, "4 to 16")

@@ -110,7 +110,7 @@ def posed(*, turned: bool) -> Geometry:
     return Geometry(6 if turned else 5, matrix)
 
 
-def mark_model(mark: Mark, geometry: Geometry, *, loose: int = 0) -> Model:
+def mark_model(mark: Mark, geometry: Geometry, *, loose: int) -> Model:
     """Return the model of a mark's image; loose: how many of b dx dy are free too, the others are held fixed.
 
     Its pixels (B, P, 2), or through a lens (B, P, 8): u, v, then the coordinates m in which H acts and dm/dq (2, 2).

@@ -40,19 +40,17 @@ class Peak:
         return np.asarray(np.exp(-self.a * r**self.p))
 
     @classmethod
-    def of_template(cls, picture: Picture, l: int | None = None) -> Peak:
+    def of_template(cls, picture: Picture) -> Peak:
         """Return the function that fits a template's zero-mean autocorrelation best, within l px along both axes.
 
-        l: by default as far as the autocorrelation falls, before it rises again (the "ringing").
+        That is as far as the autocorrelation falls, before it rises again (the "ringing").
         """
         surface = autocorrelation(picture)
         middle = surface.shape[0] // 2
-        if l is None:
-            fall = np.diff(surface[middle, middle:])
-            rises = np.flatnonzero(fall >= 0)
-            l = int(rises[0]) if rises.size else middle
-        if not 1 <= l <= middle:
-            raise BadValue("half-width l", l, f"1 to {middle} px")
+        rises = np.flatnonzero(np.diff(surface[middle, middle:]) >= 0)
+        l = int(rises[0]) if rises.size else middle
+        if l < 1:
+            raise BadValue("template", "with an autocorrelation that does not fall", "one of a mark")
         window = surface[middle - l : middle + l + 1, middle - l : middle + l + 1]
         return cls._fitted(window, l)
 

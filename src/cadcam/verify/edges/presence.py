@@ -98,7 +98,7 @@ def _steps_somewhat(step: Array) -> bool:
     return bool(abs(middle) > max(_SURE * sigma, _LEAST_STEP))
 
 
-def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: Clutter, elsewhere: float = 0.0) -> Presence:
+def presence(evidence: EdgeEvidence, mine: Mask, *, clutter: Clutter, elsewhere: float) -> Presence:
     """Return the evidence for the feature with the edges `mine` (E,).
 
     elsewhere: logarithm of the number of other places searched for the feature, if it was found at one of these.
