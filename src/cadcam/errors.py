@@ -6,7 +6,7 @@ escapes is a bug of ours.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from difflib import get_close_matches
 from os import PathLike
 from typing import Any
@@ -20,6 +20,12 @@ class CadcamError(Exception):
     def __reduce__(self) -> tuple[Any, ...]:
         """Return what pickle needs to hand the error, as it is, to another process."""
         return _again, (type(self), self.args, self.__dict__)
+
+
+def listed(texts: Sequence[str], most: int, *, by: str = ", ") -> str:
+    """Return at most so many texts joined by ", " or "; ", and how many more there are, for messages."""
+    more = f"{by.rstrip(', ')} and {len(texts) - most} more" if len(texts) > most else ""
+    return by.join(texts[:most]) + more
 
 
 def _again(kind: type[CadcamError], words: tuple[Any, ...], known: dict[str, Any]) -> CadcamError:
@@ -60,8 +66,7 @@ class UnknownName(CadcamError):
         name = name if len(name) <= 80 else f"{name[:77]}..."
         near = get_close_matches(name, names, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
-        listed = ", ".join(names[:_LISTED]) + (f" and {len(names) - _LISTED} more" if len(names) > _LISTED else "")
-        super().__init__(f"unknown {kind} {name!r}{hint} (known: {listed or 'none'})")
+        super().__init__(f"unknown {kind} {name!r}{hint} (known: {listed(names, _LISTED) or 'none'})")
         self.kind, self.name, self.known = kind, name, tuple(names)
 
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from cadcam.arrays import Array, Mask
-from cadcam.errors import BadValue, UnknownName, UnseenFeatures
+from cadcam.errors import BadValue, UnknownName, UnseenFeatures, listed
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.asked import Asked, asked_of
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informations
@@ -238,9 +238,9 @@ def _refuse_unseen(scene: LayoutScene, visibility: Sequence[Visibility]) -> None
         said = ", ".join(f"{Why(c).words} {n / total:.0%}" for c, n in codes.most_common())
         lines.append(f"{scene.features[i].name!r} ({said})")
     names = tuple(scene.features[i].name for i in np.flatnonzero(~seen))
-    shown = "; ".join(lines[:5]) + (f"; and {len(lines) - 5} more" if len(lines) > 5 else "")
     raise UnseenFeatures(
-        f"no candidate sees {len(lines)} of {len(seen)} features: {shown}; check places and normals, or add mounts",
+        f"no candidate sees {len(lines)} of {len(seen)} features: {listed(lines, 5, by='; ')}; check places and "
+        "normals, or add mounts",
         names,
     )
 

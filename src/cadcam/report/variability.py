@@ -12,6 +12,7 @@ from cadcam.calibrate.variability.alternating import Alternating
 from cadcam.calibrate.variability.methods import FirstOrder, Variability
 from cadcam.calibrate.variability.projection_map import ProjectionMap
 from cadcam.camera.extended_pinhole import EXTERNALS
+from cadcam.errors import listed
 from cadcam.files.jsontext import or_nulls
 from cadcam.fit.sampling import R_HAT_GOOD
 from cadcam.report.camera import ANGLES, MEANING
@@ -190,9 +191,8 @@ def _surprises(v: Variability, first: FirstOrder) -> list[str]:
 def _worst(said: str, names: Sequence[str], values: Array, which: Mask, text: str) -> list[str]:
     """Return a sentence with the three largest of the values, none if there is none."""
     order = [int(i) for i in np.argsort(-np.abs(values)) if which[i]]
-    listed = ", ".join(f"{names[i]} {text.format(values[i])}" for i in order[:3])
-    more = f" and {len(order) - 3} more" if len(order) > 3 else ""
-    return [f"{said}: {listed}{more}"] if order else []
+    words = [f"{names[i]} {text.format(values[i])}" for i in order]
+    return [f"{said}: {listed(words, 3)}"] if order else []
 
 
 def _heavy_tails(v: Variability) -> list[str]:

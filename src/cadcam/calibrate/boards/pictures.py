@@ -20,7 +20,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.camera.observations import Observations
-from cadcam.errors import CadcamError, NoBoard, TooFewPoints
+from cadcam.errors import CadcamError, NoBoard, TooFewPoints, listed
 from cadcam.fit.many_poses import PaddedViews, poses_of_views
 from cadcam.image.camera_picture import read_camera_picture_with_info
 from cadcam.target.boards.board import Pattern
@@ -196,8 +196,9 @@ def refuse_disagreeing(pictures: Sequence[BoardPicture]) -> None:
         usual = sizes.most_common(1)[0][0]
         others = [f"{p.name} ({p.size[0]} x {p.size[1]})" for p in pictures if p.size != usual]
         raise BoardsDisagree(
-            f"the pictures are not of one size: most are {usual[0]} x {usual[1]} px, but not {_listed(others)}; one "
-            "calibration is one camera at one size: calibrate each size by itself, and do not crop or resize"
+            f"the pictures are not of one size: most are {usual[0]} x {usual[1]} px, but not "
+            f"{listed(others, _NAMED)}; one calibration is one camera at one size: calibrate each size by itself, and "
+            "do not crop or resize"
         )
     found = sum(p.detection is not None for p in pictures)
     seen = Counter(tuple(sorted(p.seen, reverse=True)) for p in pictures if p.seen is not None)
@@ -315,9 +316,4 @@ def _detection(picture: BoardPicture) -> Detection:
 
 def _losses(pictures: Sequence[BoardPicture]) -> str:
     lost = [f"{p.name}: {p.problem}" for p in pictures if p.detection is None]
-    return f"not found in {len(lost)} of {len(pictures)} pictures: {_listed(lost)}" if lost else "all were found"
-
-
-def _listed(texts: Sequence[str]) -> str:
-    more = f" and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
-    return ", ".join(texts[:_NAMED]) + more
+    return f"not found in {len(lost)} of {len(pictures)} pictures: {listed(lost, _NAMED)}" if lost else "all were found"

@@ -14,7 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
-from cadcam.errors import DegenerateGeometry, InconsistentViews
+from cadcam.errors import DegenerateGeometry, InconsistentViews, listed
 from cadcam.fit.joint_model import JointModel, JointState
 from cadcam.fit.rig_model import squared_misfits
 from cadcam.geometry.rigid import Rigid
@@ -99,8 +99,7 @@ def mounts(cameras: Sequence[Alone], labels: Sequence[str]) -> Rigid:
             _refuse_unlinked(cameras, found)
         _, i, j = max(links)
         found[j] = shared[i, j][0] @ found[i]
-    motions = [found[c] for c in range(len(cameras))]
-    return Rigid(np.stack([m.rotation for m in motions]), np.stack([m.translation for m in motions]))
+    return Rigid.stack([found[c] for c in range(len(cameras))])
 
 
 def rig_poses(cameras: Sequence[Alone], camera_from_rig: Rigid, count: int) -> Rigid:
@@ -174,11 +173,11 @@ def _refuse_all(pair: _Pair, typical: float, labels: Sequence[str]) -> None:
     readings.append((_middle(*turned.relative())[2], f"if the frames of camera {pair.b.name!r} are in reverse order"))
     left, words = min(readings)
     hint = f"; they agree {words}" if len(pair.frames) > 2 and left < min(_GROSS, typical / _EXPLAINS) else ""
+    frames = listed([labels[f] for f in pair.frames], _NAMED, by="; ")
     raise InconsistentViews(
-        f"cameras {pair.a.name!r} and {pair.b.name!r} stand to each other otherwise in every frame "
-        f"({_listed([labels[f] for f in pair.frames])}): the relative poses differ by {typical:.3g} times their sigmas"
-        f"{hint}; put pictures of the same moment into the same frame, and check that the board is one whose "
-        "turns look different"
+        f"cameras {pair.a.name!r} and {pair.b.name!r} stand to each other otherwise in every frame ({frames}): the "
+        f"relative poses differ by {typical:.3g} times their sigmas{hint}; put pictures of the same moment into the "
+        "same frame, and check that the board is one whose turns look different"
     )
 
 
@@ -188,15 +187,13 @@ def _refuse_some(pair: _Pair, base: Rigid, S_base: Array, deviation: Array, gros
     off = relative @ base.inv
     turn = np.degrees(np.linalg.norm(off.log()[:, 3:], axis=1))
     places = np.linalg.norm(relative.inv.translation - base.inv.translation, axis=1)
-    listed = _listed(
-        [f"{labels[pair.frames[i]]}: {turn[i]:.3g} deg, {places[i]:.3g} mm, {deviation[i]:.3g} sigmas" for i in bad]
-    )
+    said = [f"{labels[pair.frames[i]]}: {turn[i]:.3g} deg, {places[i]:.3g} mm, {deviation[i]:.3g} sigmas" for i in bad]
     a, b = pair.a.name, pair.b.name
     hint = _explained(pair, base, S_base, deviation, bad, labels)
+    why = hint or "; were these pictures taken at the same moment, and did nothing slip?"
     raise InconsistentViews(
         f"in {len(bad)} of {len(gross)} frames camera {b!r} stands to camera {a!r} otherwise than in the rest, off by "
-        f"({listed}){hint or '; were these pictures taken at the same moment, and did nothing slip?'}; put them "
-        "right, or leave these frames out"
+        f"({listed(said, _NAMED, by='; ')}){why}; put them right, or leave these frames out"
     )
 
 
@@ -224,8 +221,3 @@ def _refuse_unlinked(cameras: Sequence[Alone], found: dict[int, Rigid]) -> None:
         f"no frame is seen by camera {' or '.join(lost)} together with {' or '.join(linked)}: how they stand to each "
         "other cannot be known; add frames in which both see the points (other cameras may link them)"
     )
-
-
-def _listed(texts: Sequence[str]) -> str:
-    more = f"; and {len(texts) - _NAMED} more" if len(texts) > _NAMED else ""
-    return "; ".join(texts[:_NAMED]) + more
