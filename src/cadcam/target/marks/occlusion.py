@@ -8,7 +8,7 @@ another shape, do not shift the mark, and those pixels stay.
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -40,20 +40,18 @@ def clear_fit(
     start (B, n): parameters; q (B, 2): the windows' centres; noise: sd of a grey value.
     """
     fit, loose = fit_as_seen(mark, geometry, start, window, q)
-    weight = window.weight
-    odd, seen = _odd(mark, geometry, fit, window, noise)
+    every, weight = _Windows(mark, geometry, window, q, noise), window.weight
+    odd, seen = every.odd(fit)
     suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
     plain = _also_plain(odd, seen, window)
     for i in np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist():
-        one, there = window.only(i)
-        at = slice(i, i + 1)
-        begun, gain, loose[i] = _told_apart(mark, geometry, int(loose[i]), start[at], fit.subset(at), one, q[at], noise)
+        (one, there), at = every.only(i), slice(i, i + 1)
+        begun, gain, loose[i] = one.told_apart(start[at], fit.subset(at), int(loose[i]))
         if plain[i] or gain < _BETTER:
-            model = mark_model(mark, geometry, loose=int(loose[i]))
-            part, clear = _cleared(mark, geometry, model, begun, one, q[at], noise)
+            part, clear = one.cleared(begun, int(loose[i]))
             fit, weight = fit.replaced(part, np.array([i])), weight.copy()
             weight[i, there] = clear
-    model = mark_model(mark, geometry, loose=max(BENT, int(loose.max(initial=0))))
+    model = every.model(max(BENT, int(loose.max(initial=0))))
     return _together(model, fit, window, weight), weight
 
 
@@ -64,62 +62,84 @@ def _together(model: Model, fit: Fit, window: Window, weight: Array) -> Fit:
     return replace(fit, covariance=fit.covariance * wider[:, :, None] * wider[:, None, :], shared=shared)
 
 
-def _cleared(
-    mark: Mark, geometry: Geometry, model: Model, fit: Fit, window: Window, q: Array, noise: float
-) -> tuple[Fit, Array]:
-    """Return the fit of one mark to the pixels (P,) that agree with it, from a first fit."""
-    weight = window.weight
-    for _ in range(_ROUNDS):
-        odd, _ = _odd(mark, geometry, fit, window, noise)
-        clear = window.weight * ~_widened(odd[0], window)
-        if clear.sum() <= 3 * geometry.free or np.array_equal(clear, weight):
-            break
-        weight = clear
-        fit = fitted(model, fit.parameters, replace(window, weight=weight), q, window.size)
-    return fit, weight[0]
+@dataclass(frozen=True, slots=True, eq=False)
+class _Windows:
+    """The windows of B marks of one kind, q (B, 2) their centres, and the sd of a grey value by noise."""
 
+    mark: Mark
+    geometry: Geometry
+    window: Window
+    q: Array
+    noise: float
 
-def _told_apart(
-    mark: Mark, geometry: Geometry, loose: int, start: Array, whole: Fit, window: Window, q: Array, noise: float
-) -> tuple[Fit, float, int]:
-    """Return fit and relative misfit of `_most_agreed`, and how many of the parameters b dx dy it frees.
+    def only(self, i: int) -> tuple[_Windows, Mask]:
+        """Return one of them without padding, and which of all pixels (P,) are its own."""
+        window, there = self.window.only(i)
+        return replace(self, window=window, q=self.q[i : i + 1]), there
 
-    A cover may look like motion blur: motion is free only where it explains the pixels clearly better.
-    """
-    still, moving = start.copy(), start.copy()
-    still[:, geometry.motion], moving[:, geometry.motion] = 0.0, whole.parameters[:, geometry.motion]
-    fit, cost, gain = _most_agreed(mark, geometry, min(loose, BENT), still, window, q, noise)
-    if loose > BENT:
-        other, less, gained = _most_agreed(mark, geometry, loose, moving, window, q, noise)
-        if less < _BETTER * cost:
-            return other, gained, loose
-    return fit, gain, min(loose, BENT)
+    def model(self, loose: int) -> Model:
+        """Return the model of the marks; loose: as of `mark_model`."""
+        return mark_model(self.mark, self.geometry, loose=loose)
 
+    def limit(self, parameters: Array) -> Array:
+        """Return the residual (B,) from which a pixel contradicts a mark."""
+        return np.maximum(HIDDEN * np.abs(parameters[:, CONTRAST]), _SIGMAS * self.noise)
 
-def _most_agreed(
-    mark: Mark, geometry: Geometry, loose: int, start: Array, window: Window, q: Array, noise: float
-) -> tuple[Fit, float, float]:
-    """Return, of the fits to all pixels and to those outside each wedge, the one that most pixels agree with.
+    def odd(self, fit: Fit) -> tuple[Mask, Array]:
+        """Return which pixels (B, P) contradict the marks, and the predicted grey values there."""
+        seen = predicted(self.mark, self.geometry, fit.parameters, self.window.pixels)
+        off = np.abs(seen - self.window.values) > self.limit(fit.parameters)[:, None]
+        return np.asarray(off & (self.window.weight > 0)), seen
 
-    And its misfit, to which no pixel adds more than 1, and that relative to the misfit of the fit to all pixels.
-    """
-    model = mark_model(mark, geometry, loose=loose)
-    window = window.thinned(_ENOUGH)
-    kept = _outside_wedges(window)
-    n = len(kept)
-    copies = window.subset(np.zeros(n, np.int32))
-    copies = replace(copies, weight=copies.weight * kept)
-    starts, about = np.repeat(start, n, axis=0), np.repeat(q, n, axis=0)
-    fit = fitted(model, starts, copies, about, copies.size, iterations=_QUICK)
-    # judged by all pixels, including those in the wedge
-    r = (predicted(mark, geometry, fit.parameters, copies.pixels) - copies.values) * window.weight
-    limit = _limit(fit.parameters[:1], noise)
-    misfit = (r**2 / (r**2 + limit[:, None] ** 2)).sum(axis=1)
-    misfit_to_all = max(float(misfit[0]), 1e-12)
-    contrast = fit.parameters[:, CONTRAST]
-    misfit[~fit.good | (np.sign(contrast) != np.sign(contrast[0]))] = np.inf
-    best = int(np.argmin(misfit))
-    return fit.subset(slice(best, best + 1)), float(misfit[best]), float(misfit[best]) / misfit_to_all
+    def cleared(self, fit: Fit, loose: int) -> tuple[Fit, Array]:
+        """Return the fit of one mark to the pixels (P,) that agree with it, from a first fit."""
+        model, weight = self.model(loose), self.window.weight
+        for _ in range(_ROUNDS):
+            odd, _ = self.odd(fit)
+            clear = self.window.weight * ~_widened(odd[0], self.window)
+            if clear.sum() <= 3 * self.geometry.free or np.array_equal(clear, weight):
+                break
+            weight = clear
+            fit = fitted(model, fit.parameters, replace(self.window, weight=weight), self.q, self.window.size)
+        return fit, weight[0]
+
+    def told_apart(self, start: Array, whole: Fit, loose: int) -> tuple[Fit, float, int]:
+        """Return fit and relative misfit of `most_agreed` of one mark, and how many of the b dx dy it frees.
+
+        A cover may look like motion blur: motion is free only where it explains the pixels clearly better. whole: the
+        fit to all pixels.
+        """
+        motion = self.geometry.motion
+        still, moving = start.copy(), start.copy()
+        still[:, motion], moving[:, motion] = 0.0, whole.parameters[:, motion]
+        fit, cost, gain = self.most_agreed(still, min(loose, BENT))
+        if loose > BENT:
+            other, less, gained = self.most_agreed(moving, loose)
+            if less < _BETTER * cost:
+                return other, gained, loose
+        return fit, gain, min(loose, BENT)
+
+    def most_agreed(self, start: Array, loose: int) -> tuple[Fit, float, float]:
+        """Return, of one mark's fits to all pixels and to those outside each wedge, that which most pixels agree with.
+
+        And its misfit, to which no pixel adds more than 1, and that relative to the misfit of the fit to all pixels.
+        """
+        window = self.window.thinned(_ENOUGH)
+        kept = _outside_wedges(window)
+        n = len(kept)
+        copies = window.subset(np.zeros(n, np.int32))
+        copies = replace(copies, weight=copies.weight * kept)
+        starts, about = np.repeat(start, n, axis=0), np.repeat(self.q, n, axis=0)
+        fit = fitted(self.model(loose), starts, copies, about, copies.size, iterations=_QUICK)
+        # judged by all pixels, including those in the wedge
+        r = (predicted(self.mark, self.geometry, fit.parameters, copies.pixels) - copies.values) * window.weight
+        limit = self.limit(fit.parameters[:1])
+        misfit = (r**2 / (r**2 + limit[:, None] ** 2)).sum(axis=1)
+        misfit_to_all = max(float(misfit[0]), 1e-12)
+        contrast = fit.parameters[:, CONTRAST]
+        misfit[~fit.good | (np.sign(contrast) != np.sign(contrast[0]))] = np.inf
+        best = int(np.argmin(misfit))
+        return fit.subset(slice(best, best + 1)), float(misfit[best]), float(misfit[best]) / misfit_to_all
 
 
 def _outside_wedges(window: Window) -> Mask:
@@ -131,17 +151,6 @@ def _outside_wedges(window: Window) -> Mask:
             from_axis = np.abs(np.mod(angle - 2 * np.pi * k / count + np.pi, 2 * np.pi) - np.pi)
             masks.append(from_axis > half_angle)
     return np.array(masks)
-
-
-def _limit(parameters: Array, noise: float) -> Array:
-    return np.maximum(HIDDEN * np.abs(parameters[:, CONTRAST]), _SIGMAS * noise)
-
-
-def _odd(mark: Mark, geometry: Geometry, fit: Fit, window: Window, noise: float) -> tuple[Mask, Array]:
-    """Return which pixels (B, P) contradict the marks, and the predicted grey values there."""
-    seen = predicted(mark, geometry, fit.parameters, window.pixels)
-    off = np.abs(seen - window.values) > _limit(fit.parameters, noise)[:, None]
-    return np.asarray(off & (window.weight > 0)), seen
 
 
 def _one_sided(odd: Mask, window: Window) -> Mask:
