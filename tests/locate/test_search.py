@@ -60,7 +60,7 @@ def test_a_long_lens_does_not_blind_the_other_camera(rng: np.random.Generator) -
     whole = photo(BRACKET, pose, rng)
     detail = Photo.of(noisy(shot(BRACKET, other, tele), 0.01, rng), tele, other @ pose.inv)
     here = np.array([row_of(pose)])
-    alone, both = (_judged(BRACKET.aspects, _Scales(photos), here, *_FINELY) for photos in ([whole], [whole, detail]))
+    alone, both = (_judged(_Scales(BRACKET.aspects, photos), here, *_FINELY) for photos in ([whole], [whole, detail]))
     assert both > alone > 0
 
 

@@ -85,10 +85,10 @@ def pose_edges(aspects: Aspects, stage: FieldLevel, poses: Array, samples: int, 
     telling: whether of those that lie where they tell the pose best.
     """
     shown, which = _shown(aspects, stage, poses)
-    return _edges_of(stage, [a.telling if telling else a.places for a in shown], which, samples)
+    return edges_of(stage, [a.telling if telling else a.places for a in shown], which, samples)
 
 
-def _edges_of(stage: FieldLevel, shown: Sequence[npt.NDArray[np.void]], which: Longs, samples: int) -> PoseEdges:
+def edges_of(stage: FieldLevel, shown: Sequence[npt.NDArray[np.void]], which: Longs, samples: int) -> PoseEdges:
     """Return the edges of poses, given the samples per camera (N, eyes) of each pose's aspect: the first of them."""
     runs = [places[:samples] for places in shown]
     count = np.array([len(run) for run in runs], np.int32)
@@ -136,7 +136,7 @@ def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float) -> 
     most of it. Its evidence for a pose is bounded, as is that against it where no line is found.
     """
     shown, which = _shown(aspects, stage, poses)
-    edges = _edges_of(stage, [aspect.places for aspect in shown], which, PLACES)
+    edges = edges_of(stage, [aspect.places for aspect in shown], which, PLACES)
     line = np.concatenate([np.zeros(0, np.int32), *(aspect.line for aspect in shown)])
     apart = np.array([aspect.length / max(len(aspect.places), 1) for aspect in shown])
     total = np.zeros(len(poses))

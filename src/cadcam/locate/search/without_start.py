@@ -32,6 +32,7 @@ from cadcam.locate.search.climb import (
     climbed,
     composed,
     distinct,
+    edges_of,
     evidence,
     in_threads,
     near,
@@ -76,21 +77,21 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
     part there and a little displaced, from the fine and the rough judgement together. Of the equivalent poses of a
     symmetric part only one is returned. The part's aspects are computed on first use, which takes some seconds once.
     """
-    aspects, scales = part.aspects, _Scales(photos)
+    scales = _Scales(part.aspects, photos)
     looks = _rotations(part, views)
     rows = [
-        _promising(aspects, scales, eye, distance, looks)
+        _promising(scales, eye, distance, looks)
         for eye, photo in enumerate(photos)
-        for distance in _distances(aspects, photo.camera, views)
+        for distance in _distances(part.aspects, photo.camera, views)
     ]
     eye = photos[0].viewpoint.camera_from_world.origin
     found = _of_one_side(part, eye, np.concatenate([np.zeros((0, 12)), *rows]))
-    starts = _to_approach(aspects, scales, found)
+    starts = _to_approach(scales, found)
     around = _approached(part, photos, scales, rigids_of(found[starts]))
     found = _of_one_side(part, eye, np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12))
     around = [replace(h, world_from_part=T) for h, T in zip(around, rigids_of(found), strict=True)]
-    finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
-    return _ranked(aspects, around, found, finely + roughly)
+    finely, roughly = (_peaks(scales, found, *way) for way in (_FINELY, _ROUGHLY))
+    return _ranked(part.aspects, around, found, finely + roughly)
 
 
 def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
@@ -108,9 +109,10 @@ def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
     return np.concatenate([(R @ turn).reshape(-1, 9), (R @ shift[..., None])[..., 0] + t], axis=1)
 
 
-def _to_approach(aspects: Aspects, scales: _Scales, found: Array) -> list[int]:
+def _to_approach(scales: _Scales, found: Array) -> list[int]:
     """Return which of poses (N, 12) are approached: the best of all, and the best by rough judgement."""
-    finely, roughly = (_peaks(aspects, scales, found, *way) for way in (_FINELY, _ROUGHLY))
+    aspects = scales.aspects
+    finely, roughly = (_peaks(scales, found, *way) for way in (_FINELY, _ROUGHLY))
     best = zip((finely + roughly, roughly), _APPROACHED, strict=True)
     every = [k for score, most in best for k in distinct(aspects, found, score, most, within=_NEIGHBOURS)]
     first = distinct(aspects, found[every], -np.arange(len(every), dtype=np.float64), len(every), within=_NEIGHBOURS)
@@ -138,9 +140,10 @@ def _ranked(aspects: Aspects, found: list[Hypothesis], poses: Array, score: Arra
 
 
 class _Scales:
-    """The fields of all photos at reductions 1, 2, 3, 4, 6, 8, 12 ..."""
+    """The fields of all photos at reductions 1, 2, 3, 4, 6, 8, 12 ..., and how large a part is in them."""
 
-    def __init__(self, photos: Sequence[Photo]) -> None:
+    def __init__(self, aspects: Aspects, photos: Sequence[Photo]) -> None:
+        self.aspects = aspects
         self._fields = [_fields(photo) for photo in photos]
         self.places = tuple(photo.viewpoint.camera_from_world for photo in photos)
         self.focal = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
@@ -163,39 +166,38 @@ class _Scales:
         """Return the field of one photo at one of its reductions."""
         return next(f for f in self._fields[eye] if f.reduction == reduction)
 
-    def alike(self, eye: int, reduction: int, aspects: Aspects, poses: Array) -> FieldLevel:
+    def alike(self, eye: int, reduction: int, poses: Array) -> FieldLevel:
         """Return fields in which the part at poses (N, 12) is about as large as in one photo's reduced field."""
-        sizes = self.sizes(aspects, poses)
+        sizes = self.sizes(poses)
         return self.stage(reduction * np.median(sizes / sizes[eye], axis=1))
 
-    def beside(self, aspects: Aspects, poses: Array, every: int = 1) -> list[Array]:
+    def beside(self, poses: Array, every: int = 1) -> list[Array]:
         """Return poses (N, 12) displaced by every `every`-th vector of _ASIDE in the photo where the part is largest.
 
         Poses behind all cameras, and displaced ones that no camera sees, are returned unchanged.
         """
-        middle = _middles(aspects, poses)
+        middle = self._middles(poses)
         depth = np.stack([(T @ middle)[:, 2] for T in self.places])
-        eye = np.argmax(np.where(depth > 0, self.sizes(aspects, poses), 0.0), axis=0)
+        eye = np.argmax(np.where(depth > 0, self.sizes(poses), 0.0), axis=0)
         out = [np.empty_like(poses) for _ in _ASIDE[::every]]
         for e, (T, fields) in enumerate(zip(self.places, self._fields, strict=True)):
             own = np.flatnonzero(eye == e)
             seen, camera = composed(T, poses[own]), fields[0].camera
-            size = self.sizes(aspects, poses[own])[e] / fields[0].reduction
+            size = self.sizes(poses[own])[e] / fields[0].reduction
             for moved, aside in zip(out, _ASIDE[::every], strict=True):
-                there = composed(T.inv, turned(aspects, camera, seen, size[:, None] * aside))
+                there = composed(T.inv, turned(self.aspects, camera, seen, size[:, None] * aside))
                 moved[own] = np.where(np.isfinite(there).all(axis=1, keepdims=True), there, poses[own])
         return out
 
-    def sizes(self, aspects: Aspects, poses: Array) -> Array:
+    def sizes(self, poses: Array) -> Array:
         """Return the size (photos, N) px of the part in each photo at poses (N, 12)."""
-        middle = _middles(aspects, poses)
+        middle = self._middles(poses)
         away = [np.linalg.norm(middle - T.origin, axis=1) for T in self.places]
-        return np.stack([_size(aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
+        return np.stack([_size(self.aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
 
-
-def _middles(aspects: Aspects, poses: Array) -> Array:
-    """Return the part's centre (N, 3) at poses (N, 12)."""
-    return np.asarray(poses[:, :9].reshape(-1, 3, 3) @ aspects.centre + poses[:, 9:])
+    def _middles(self, poses: Array) -> Array:
+        """Return the part's centre (N, 3) at poses (N, 12)."""
+        return np.asarray(poses[:, :9].reshape(-1, 3, 3) @ self.aspects.centre + poses[:, 9:])
 
 
 def _fields(photo: Photo) -> list[DirectionField]:
@@ -220,15 +222,16 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
     return [near * (far / near) ** ((k + 0.5) / n) for k in range(n)]
 
 
-def _promising(aspects: Aspects, scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
+def _promising(scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
     """Return the poses (N, 12) of a sweep over one photo at one distance that survive on finer fields."""
+    aspects = scales.aspects
     chosen = scales.chosen(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
     poses = _swept(aspects, scales.swept(eye, chosen[0]), scales.places[eye], distance, looks)
     for climb in _CLIMBS:
-        stage = scales.alike(eye, chosen[min(climb.level, len(chosen) - 1)], aspects, poses)
+        stage = scales.alike(eye, chosen[min(climb.level, len(chosen) - 1)], poses)
         poses, score, _ = climbed(aspects, stage, poses, np.eye(6), climb)
         if climb is _CLIMBS[-1]:
-            moved = scales.beside(aspects, poses, 2)
+            moved = scales.beside(poses, 2)
             beside = climbed(aspects, stage, np.concatenate(moved), np.eye(6), _BESIDE)[1]
             score = score - beside.reshape(len(moved), len(poses)).max(axis=0)
         poses = poses[distinct(aspects, poses, score, climb.kept)]
@@ -257,10 +260,7 @@ def _edges(aspects: Aspects, stage: FieldLevel, numbers: Longs, distance: float)
     step = int(aspects.step_of(np.array([distance]))[0])
     used, which = np.unique(numbers, return_inverse=True)
     aspects.make((int(k), step) for k in used)
-    runs = [aspects.aspect(int(k), step).places[:_SWEPT] for k in used]
-    count = np.array([len(run) for run in runs], np.int32)
-    first = np.cumsum(count) - count
-    return PoseEdges(stage.eyes, np.concatenate(runs), first[which.ravel(), None], count[which.ravel(), None])
+    return edges_of(stage, [aspects.aspect(int(k), step).places for k in used], which.reshape(-1, 1), _SWEPT)
 
 
 def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
@@ -286,25 +286,25 @@ def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
     return np.repeat(chosen, n), (turn[None] @ upright[:, None]).reshape(-1, 3, 3)
 
 
-def _judged(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
+def _judged(scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
     """Return the evidence (N,) for poses (N, 12), each judged where the part is about size_px large in each photo."""
     if not len(poses):
         return np.zeros(0)
-    wanted = np.rint(2 * np.log2(np.maximum(scales.sizes(aspects, poses) / size_px, 1.0)))
+    wanted = np.rint(2 * np.log2(np.maximum(scales.sizes(poses) / size_px, 1.0)))
     out, (steps, which) = np.zeros(len(poses)), np.unique(wanted, axis=1, return_inverse=True)
     for k, step in enumerate(steps.T):
         own = which.ravel() == k
-        out[own] = evidence(aspects, scales.stage(2 ** (step / 2)), poses[own], blur)
+        out[own] = evidence(scales.aspects, scales.stage(2 ** (step / 2)), poses[own], blur)
     return out
 
 
-def _peaks(aspects: Aspects, scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
+def _peaks(scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
     """Return the evidence (N,) for poses (N, 12) minus the largest evidence for the part displaced a little.
 
     Where the lines are the part's own, a displaced part has less evidence.
     """
-    every = [poses, *scales.beside(aspects, poses)]
-    here, *beside = _judged(aspects, scales, np.concatenate(every), size_px, blur).reshape(len(every), len(poses))
+    every = [poses, *scales.beside(poses)]
+    here, *beside = _judged(scales, np.concatenate(every), size_px, blur).reshape(len(every), len(poses))
     return np.asarray(here - np.maximum.reduce(beside))
 
 
@@ -312,7 +312,7 @@ def _approached(part: Part, photos: Sequence[Photo], scales: _Scales, starts: li
     """Return the hypotheses found around each of the starts."""
 
     def around(start: Rigid) -> list[Hypothesis]:
-        size = float(scales.sizes(part.aspects, row_of(start)[None]).min())
+        size = float(scales.sizes(row_of(start)[None]).min())
         try:
             return approach(part, photos, start, reach=replace(_NEAR, shift_px=_NEAR.shift_px * size))[:3]
         except NothingInView:
