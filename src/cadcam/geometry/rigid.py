@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any, overload
 
@@ -42,11 +41,6 @@ class Rigid:
             array.setflags(write=False)
             object.__setattr__(motion, name, array)
         return motion
-
-    @classmethod
-    def stack(cls, motions: Sequence[Rigid]) -> Rigid:
-        """Return motions of one shape as a batch of them."""
-        return cls(np.stack([m.rotation for m in motions]), np.stack([m.translation for m in motions]))
 
     @classmethod
     def from_matrix(cls, matrix: Floats) -> Rigid:

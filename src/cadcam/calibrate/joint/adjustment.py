@@ -13,7 +13,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 from cadcam.calibrate.joint import start as joint_start
-from cadcam.calibrate.points.free import free_names
+from cadcam.calibrate.points.free import estimated_names
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of
 from cadcam.camera.joint_estimate import JointEstimate
@@ -106,7 +106,8 @@ def fit_jointly(
 ) -> JointFit:
     """Return the joint calibration of `calibrate_jointly` in its raw form."""
     lens, fixed = lens or Ideal(), dict(fixed or {})
-    free = free_names(fixed, lens, tuple(free_lens), of=INTERNALS, what="shared parameter") + (BEND if bend else ())
+    free = estimated_names(fixed, lens, tuple(free_lens), of=INTERNALS, what="shared parameter")
+    free += BEND if bend else ()
     _refuse_few(views, free)
     _refuse_copies(views)
     model, origin = _model(views, free, lens, bend=bend)

@@ -9,7 +9,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.calibrate.points.free import free_names
+from cadcam.calibrate.points.free import estimated_names
 from cadcam.calibrate.points.linear import dlt_estimate, dlt_states, seen_from_the_front
 from cadcam.calibrate.points.refusals import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
 from cadcam.camera.camera import Camera
@@ -55,7 +55,7 @@ def calibrate_camera(
     arguments.
     """
     lens, fixed = lens or Ideal(), dict(fixed or {})
-    free = free_names(fixed, lens, tuple(free_lens), of=NAMES, what="parameter")
+    free = estimated_names(fixed, lens, tuple(free_lens), of=NAMES, what="parameter")
     _refuse_few(observations, free)
     refuse_flat(observations.p_world, unknowns=len(free))
     if method not in METHODS:

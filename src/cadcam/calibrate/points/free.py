@@ -10,7 +10,7 @@ from cadcam.camera.lens import Lens
 from cadcam.errors import BadValue, UnknownName
 
 
-def free_names(
+def estimated_names(
     fixed: Mapping[str, float], lens: Lens, free_lens: Sequence[str], *, of: Sequence[str], what: str
 ) -> tuple[str, ...]:
     """Return the names of the pinhole's parameters `of` that are not fixed, and of the free coefficients of the lens.

@@ -135,7 +135,6 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
     from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye, calibrate_hand_eye_from_poses
     from cadcam.files.poses import read_poses
     from cadcam.files.robot_poses import read_robot_numbers
-    from cadcam.geometry.rigid import Rigid
 
     robot = read_robot_numbers(*arguments.robot)
     if arguments.camera_poses:
@@ -143,7 +142,7 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
         poses_alone = "none: poses need no camera and no pictures"
         refuse(arguments, *unused, why="beside --camera-poses", expected=poses_alone)
         labels, robot, poses = _paired(arguments, robot, read_poses(arguments.camera_poses))
-        seen = Rigid.stack(poses)
+        seen = _stacked(poses)
         flange = _base_from_flange(arguments, robot, lambda: seen)
         with working(f"estimating from {len(labels)} poses"):
             return calibrate_hand_eye_from_poses(flange, seen, mounting=arguments.mounting, names=labels)
@@ -316,3 +315,11 @@ def _by_number(path: Path) -> tuple[int, str]:
     """Sort key: the last number in a name, then the name."""
     digits = re.findall(r"\d+", path.stem)
     return (int(digits[-1]) if digits else -1, path.stem)
+
+
+def _stacked(poses: Sequence[Rigid]) -> Rigid:
+    import numpy as np
+
+    from cadcam.geometry.rigid import Rigid
+
+    return Rigid(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
