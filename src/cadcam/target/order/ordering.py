@@ -5,8 +5,7 @@ and a camera that looks straight down. Here small groups of marks are compared w
 a map that is nearly affine over such small distances; for plans of up to a dozen marks four in every order, exact under
 perspective), the best are grown outward with the plane's own homography, and the result must beat chance by a hundred
 to one. The cost is quadratic in the marks. Then all other places where the plan fits as well are searched for:
-symmetric plans, and partly visible grids, have several, and all of them are returned. part is seen, have several, and
-all of them are returned.
+symmetric plans, and partly visible grids, have several, and all of them are returned.
 """
 
 from __future__ import annotations
@@ -100,97 +99,110 @@ def order_marks(
     q, places = frozen(pixels, "pixels", (None, 2)), MarkPlan.of(plan)
     if len(q) < FEWEST:
         raise TooFewPoints("the order of marks", len(q), FEWEST)
-    first = _chosen(q, places, _found(q, places, SIDES[side], sigma_px), sigma_px, odds)
-    return replace(first, alternatives=(*first.alternatives, *_among_the_rest(q, places, first, side, sigma_px)))
+    search = _Search(q, places, SIDES[side], sigma_px)
+    first = search.ordering(odds)
+    return replace(first, alternatives=(*first.alternatives, *_among_the_rest(search, first)))
 
 
-def _among_the_rest(q: Array, plan: MarkPlan, first: Ordering, side: Side, sigma_px: float) -> tuple[Ids, ...]:
+def _among_the_rest(search: _Search, first: Ordering) -> tuple[Ids, ...]:
     """Return the order of a second plate like the first among the marks left over, if there is one."""
     rest = np.flatnonzero(first.plan_index < 0)
     if len(rest) < max(_UNDECIDABLE + 1, _SECOND * len(first)):
         return ()
     try:
-        second = _chosen(q[rest], plan, _found(q[rest], plan, SIDES[side], sigma_px), sigma_px, 1.0)
+        second = replace(search, q=search.q[rest]).ordering(1.0)
     except NoOrder:
         return ()
     if len(second) < _SECOND * len(first):
         return ()
-    order = np.full(len(q), -1, dtype=np.int32)
+    order = np.full(len(search.q), -1, dtype=np.int32)
     order[rest] = second.plan_index
     return (order,)
 
 
-def _found(q: Array, plan: MarkPlan, signs: tuple[int, ...], sigma_px: float) -> Ids:
-    """Return the first orders (B, N) that explain enough marks, or the best of all tried, with their rivals.
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """The search for the order of marks q (N, 2) px, known to sigma_px, on a plan; signs: its possible handedness."""
 
-    128 triangles are tried: if one in twenty has true marks only, as with as many false marks as true ones, all fail in
-    one case of 700. rank: beats chance, then the number of marks, then by how far it beats chance.
-    """
-    few = by_quads(q, plan)
-    enough = max(FEWEST, _ENOUGH[few] * min(len(q), len(plan)))
-    best: Ids = np.zeros((0, len(q)), np.int32)
-    best_rank, last = (False, 0.0), 0
-    for tried, starts in enumerate(seeds(q, plan, signs)):
-        if not few and tried >= (last + 1 + _MORE if best_rank[0] else _TRIES):
-            break
-        orders = _grown(q, plan, starts, sigma_px, until=np.inf if few else enough)
-        if not len(orders):
-            continue
-        first, log = _first(q, plan, orders, sigma_px)
-        if log < _LOG_CHANCE:  # it has the perspective, perhaps not yet the place: a grid may be matched with a shift
-            orders = _with_rivals(q, plan, orders, first, signs, sigma_px)
-            first, log = _first(q, plan, orders, sigma_px)
-        marks = int((first >= 0).sum())
-        rank = (log < _LOG_CHANCE, marks - 0.01 * log)
-        if rank > best_rank:
-            best, best_rank, last = orders, rank, tried
-        if rank[0] and marks >= enough:
-            break
-    if not len(best):
-        raise _no_order(q, plan, 0, np.inf, 0.0)
-    return best
+    q: Array
+    plan: MarkPlan
+    signs: tuple[int, ...]
+    sigma_px: float
 
+    def ordering(self, odds: float) -> Ordering:
+        """Return the best order, and those less likely by at most `odds`. Raises `NoOrder` if it may be chance."""
+        q, plan, orders = self.q, self.plan, self._orders()
+        found = judged(q, plan, orders)
+        cost, kinds = costs(found, q, plan, self.sigma_px)
+        ranked = np.argsort(cost, kind="stable")
+        first = int(ranked[0])
+        order, H = orders[first], found.maps[kinds[first]][first]
+        log = log_chance(found, first, q, plan, self.sigma_px)
+        known = order >= 0
+        residuals = np.full((len(q), 2), np.nan)
+        residuals[known] = q[known] - mapped(H, plan.p[order[known]])
+        few = known.all() and known.sum() == len(plan) <= _UNDECIDABLE and np.isfinite(cost[first])
+        if not (log < _LOG_CHANCE or few):
+            raise _no_order(q, plan, int(known.sum()), log, _rms(residuals[known]))
+        near = [int(b) for b in ranked[1:] if cost[b] < cost[first] + np.log(odds)]
+        return Ordering(order, H, kinds[first], residuals, float(10.0**log), _different(found, [first, *near]))
 
-def _with_rivals(q: Array, plan: MarkPlan, orders: Ids, first: Ids, signs: tuple[int, ...], sigma_px: float) -> Ids:
-    """Return the orders with those at other places of the plan that explain hardly fewer marks than the first."""
-    fewer = min(_FEWER, int((first >= 0).sum()) // 4)
-    others = [without_strays(q, plan, other, sigma_px) for other in rivals(q, plan, first, signs, fewer=fewer)]
-    return np.unique([*orders, *(o for o in others if (o >= 0).sum() >= FEWEST)], axis=0)
+    def _orders(self) -> Ids:
+        """Return the first orders (B, N) that explain enough marks, or the best of all tried, with their rivals.
 
+        128 triangles are tried: if one in twenty has true marks only, as with as many false marks as true ones, all
+        fail in one case of 700. rank: beats chance, then the number of marks, then by how far it beats chance.
+        """
+        q, plan = self.q, self.plan
+        few = by_quads(q, plan)
+        enough = max(FEWEST, _ENOUGH[few] * min(len(q), len(plan)))
+        best: Ids = np.zeros((0, len(q)), np.int32)
+        best_rank, last = (False, 0.0), 0
+        for tried, starts in enumerate(seeds(q, plan, self.signs)):
+            if not few and tried >= (last + 1 + _MORE if best_rank[0] else _TRIES):
+                break
+            orders = self._grown(starts, until=np.inf if few else enough)
+            if not len(orders):
+                continue
+            first, log = self._first(orders)
+            if log < _LOG_CHANCE:  # it has the perspective, perhaps not yet the place: a grid may be matched shifted
+                orders = self._with_rivals(orders, first)
+                first, log = self._first(orders)
+            marks = int((first >= 0).sum())
+            rank = (log < _LOG_CHANCE, marks - 0.01 * log)
+            if rank > best_rank:
+                best, best_rank, last = orders, rank, tried
+            if rank[0] and marks >= enough:
+                break
+        if not len(best):
+            raise _no_order(q, plan, 0, np.inf, 0.0)
+        return best
 
-def _first(q: Array, plan: MarkPlan, orders: Ids, sigma_px: float) -> tuple[Ids, float]:
-    """Return the best of some orders and log10 of its chance."""
-    found = judged(q, plan, orders)
-    b = int(np.argmin(costs(found, q, plan, sigma_px)[0]))
-    return orders[b], log_chance(found, b, q, plan, sigma_px)
+    def _with_rivals(self, orders: Ids, first: Ids) -> Ids:
+        """Return the orders with those at other places of the plan that explain hardly fewer marks than the first."""
+        fewer = min(_FEWER, int((first >= 0).sum()) // 4)
+        others = [self._cleaned(other) for other in rivals(self.q, self.plan, first, self.signs, fewer=fewer)]
+        return np.unique([*orders, *(o for o in others if (o >= 0).sum() >= FEWEST)], axis=0)
 
+    def _first(self, orders: Ids) -> tuple[Ids, float]:
+        """Return the best of some orders and log10 of its chance."""
+        found = judged(self.q, self.plan, orders)
+        b = int(np.argmin(costs(found, self.q, self.plan, self.sigma_px)[0]))
+        return orders[b], log_chance(found, b, self.q, self.plan, self.sigma_px)
 
-def _grown(q: Array, plan: MarkPlan, starts: list[Ids], sigma_px: float, *, until: float) -> Ids:
-    orders = []
-    for start in starts:
-        order = grown(q, plan, start, sigma_px=sigma_px)
-        # a few in strong perspective do not grow
-        orders += [o for o in (without_strays(q, plan, start, sigma_px), order) if (o >= 0).sum() >= FEWEST]
-        if (order >= 0).sum() >= until:
-            break
-    return np.unique(orders, axis=0) if orders else np.zeros((0, len(q)), np.int32)
+    def _grown(self, starts: list[Ids], *, until: float) -> Ids:
+        """Return the orders that grow from starts, up to one of so many marks."""
+        orders = []
+        for start in starts:
+            order = grown(self.q, self.plan, start, sigma_px=self.sigma_px)
+            # a few in strong perspective do not grow
+            orders += [o for o in (self._cleaned(start), order) if (o >= 0).sum() >= FEWEST]
+            if (order >= 0).sum() >= until:
+                break
+        return np.unique(orders, axis=0) if orders else np.zeros((0, len(self.q)), np.int32)
 
-
-def _chosen(q: Array, plan: MarkPlan, orders: Ids, sigma_px: float, odds: float) -> Ordering:
-    found = judged(q, plan, orders)
-    cost, kinds = costs(found, q, plan, sigma_px)
-    ranked = np.argsort(cost, kind="stable")
-    first = int(ranked[0])
-    order, H = orders[first], found.maps[kinds[first]][first]
-    log = log_chance(found, first, q, plan, sigma_px)
-    known = order >= 0
-    residuals = np.full((len(q), 2), np.nan)
-    residuals[known] = q[known] - mapped(H, plan.p[order[known]])
-    few = known.all() and known.sum() == len(plan) <= _UNDECIDABLE and np.isfinite(cost[first])
-    if not (log < _LOG_CHANCE or few):
-        raise _no_order(q, plan, int(known.sum()), log, _rms(residuals[known]))
-    near = [int(b) for b in ranked[1:] if cost[b] < cost[first] + np.log(odds)]
-    return Ordering(order, H, kinds[first], residuals, float(10.0**log), _different(found, [first, *near]))
+    def _cleaned(self, order: Ids) -> Ids:
+        return without_strays(self.q, self.plan, order, self.sigma_px)
 
 
 def _different(found: Judged, ranked: list[int]) -> tuple[Ids, ...]:
