@@ -32,6 +32,16 @@ class _Property:
     type: str
     count: str = ""  # type of the length in front of a list
 
+    @property
+    def size(self) -> int:
+        """The number of bytes of one value."""
+        return _bytes(self.type)
+
+
+def _bytes(kind: str) -> int:
+    """Return the size of a number of some type, 0 for none."""
+    return int(kind[1:] or 0)
+
 
 @dataclass(frozen=True, slots=True)
 class _Element:
@@ -42,7 +52,7 @@ class _Element:
     @property
     def least(self) -> int:
         """The least number of bytes (binary) that one entry takes."""
-        return sum(int((p.count or p.type)[1]) for p in self.properties)
+        return sum(_bytes(p.count or p.type) for p in self.properties)
 
 
 def read_ply(path: Path, data: bytes) -> Model:
@@ -55,17 +65,9 @@ def read_ply(path: Path, data: bytes) -> Model:
     for element in elements:
         columns, lists = reader.read(element)
         if element.name == "vertex":
-            missing = [axis for axis in "xyz" if axis not in columns]
-            if missing:
-                raise UnreadableFile(path, f"its vertices have no property {missing[0]!r}", _AGAIN)
-            vertices = np.column_stack([columns[axis] for axis in "xyz"])
-            of_vertices = _colors(element, columns)
+            vertices, of_vertices = _places(path, columns), _colors(element, columns)
         elif element.name == "face":
-            key = next((k for k in ("vertex_indices", "vertex_index") if k in lists), None)
-            if key is None:
-                raise UnreadableFile(path, "its faces have no list 'vertex_indices'", _AGAIN)
-            counts, corners = lists[key]
-            of_faces = _colors(element, columns)
+            (counts, corners), of_faces = _corners(path, lists), _colors(element, columns)
         elif element.name == "tristrips":
             raise UnreadableFile(path, "holds triangle strips", "export single triangles")
     owner = np.repeat(np.arange(len(counts)), counts)
@@ -77,6 +79,22 @@ def read_ply(path: Path, data: bytes) -> Model:
     elif of_vertices is not None:
         colors = of_vertices[faces].mean(axis=1)
     return Model(assembled(path, vertices, faces, face_colors=colors))
+
+
+def _places(path: Path, columns: Columns) -> npt.NDArray[np.float64]:
+    """Return the vertices (V, 3)."""
+    for axis in "xyz":
+        if axis not in columns:
+            raise UnreadableFile(path, f"its vertices have no property {axis!r}", _AGAIN)
+    return np.column_stack([columns[axis] for axis in "xyz"])
+
+
+def _corners(path: Path, lists: Lists) -> tuple[Longs, Longs]:
+    """Return how many corners each polygon has, and their vertices."""
+    for name in ("vertex_indices", "vertex_index"):
+        if name in lists:
+            return lists[name]
+    raise UnreadableFile(path, "its faces have no list 'vertex_indices'", _AGAIN)
 
 
 def _colors(element: _Element, columns: Columns) -> npt.NDArray[np.float64] | None:
@@ -166,9 +184,7 @@ class _Binary:
         """Return the element if all its entries have lists as long as the first (all triangles), else None."""
         begin = self.at
         lengths = self._first_lengths(element)
-        least = sum(
-            int((p.type)[1]) * lengths.get(p.name, 1) + int(p.count[1] if p.count else 0) for p in element.properties
-        )
+        least = sum(p.size * lengths.get(p.name, 1) + _bytes(p.count) for p in element.properties)
         if begin + least * element.size > len(self.data):
             return None
         columns = self._table(element, lengths)
@@ -187,14 +203,14 @@ class _Binary:
             if p.count and element.size:
                 length, at = self._number(p.count, at)
                 lengths[p.name] = max(length, 0)
-                at += int(p.type[1]) * lengths[p.name]
+                at += p.size * lengths[p.name]
             else:
-                at += int(p.type[1])
+                at += p.size
                 lengths[p.name] = 0 if p.count else 1
         return lengths
 
     def _number(self, kind: str, at: int) -> tuple[int, int]:
-        size = int(kind[1])
+        size = _bytes(kind)
         if at + size > len(self.data):
             raise UnreadableFile(self.path, f"ends at byte {len(self.data)} amid its faces: truncated", _AGAIN)
         raw = self.data[at : at + size]
@@ -208,14 +224,14 @@ class _Binary:
         values: dict[str, list[bytes]] = {name: [] for name in counts}
         for _ in range(element.size):
             for p in element.properties:
-                size, n = int(p.type[1]), 1
+                n = 1
                 if p.count:
                     n, self.at = self._number(p.count, self.at)
                     counts[p.name].append(n)
-                    values[p.name].append(self.data[self.at : self.at + n * size])
+                    values[p.name].append(self.data[self.at : self.at + n * p.size])
                 else:
-                    scalars[p.name].append(self.data[self.at : self.at + size])
-                self.at += n * size
+                    scalars[p.name].append(self.data[self.at : self.at + p.size])
+                self.at += n * p.size
                 if n < 0 or self.at > len(self.data):
                     raise UnreadableFile(self.path, f"ends at byte {len(self.data)} amid its faces: truncated", _AGAIN)
         lists: Lists = {}
