@@ -143,7 +143,7 @@ def main() -> None:
                 case = case_of(name, k, a.seed, a.data, folder, a.starts, a.part)
                 try:
                     photo = Photo.of(picture_of(case, folder), case.told)
-                except MissingExtra as error:
+                except (MissingExtra, ModuleNotFoundError) as error:  # a CAD kernel, or another renderer
                     print(f"{name} left out: {error}")
                     break
                 answers = list(outcomes(case, photo))

@@ -63,6 +63,7 @@ _WITHOUT = (0.1, 0.5)  # quality at which a body is left out
 # Least share of what tells a motion that is shown. Right poses have 0.19 to 1, mostly 0.6; long bars slid along
 # themselves, all of whose lines show but for their ends, have 0 to 0.02.
 _DETERMINED = 0.08
+_DETERMINED_AT_ALL = 0.02  # the same where the other lines are hidden by something that the photo shows
 _MOST_FITTED, _UNPROVEN = 0.8, 0.45  # share of constraints fitted that still allows a proof; quality without one
 
 
@@ -76,8 +77,8 @@ class Support:
     what is visible; gain: increase of the net share for a model of other proportions, and which those are; color: share
     of constraints added by the colours beside the lines. gone: the body of which nothing is shown, -1: none; without:
     its share of the samples, where it was left out of all this; faint: the share of samples left out because the light
-    gives them no contrast; determined: the least share, over the motions that were fitted, of what all lines tell of a
-    motion that those shown tell.
+    gives them no contrast, covered: because something before the part hides them; determined: the least share, over the
+    motions that were fitted, of what all lines tell of a motion that those shown tell.
     """
 
     samples: int
@@ -93,6 +94,7 @@ class Support:
     gone: int = -1
     without: float = 0.0
     faint: float = 0.0
+    covered: float = 0.0
     determined: float = 1.0
 
     @property
@@ -117,6 +119,14 @@ class Support:
         unproven = self.fitted > _MOST_FITTED or self.determined < _DETERMINED
         return min(quality, _UNPROVEN) if unproven else quality
 
+    def uncovered(self, whole: Support, share: float) -> Support:
+        """Return the support by the lines that nothing hides; whole: by all lines, of which it hides that share.
+
+        Of lines that cannot be seen it is not asked that they tell the pose, but that those in front tell it at all.
+        """
+        told = whole.determined >= _DETERMINED_AT_ALL
+        return replace(self, covered=share, determined=self.determined if told else whole.determined)
+
     def __str__(self) -> str:
         if self.samples < LEAST or self.fitted > _MOST_FITTED:
             few = "so few edges of the part would be in the picture that any place would fit"
@@ -129,8 +139,9 @@ class Support:
             self.without > 0
         )
         faint = f", {self.faint:.0%} left out: the light gives them no contrast" * (self.faint > 0)
+        covered = f", {self.covered:.0%} left out: they are behind something before the part" * (self.covered > 0)
         slid = ", those that tell along which it may slide or turn are not" * (self.determined < _DETERMINED)
-        return edges + slid + faint + body + color + free + other
+        return edges + slid + covered + faint + body + color + free + other
 
 
 def judged_support(

@@ -23,12 +23,14 @@ from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.contrast import showing
+from cadcam.locate.quality.occluder import CONSTRAINTS, uncovered
 from cadcam.locate.quality.support import Support, judged_support, support_at
 from cadcam.locate.refine.agreement import SCATTERED_PX
 from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
 from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
 
 DOUBT = (0.25, 0.62)  # range of quality, of poses that half of the lines agree with, that deserves a second look
+_SOME = 0.3  # share of the lines shown beyond chance from which it is tested whether something is before the others
 _HALF = 0.5  # share of the lines shown from which it is tested whether light hides the others
 _TOGETHER_PX = 0.005  # error common to all edges of a photo: light from one side bends alike beside them
 _FREE = 0.4  # share of the lines that any pose could be fitted to, more than for a box: little else is evidence
@@ -133,8 +135,9 @@ def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Lo
 def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bool) -> tuple[Support, bool]:
     """Return the evidence of the photos for the part, fitted along B (6, k), and whether it is doubted.
 
-    For a pose that would not be found but shows half of its lines, those without contrast under the light are left out;
-    not if the model fits better when stretched, nor where starts are known to be good (not `wider`).
+    For a pose that would not be found lines behind something that stands before the part are left out, and if half of
+    them show, those without contrast under the light; the latter not if the model fits better when stretched. Neither
+    where starts are known to be good (not `wider`).
     """
     pose, fit = fitted.pose, fitted.fit
     told, color = in_color(part, fitted.sights, pose)
@@ -144,15 +147,27 @@ def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bo
     ask = partial(judged_support, chosen=chosen, scatter=scatter, color=color, bands=bands)
     evidence = ask(told, pose, B)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
+    if wider and evidence.quality < FOUND and evidence.shown - evidence.by_chance >= _SOME:
+        clear, borders = uncovered(told, pose, scatter)
+        if borders:
+            again = partial(ask, chosen=chosen + CONSTRAINTS * borders)
+            rest = again(clear, pose, B).uncovered(evidence, 1 - _samples(clear) / _samples(told))
+            if rest.quality > evidence.quality:
+                told, ask, evidence = clear, again, rest
     hides = in_noise(fitted.sights)  # in noise, missing lines pass for faint ones
     if not wider or hides or evidence.gain or evidence.quality >= FOUND or evidence.shown < _HALF:
         return evidence, doubted
     lit = showing(part, told, pose)
-    faint = 1 - sum(len(s.samples) for s in lit) / sum(len(s.samples) for s in told)
+    faint = 1 - _samples(lit) / _samples(told)
     if faint > 0:
-        left = ask(lit, pose, B)
-        evidence = replace(left, faint=faint, determined=max(left.determined, evidence.determined))
+        left, known = ask(lit, pose, B), evidence
+        determined = max(left.determined, known.determined)
+        evidence = replace(left, faint=faint, covered=known.covered, determined=determined)
     return evidence, doubted
+
+
+def _samples(sights: Sequence[Sight]) -> int:
+    return sum(len(s.samples) for s in sights)
 
 
 def _reason(part: Part, estimate: PoseEstimate, evidence: Support, fitted: PoseSolution) -> str:
