@@ -6,7 +6,7 @@ The covariance is that of noise and of errors common to an edge, plus that of th
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -144,26 +144,46 @@ def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bo
     bands = fitted.regression.bands and fitted.tells_lines and fitted.scatter <= LOOSE_PX
     hidden = fitted.hidden_px
     scatter = float(np.hypot(fitted.scatter, np.sqrt(np.mean(hidden**2)))) if hidden.any() else fitted.scatter
-    ask = partial(judged_support, chosen=chosen, scatter=scatter, color=color, bands=bands)
-    evidence = ask(told, pose, B)
+    ask = partial(judged_support, world_from_part=pose, B=B, scatter=scatter, color=color, bands=bands)
+    evidence = ask(told, chosen=chosen)
     doubted = evidence.quality < FOUND or evidence.without > 0 or evidence.fitted > _FREE or fit.between > LOOSE_PX
-    if wider and evidence.quality < FOUND and evidence.shown - evidence.by_chance >= _SOME:
-        clear, borders = uncovered(told, pose, scatter)
-        if borders:
-            again = partial(ask, chosen=chosen + CONSTRAINTS * borders)
-            rest = again(clear, pose, B).uncovered(evidence, 1 - _samples(clear) / _samples(told))
-            if rest.quality > evidence.quality:
-                told, ask, evidence = clear, again, rest
-    hides = in_noise(fitted.sights)  # in noise, missing lines pass for faint ones
-    if not wider or hides or evidence.gain or evidence.quality >= FOUND or evidence.shown < _HALF:
-        return evidence, doubted
-    lit = showing(part, told, pose)
-    faint = 1 - _samples(lit) / _samples(told)
-    if faint > 0:
-        left, known = ask(lit, pose, B), evidence
-        determined = max(left.determined, known.determined)
-        evidence = replace(left, faint=faint, covered=known.covered, determined=determined)
+    if wider and evidence.quality < FOUND:
+        told, evidence, chosen = _in_front(ask, told, pose, evidence, chosen, scatter)
+        if not in_noise(fitted.sights):  # in noise, missing lines pass for faint ones
+            evidence = _in_light(ask, part, told, pose, evidence, chosen)
     return evidence, doubted
+
+
+def _in_front(
+    ask: Callable[..., Support], sights: list[Sight], pose: Rigid, evidence: Support, chosen: int, scatter: float
+) -> tuple[list[Sight], Support, int]:
+    """Return sights and evidence without what something before the part hides, where that speaks for the pose.
+
+    And how many constraints were then met by choosing.
+    """
+    if evidence.shown - evidence.by_chance < _SOME:
+        return sights, evidence, chosen
+    clear, borders = uncovered(sights, pose, scatter)
+    if not borders:
+        return sights, evidence, chosen
+    more = chosen + CONSTRAINTS * borders
+    rest = ask(clear, chosen=more).uncovered(evidence, 1 - _samples(clear) / _samples(sights))
+    return (clear, rest, more) if rest.quality > evidence.quality else (sights, evidence, chosen)
+
+
+def _in_light(
+    ask: Callable[..., Support], part: Part, sights: Sequence[Sight], pose: Rigid, evidence: Support, chosen: int
+) -> Support:
+    """Return the evidence without the lines that have no contrast under the light."""
+    if evidence.gain or evidence.quality >= FOUND or evidence.shown < _HALF:
+        return evidence
+    lit = showing(part, sights, pose)
+    faint = 1 - _samples(lit) / _samples(sights)
+    if faint == 0:
+        return evidence
+    left = ask(lit, chosen=chosen)
+    determined = max(left.determined, evidence.determined)
+    return replace(left, faint=faint, covered=evidence.covered, determined=determined)
 
 
 def _samples(sights: Sequence[Sight]) -> int:
