@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.cad.read import read_model as read_model
     from cadcam.cad.read import read_model_with_report as read_model_with_report
     from cadcam.cad.write import write_model as write_model
+    from cadcam.calibrate.boards.pictures import board_views as board_views
     from cadcam.calibrate.boards.pictures import calibrate_boards as calibrate_boards
     from cadcam.calibrate.boards.pictures import find_board as find_board
     from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye as calibrate_hand_eye
@@ -123,6 +124,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.refine.options import EdgeOptions as EdgeOptions
     from cadcam.locate.refine.refinement import refine_pose as refine_pose
     from cadcam.locate.search.approach import Reach as Reach
+    from cadcam.locate.track.frames import Frame as Frame
     from cadcam.locate.track.frames import Frames as Frames
     from cadcam.locate.track.log import TrackLog as TrackLog
     from cadcam.locate.track.log import read_track_log as read_track_log
@@ -222,6 +224,7 @@ _HOME = {
     "FieldOfView": "cadcam.camera.lens",
     "Fisheye": "cadcam.camera.lens",
     "FoundMark": "cadcam.target.marks.find",
+    "Frame": "cadcam.locate.track.frames",
     "Frames": "cadcam.locate.track.frames",
     "Freedom": "cadcam.locate.freedom",
     "GantryCalibration": "cadcam.station.gantry",
@@ -286,6 +289,7 @@ _HOME = {
     "add_pictures": "cadcam.render.overlay",
     "alternating_externals": "cadcam.calibrate.variability.alternating",
     "blend_pictures": "cadcam.render.overlay",
+    "board_views": "cadcam.calibrate.boards.pictures",
     "calibrate_boards": "cadcam.calibrate.boards.pictures",
     "calibrate_camera": "cadcam.calibrate.points.camera",
     "calibrate_gantry": "cadcam.station.gantry",

@@ -19,8 +19,9 @@ from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.sensitivity import project_with_sensitivity, twist_by_local
 from cadcam.errors import BadValue
 from cadcam.geometry.ray import Ray
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
+from cadcam.kinds import expect
 
 _POSE, _EXTERNAL = slice(0, 6), 6
 
@@ -75,6 +76,7 @@ class KnownMotion:
     covariance: Array = field(default_factory=lambda: np.zeros((6, 6)))
 
     def __post_init__(self) -> None:
+        expect_motion(self.new_from_old, "new_from_old")
         object.__setattr__(self, "covariance", frozen(self.covariance, "covariance of the motion", (6, 6)))
 
     @classmethod
@@ -131,6 +133,8 @@ class Viewpoint:
     noise_dof: float = np.inf
 
     def __post_init__(self) -> None:
+        expect(self.camera, "camera", Camera)
+        expect_motion(self.camera_from_world, "camera_from_world")
         if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
             raise BadValue(
                 f"pixel noise of viewpoint {self.name!r}",
@@ -154,6 +158,7 @@ class Viewpoint:
 
         sigma_px defaults to the noise behind the calibration's covariance.
         """
+        expect(estimate, "estimate", CameraEstimate)
         pose, as_it_is = estimate.camera_from_world, np.eye(len(estimate.cofactor))
         return _of(name, estimate, pose, sigma_px, (_calibration(name, estimate, as_it_is),))
 
@@ -162,6 +167,8 @@ class Viewpoint:
         cls, name: str, estimate: CameraEstimate, motion: KnownMotion, *, sigma_px: float | None = None
     ) -> Viewpoint:
         """Return the viewpoint of a calibrated camera moved away from its calibration (section 2.3.2, EQ 2.170)."""
+        expect(estimate, "estimate", CameraEstimate)
+        expect(motion, "motion", KnownMotion)
         of_home, of_motion = motion.effects(estimate.camera_from_world.origin, len(estimate.cofactor))
         moving = (ErrorSource(f"motion to {name}", motion.covariance, motion), of_motion)
         pose = estimate.camera_from_world @ motion.new_from_old.inv
@@ -182,6 +189,8 @@ class Viewpoint:
 
         pose_covariance (6, 6): of xi in camera_from_world @ Rigid.exp(xi), mm and rad; default exact.
         """
+        expect(estimate, "estimate", CameraEstimate)
+        expect_motion(camera_from_world, "camera_from_world")
         internals = np.eye(len(estimate.cofactor))
         internals[_POSE] = 0.0
         covariance = np.zeros((6, 6)) if pose_covariance is None else np.asarray(pose_covariance, dtype=np.float64)
@@ -199,6 +208,8 @@ class Viewpoint:
 
         The internals' errors enter twice, in the rays and in the pose estimated with them; they partly cancel.
         """
+        expect(estimate, "estimate", CameraEstimate)
+        expect(pose, "pose", CameraEstimate)
         if pose.camera is not estimate.camera and not _same(pose.camera, estimate.camera):
             raise BadValue("the located camera", repr(pose.camera), f"the calibrated one, {estimate.camera!r}")
         _, J = project_with_sensitivity(pose.camera, pose.camera_from_world, pose.observations.p_world)

@@ -30,7 +30,8 @@ from cadcam.errors import BadValue, UnknownName
 from cadcam.files.jsontext import Place, as_json, head_as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import TextFile, read_text
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam camera", 1
@@ -105,6 +106,7 @@ def write_camera(
 
     Floats keep every bit: `read_camera` returns the same values. An estimate has its own pose.
     """
+    expect_path(path)
     if isinstance(camera, CameraEstimate) and camera_from_world is not None:
         raise BadValue("camera_from_world", "given beside an estimate", "none: the estimate has its own")
     write_whole(path, as_json(camera_as_json(camera, camera_from_world=camera_from_world)))
@@ -112,6 +114,8 @@ def write_camera(
 
 def camera_as_json(camera: Camera | CameraEstimate, *, camera_from_world: Rigid | None = None) -> dict[str, Any]:
     """Return the JSON document that `write_camera` writes."""
+    expect(camera, "camera", Camera, CameraEstimate)
+    expect_motion(camera_from_world, "camera_from_world", optional=True)
     head = head_as_json(FORMAT, VERSION) | {"convention": _CONVENTION}
     if isinstance(camera, Camera):
         return head | bare_camera_as_json(camera, camera_from_world)

@@ -25,6 +25,7 @@ from cadcam.files.matrix import pose_as_json, pose_at, pose_in, rigid_in
 from cadcam.files.text import read_text
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam pose", 1
@@ -86,6 +87,8 @@ def write_part_pose(
     viewpoints: the cameras by which it was located, which name the world; model: what is known of the CAD file whose
     axes are the part's, such as its path and sha256.
     """
+    expect_path(path)
+    expect(pose, "pose", PoseEstimate)
     write_whole(path, as_json(part_pose_as_json(pose, viewpoints=viewpoints, model=model)))
 
 

@@ -28,6 +28,7 @@ from cadcam.files.jsontext import Place, as_json, head_as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam rig", 1
@@ -51,6 +52,8 @@ _MOUNT_UNITS = ("mm",) * 3 + ("rad",) * 3
 
 def write_rig(path: str | os.PathLike[str], estimate: RigEstimate) -> None:
     """Write a rig with all that belongs to it, whole or not at all; floats keep every bit."""
+    expect_path(path)
+    expect(estimate, "estimate", RigEstimate)
     write_whole(path, as_json(rig_as_json(estimate)))
 
 

@@ -19,6 +19,7 @@ from cadcam.arrays import Array, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import to_gray
 from cadcam.image.template import Template
+from cadcam.kinds import expect
 from cadcam.native.correlate import registered, searched, shrunken
 
 _FULL_TURN = (-math.pi, math.pi)
@@ -118,6 +119,7 @@ def correlate(gray: npt.ArrayLike, template: Template, *, options: CorrelateOpti
     The template must lie in the picture, to one pixel. Where nothing reaches least_score, the search is repeated once
     with finer pixels. Raises `BadValue`, and `MissingCore` where cadcam was installed without its C core.
     """
+    expect(template, "template", Template)
     picture = _Pyramid(gray)
     factor = template.coarsest()
     peaks = _search(picture, template, factor, options)

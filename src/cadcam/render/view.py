@@ -16,8 +16,9 @@ from cadcam.cad.edges import FeatureEdges, feature_edges
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.picture import to_gray
+from cadcam.kinds import expect
 
 # Muted, and distinct for people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
 PALETTE = np.array(
@@ -105,6 +106,7 @@ class Scene:
     @classmethod
     def of(cls, mesh: Mesh, *, edges: FeatureEdges | None = None, colors: npt.ArrayLike | None = None) -> Scene:
         """Return the scene of a mesh; edges default to `feature_edges(mesh)`, colours to the file's or a palette."""
+        expect(mesh, "mesh", Mesh)
         edges = feature_edges(mesh) if edges is None else edges
         if colors is not None:
             return cls(mesh, edges, np.asarray(colors, np.float32))
@@ -221,6 +223,15 @@ class View:
             channel = "IMAGE" if name == "coverage" else name.upper()
             raise BadValue(f"channel {name}", "not rendered", f"Channel.{channel} among the channels asked for")
         return self.layers[name]
+
+
+def expect_view(camera: object, poses: Iterable[object], channels: object, look: object) -> None:
+    """Raise `BadValue` naming what a renderer cannot draw: no camera, no single pose, no channels, no look."""
+    expect(camera, "camera", Camera)
+    for pose in poses:
+        expect_motion(pose, "camera_from_world")
+    expect(channels, "channels", Channel)
+    expect(look, "look", Look)
 
 
 class Renderer(Protocol):

@@ -10,6 +10,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_each
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
@@ -66,6 +67,10 @@ def verify_part(
     are not used; where it rests on photos that disagree, no place is judged, because a wrong camera displaces bodies of
     a good part. How far cameras are off that disagree by less is part of U. Raises as `inspect`.
     """
+    expect(part, "part", Part)
+    photos = expect_each(photos, "photos", Photo)
+    expect(located, "located", Location)
+    expect(tolerances, "tolerances", Tolerances)
     tolerances.check(part.scene)
     if not located.found:
         return _nothing(not_found(located, photos), tolerances, located, None)

@@ -18,6 +18,7 @@ from cadcam.arrays import Array, Ids, frozen
 from cadcam.errors import BadValue
 from cadcam.image.edges import EdgePoints, canny
 from cadcam.image.picture import checked
+from cadcam.kinds import expect
 from cadcam.render.lines.wireframe import Wireframe
 
 _SHIFTED = (17.0, -17.0, 23.0, -23.0)  # px along the normal at which the chance level is measured
@@ -96,6 +97,7 @@ def edge_closeness(
 
     Samples outside the picture do not count.
     """
+    expect(wireframe, "wireframe", Wireframe)
     edges = photo if isinstance(photo, EdgePoints) else canny(checked(photo))
     q, normal, line = wireframe.visible.points_along(options.step)
     seen = wireframe.camera.sees(q)

@@ -15,7 +15,8 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, NothingInView
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect
 from cadcam.locate.evidence import Evidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.in_photos import locate_part
@@ -115,6 +116,8 @@ class Tracker:
         velocity: bool = True,
         texture: bool = True,
     ) -> None:
+        expect(part, "part", Part)
+        expect_motion(start, "start", optional=True)
         if freedom is not FREE and start is None:
             raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
         self._part, self._freedom = part, freedom
@@ -123,6 +126,7 @@ class Tracker:
 
     def next(self, frame: Frame) -> TrackedFrame:
         """Return the pose of the part in the next frame."""
+        expect(frame, "frame", Frame)
         followed = self._followed(frame.index, frame.photos)
         how, location = self._located(frame, followed)
         step = LoggedFrame(frame.index, location.pose if location.found else None, how, frame.photos)

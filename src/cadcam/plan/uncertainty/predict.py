@@ -18,6 +18,7 @@ from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
+from cadcam.kinds import expect_each
 from cadcam.plan.uncertainty.evidence import Evidence, symmetric, together
 
 HEIGHT = "height of the plane"
@@ -74,6 +75,7 @@ def predict_points(
     viewpoint. seen (V, N): which viewpoint sees which point; default: where it lies in the picture. Nothing is hidden
     here: ask `cadcam.plan.sight.visibility`. plane, plane_sigma_mm: as in `measure_points`. Raises `BadValue`.
     """
+    viewpoints = expect_each(viewpoints, "viewpoints", Viewpoint)
     points = frozen(p, "points", (None, 3))
     if not viewpoints:
         raise BadValue("viewpoints", "none", "at least one")

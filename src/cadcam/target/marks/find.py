@@ -18,6 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
+from cadcam.kinds import expect
 from cadcam.target.marks.candidates import METHODS, MarkCandidates, approached, mark_candidates, screened
 from cadcam.target.marks.cross import surface, taps, template
 from cadcam.target.marks.fit import MarkFit, fit_marks
@@ -131,6 +132,8 @@ def find_marks(
     mark's pose, so that perspective and lens do not bias it; normal (3,): of the marks' plane in the camera frame,
     known to normal_sd rad, which decides between the two tilts. Raises `BadValue`, `UnknownName`.
     """
+    expect(mark, "mark", Mark)
+    expect(camera, "camera", Camera, optional=True)
     if count is not None and count < 1:
         raise BadValue("count", count, "1 or more, or none where it is not known")
     gray = to_gray(picture)

@@ -16,6 +16,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, Mask, frozen
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect
 from cadcam.target.boards.board import Ink, length_mm, length_text
 
 Sector: TypeAlias = tuple[float, float, float, float]  # inner and outer radius, mm; from and to, rad
@@ -206,6 +207,7 @@ def parse_mark(text: str) -> Mark:
 
     Lengths are diameters with a unit. Raises `UnknownName` for another kind, `BadValue` with an example.
     """
+    expect(text, "mark", str)
     stripped = text.strip()
     if stripped.startswith("light-"):
         return inverted(parse_mark(stripped.removeprefix("light-")))

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Floats, Mask, frozen
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
+from cadcam.kinds import expect
 from cadcam.render.view import Scene
 
 _LARGEST_K = 30.0  # sigmas: beyond them numbers hold no probability
@@ -204,6 +205,7 @@ class Tolerances:
 
 def whole_parts(scene: Scene) -> Tolerances:
     """Return every part of the scene as a feature without limits, so that displaced or missing ones are reported."""
+    expect(scene, "scene", Scene)
     return Tolerances(tuple(Feature(name, Selection(_literal(name))) for name in scene.mesh.part_names))
 
 
