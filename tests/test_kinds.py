@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import fields, is_dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -208,3 +209,30 @@ def test_the_right_kinds_pass() -> None:
     assert expect_each(iter([1, 2]), "x", int) == (1, 2)
     with pytest.raises(BadValue, match=r"x\[1\] is None; expected an int"):
         expect_each([1, None], "x", int)
+
+
+def test_every_value_of_ours_is_told_in_two_lines_of_a_terminal(things: Things) -> None:
+    calibrated = cadcam.Viewpoint.placed("one", things.estimate, things.pose, sigma_px=0.1)
+    measured = cadcam.predict_points([calibrated, calibrated], np.zeros((40, 3)))
+    values = [*things, things.located.pose, things.located.matches, things.scene.edges, things.wires.visible]
+    values += [calibrated, measured, cadcam.KnownMotion(things.pose), cadcam.Frame.of(0, things.photo)]
+    values += [cadcam.find_board(PICTURE, things.pattern), things.estimate.extended_pinhole, cadcam.ViewRange.above()]
+    for value in values:
+        assert len(repr(value)) < 400
+        assert "array(" not in repr(value)
+
+
+def test_no_public_value_that_holds_arrays_is_told_by_all_their_numbers() -> None:
+    for name in cadcam.__all__:
+        kind = getattr(cadcam, name)
+        arrays = is_dataclass(kind) and any("Array" in str(f.type) or "Picture" in str(f.type) for f in fields(kind))
+        assert not (arrays and hasattr(kind.__repr__, "__wrapped__")), f"{name}: give it a repr, or make it Brief"
+
+
+def test_a_pose_is_told_with_its_sigmas_and_a_lens_by_the_terms_it_has(things: Things) -> None:
+    pose = cadcam.PoseEstimate(cadcam.Rigid(), np.diag([0.01, 0.04, 0.09, *np.radians([1, 2, 3]) ** 2]))
+    assert repr(pose).endswith("sigma [0.1 0.2 0.3] mm, [1. 2. 3.] deg)")
+    assert repr(cadcam.BrownConrady(k1=-0.25, p2=np.float32(0.5))) == "BrownConrady(k1=-0.25, p2=0.5)"
+    assert "aspect=1, focal=331.4" in repr(things.estimate.extended_pinhole)
+    assert "a=" in repr(things.estimate.extended_pinhole)
+    assert " rad, " in repr(things.estimate.extended_pinhole)

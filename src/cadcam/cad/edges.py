@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask, frozen
+from cadcam.arrays import Array, Brief, Ids, Mask, frozen
 from cadcam.cad.chains import chained
 from cadcam.cad.contact import resolve_contacts
 from cadcam.cad.edge_kind import EdgeKind
@@ -25,8 +25,8 @@ __all__ = ["EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges
 SMOOTH_SEAM_DEG = 1.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FeatureEdges:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FeatureEdges(Brief):
     """Segments along mesh edges, in chains.
 
     `vertices` (S, 2) indices into mesh.vertices; `faces` (S, 2) the incident faces, -1 for none; `kind` (S,) of type

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Mesh:
     """Triangles in mm, counter-clockwise seen from outside, each with the part and the surface it belongs to.
 
@@ -182,6 +182,11 @@ class Mesh:
         if not 0 <= part < len(self.part_names):
             raise BadValue("part number", part, f"0 to {len(self.part_names) - 1}")
         return part
+
+    def __repr__(self) -> str:
+        parts = f"{len(self.part_names)} part{'s' * (len(self.part_names) != 1)}"
+        size = " x ".join(f"{x:.6g}" for x in self.size_mm) if len(self.vertices) else "0"
+        return f"Mesh({parts}, {len(self.vertices)} vertices, {self.n_faces} faces, {size} mm)"
 
 
 def merge(meshes: Sequence[Mesh]) -> Mesh:

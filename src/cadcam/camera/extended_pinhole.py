@@ -146,9 +146,15 @@ class ExtendedPinhole:
             )
         return np.asarray(K / K[2, 3])
 
+    def __repr__(self) -> str:
+        told = (f"{name}={value:.6g} {UNITS.get(name, '')}" for name, value in zip(NAMES, astuple(self), strict=True))
+        return f"ExtendedPinhole({', '.join(one.rstrip() for one in told)})"
+
 
 NAMES: tuple[str, ...] = tuple(f.name for f in fields(ExtendedPinhole))
 EXTERNALS, INTERNALS = NAMES[:6], NAMES[6:]
+UNITS = {"X": "mm", "Y": "mm", "Z": "mm", "a": "rad", "b": "rad", "c": "rad", "focal": "px", "skew": "rad"}
+UNITS |= {"U0": "px", "V0": "px"}  # aspect has none
 
 
 def internals_of(K: Array) -> Array:

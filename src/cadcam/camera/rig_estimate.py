@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, frozen
+from cadcam.arrays import Array, Brief, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_by_name
 from cadcam.camera.fitted import stand_out
@@ -20,8 +20,8 @@ from cadcam.geometry.rigid import Rigid
 MOUNT = ("tx", "ty", "tz", "rx", "ry", "rz")  # xi of camera_from_rig @ Rigid.exp(xi)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RelativePose:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RelativePose(Brief):
     """The motion b_from_a between two cameras of a rig; covariance (6, 6) of xi in b_from_a @ Rigid.exp(xi), mm, rad.
 
     by_frame: the same from the scatter between frames; None if too few.

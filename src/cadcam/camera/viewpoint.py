@@ -13,7 +13,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.sensitivity import project_with_sensitivity, twist_by_local
@@ -26,8 +26,8 @@ from cadcam.kinds import expect
 _POSE, _EXTERNAL = slice(0, 6), 6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ErrorSource:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ErrorSource(Brief):
     """Uncertain parameters and their covariance (k, k); the same `owner` is the same source.
 
     dof: degrees of freedom behind the noise that scales the covariance; inf where it is known.
@@ -63,8 +63,8 @@ def index_of(sources: Sequence[ErrorSource], source: ErrorSource) -> int:
     return next(k for k, s in enumerate(sources) if s.owner is source.owner)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownMotion:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class KnownMotion(Brief):
     """The motion of a camera: new_from_old takes whatever is fixed to the camera from its old place to its new one.
 
     Both in world coordinates, mm: p_new = new_from_old @ p_old. A robot's flange at base_from_flange gives it as
@@ -113,8 +113,8 @@ class KnownMotion:
         return of_home, of_motion
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Viewpoint:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Viewpoint(Brief):
     """A camera at a place: camera_from_world in mm, the noise of its pixels, and what is uncertain about it.
 
     sigma_px: noise of one pixel coordinate of what is measured here. errors: for each source the matrix (n, k) from its

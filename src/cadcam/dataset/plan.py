@@ -13,7 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
@@ -62,8 +62,8 @@ class Occluders:
             raise BadValue("occluder_shapes", "empty", f"{BOX}, {CYLINDER} or CAD files")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DatasetPlan:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DatasetPlan(Brief):
     """The choices of a data set.
 
     camera: its internals; focal_jitter is a share of the focal length (sigma), centre_jitter_px moves the principal

@@ -20,10 +20,11 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
+from cadcam.camera.extended_pinhole import UNITS as PINHOLE_UNITS
 from cadcam.camera.lens import LENSES, Ideal, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
@@ -35,8 +36,7 @@ from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam camera", 1
-UNITS = {"X": "mm", "Y": "mm", "Z": "mm", "a": "rad", "b": "rad", "c": "rad", "focal": "px", "skew": "rad"}
-UNITS |= {"U0": "px", "V0": "px", "bend_x": "mm", "bend_y": "mm"}  # aspect and the lens' coefficients have none
+UNITS = PINHOLE_UNITS | {"bend_x": "mm", "bend_y": "mm"}  # aspect and the lens' coefficients have none
 
 _FOCAL = ("fx_px", "fy_px", "cx_px", "cy_px", "skew_px")
 _CONVENTION = (
@@ -57,8 +57,8 @@ _KEYS = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraFile:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CameraFile(Brief):
     """The contents of a camera file: the camera, its pose and its estimate, as far as they are known."""
 
     camera: Camera

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.measurement import Measurement
 from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import as_json, or_null
@@ -31,8 +31,8 @@ _NAMES = ("name", "id", "point", "label")
 _VIEWS = ("view", "camera", "viewpoint")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ListedPixels:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ListedPixels(Brief):
     """Points' and viewpoints' names in the order of the file, pixels q (V, N, 2), NaN where not seen."""
 
     names: tuple[str, ...]

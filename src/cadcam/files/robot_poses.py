@@ -23,7 +23,7 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import LARGEST, Array
+from cadcam.arrays import LARGEST, Array, Brief
 from cadcam.cad.units import MM, unit_name
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
@@ -119,8 +119,8 @@ CONVENTIONS: dict[str, Convention] = {
 }
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RobotNumbers:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RobotNumbers(Brief):
     """Poses as in a file: names ("" where none), numbers (n, k), column names in lower case if any."""
 
     path: str

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.camera import Camera
 from cadcam.camera.difference import difference_field, picture_grid
 from cadcam.errors import DegenerateGeometry, SizeMismatch
@@ -22,8 +22,8 @@ from cadcam.kinds import expect
 _COLUMNS = 41
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Difference:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Difference(Brief):
     """Where camera b images the directions that camera a sees, minus a's pixels.
 
     q: pixels of a (rows, columns, 2), from edge to edge. delta: q_b - q_a (rows, columns, 2) px, NaN where one of them

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, Picture, frozen
+from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import to_gray
 from cadcam.image.template import Template
@@ -71,8 +71,8 @@ class CorrelateOptions:
 ANY_ANGLE = CorrelateOptions()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Peaks:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Peaks(Brief):
     """Peaks of the normalised correlation, best first.
 
     q (N, 2) px: the template's centre; angle (N,) rad from the picture's x towards its y axis; scale (N,); score (N,)

@@ -65,3 +65,6 @@ class Part:
     def likenesses(self) -> list[Likeness]:
         """Near-symmetries: motions that lay the part, or its mirror image, nearly on itself."""
         return likenesses(self.scene.mesh, self.scene.edges, self.mirrored.scene.mesh)
+
+    def __repr__(self) -> str:
+        return f"Part({self.scene!r})"

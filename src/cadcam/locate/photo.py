@@ -21,7 +21,7 @@ from cadcam.kinds import expect
 _EDGE_PX = 0.1  # sigma of a viewpoint made here; not used for edges, whose noise is measured
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Photo:
     """A grey picture (H, W) float32 in [0, 1] taken from `viewpoint` (camera, pose in the world, error sources).
 
@@ -89,3 +89,6 @@ class Photo:
     def camera(self) -> Camera:
         """Return the camera that took it."""
         return self.viewpoint.camera
+
+    def __repr__(self) -> str:
+        return f"Photo({self.viewpoint.name!r}, {self.camera})"

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Brief, Mask
 from cadcam.errors import BadValue, UnknownName, UnseenFeatures
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.asked import Asked, asked_of
@@ -28,8 +28,8 @@ def nothing() -> None:
     """Do nothing: the default progress step."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CandidateSurvey:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CandidateSurvey(Brief):
     """All candidates of a scene with what each sees: computed once, queried many times.
 
     left_out: candidates of zones that would stand inside of something, with what that is.
@@ -80,8 +80,8 @@ class Role:
     only_it: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Layout:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Layout(Brief):
     """The chosen cameras of a scene, what they measure, and how they were found.
 
     chosen: indices of candidates, the fixed ones first. all_of_them: the score with every candidate at once, an upper

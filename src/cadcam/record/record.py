@@ -10,6 +10,7 @@ from uuid import uuid4
 import numpy as np
 
 from cadcam import __version__
+from cadcam.arrays import Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
 
@@ -61,8 +62,8 @@ class Source:
             raise BadValue(f"sha256 of {self.path}", repr(self.sha256), "64 hexadecimal digits")
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+@dataclass(frozen=True, slots=True, repr=False)
+class Record(Brief):
     """One measurement of one part.
 
     part: the kind of part; serial: the individual; station: where it was measured; time: when, with its zone. pose:

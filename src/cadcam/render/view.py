@@ -80,7 +80,7 @@ def layers_of(channels: Channel) -> dict[str, Layer]:
     return {name: layer for channel, layers in _LAYERS.items() if channel in channels for name, layer in layers.items()}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene:
     """A mesh in the world frame (mm), its feature edges and its paint.
 
@@ -119,6 +119,9 @@ class Scene:
         paint[own] = len(of_parts) + np.arange(own.sum())
         return cls(mesh, edges, np.concatenate([of_parts, mesh.face_colors[own]]), paint)
 
+    def __repr__(self) -> str:
+        return f"Scene({self.mesh!r}, {len(self.edges.vertices)} edges)"
+
 
 @dataclass(frozen=True, slots=True)
 class Look:
@@ -154,7 +157,7 @@ class Look:
 PLAIN = Look()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class View:
     """A rendered picture of a scene: arrays of shape (H, W, ...) that `camera` saw from `camera_from_world`.
 
@@ -223,6 +226,9 @@ class View:
             channel = "IMAGE" if name == "coverage" else name.upper()
             raise BadValue(f"channel {name}", "not rendered", f"Channel.{channel} among the channels asked for")
         return self.layers[name]
+
+    def __repr__(self) -> str:
+        return f"View({self.camera.width} x {self.camera.height} px: {', '.join(self.layers)})"
 
 
 def expect_view(camera: object, poses: Iterable[object], channels: object, look: object) -> None:

@@ -39,7 +39,7 @@ _OTHER_SIDE = "add a photo from another side"
 _ALONG = f"judge a direction, or {_OTHER_SIDE}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Verification:
     """The verdict on a part, what it follows from, and all that was measured; reason: one line of text."""
 
@@ -49,6 +49,9 @@ class Verification:
     inspection: Inspection | None
     tolerances: Tolerances
     located: Location
+
+    def __repr__(self) -> str:
+        return f"Verification({self.verdict.value}, {len(self.judgements)} judgements, {self.reason!r})"
 
 
 def verify_part(

@@ -44,7 +44,7 @@ class BoardsDisagree(CadcamError):
     """The pictures do not belong to one calibration: another board than the given one, or several picture sizes."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BoardPicture:
     """A picture and the board in it: `detection`, or None and why not in `problem`.
 
@@ -69,8 +69,12 @@ class BoardPicture:
             raise NoBoard(f"board in {self.name}", self.problem, self.seen)
         return Observations(found.p_board, found.q, found.names, source=self.name, sha256=self.sha256)
 
+    def __repr__(self) -> str:
+        said = self.problem if self.detection is None else f"{len(self.detection.q)} points of {self.detection.pattern}"
+        return f"BoardPicture({self.name!r}, {self.size[0]} x {self.size[1]} px, {said})"
 
-@dataclass(frozen=True, slots=True, eq=False)
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BoardCalibration:
     """A camera from pictures of a board, and the outcome for each picture.
 
@@ -105,6 +109,9 @@ class BoardCalibration:
         """Return the distance (k,) of the middle of each view's board."""
         middle = self.pattern.points.mean(axis=0)
         return np.asarray(np.linalg.norm(self.estimate.poses @ middle, axis=-1))
+
+    def __repr__(self) -> str:
+        return f"BoardCalibration({len(self.used)} of {len(self.pictures)} pictures of {self.pattern}, {self.estimate})"
 
 
 def find_board(

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask, frozen
+from cadcam.arrays import Array, Brief, Mask, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue
@@ -19,8 +19,8 @@ MOUNTINGS: tuple[Mounting, ...] = get_args(Mounting)
 SUSPICIOUS = 0.01  # chance that any pose of a clean set is marked
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HeldOut:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class HeldOut(Brief):
     """Each pose (n,) predicted from all the others and the robot's stated pose.
 
     px: rms distance between predicted and measured pixels (nan without pixels); mm: rms distance of the target's points

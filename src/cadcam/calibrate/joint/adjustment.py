@@ -11,7 +11,7 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs
+from cadcam.arrays import Array, Brief, Longs
 from cadcam.calibrate.joint import start as joint_start
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of
@@ -35,8 +35,8 @@ _VIEWS = 4  # with fewer, their scatter is not meaningful
 _USELESS = 1 / 3  # relative sigma of the focal length
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JointFit:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class JointFit(Brief):
     """A joint calibration in the raw form for further analysis: the model, its minimum, and the origin.
 
     origin (3,) mm: subtracted from all points. known: the cofactors there.

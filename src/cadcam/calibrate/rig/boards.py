@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from cadcam.arrays import Brief
 from cadcam.calibrate.boards.pictures import BoardCalibration, BoardPicture, calibrate_boards
 from cadcam.calibrate.rig.adjustment import RigCamera, by_camera, calibrate_rig
 from cadcam.camera.camera import Camera
@@ -15,8 +16,8 @@ from cadcam.camera.rig_estimate import RigEstimate
 from cadcam.errors import BadValue
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RigBoards:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RigBoards(Brief):
     """A rig from pictures of a board, and the outcome for each camera's pictures in its calibration by itself."""
 
     estimate: RigEstimate

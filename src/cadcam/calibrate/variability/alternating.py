@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask, frozen
+from cadcam.arrays import Array, Brief, Mask, frozen
 from cadcam.calibrate.points.camera import Method
 from cadcam.calibrate.variability.methods import Variability, blocks, independent, noise_of
 from cadcam.calibrate.variability.repeated import estimates, free_of, model_of, refuse_method, unwrapped
@@ -19,8 +19,8 @@ from cadcam.fit.sampling import Progress
 _TRIES = 100  # sets of poses drawn per set of visible ones
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Alternating:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Alternating(Brief):
     """Estimates of a camera with another pose in every draw.
 
     errors: estimated minus drawn, added to the values of the estimate that was varied: those of the internals are the

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, frozen
+from cadcam.arrays import Array, Brief, frozen
 from cadcam.calibrate.points.camera import Method
 from cadcam.calibrate.variability.repeated import (
     estimates,
@@ -38,8 +38,8 @@ _LONG = 10_000  # steps of a chain: hundreds of autocorrelation times, or R-hat 
 _SPREAD = 2.0  # sigmas of the chains' starts: wider than the distribution, so that R-hat detects poor mixing
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FirstOrder:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FirstOrder(Brief):
     """The covariance (n, n) of the free parameters `names` to first order in the noise, about `exact` (n,)."""
 
     names: tuple[str, ...]
@@ -62,8 +62,8 @@ class FirstOrder:
         return _correlation(self.covariance)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Variability:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Variability(Brief):
     """Draws (C, M, n) of the free parameters `names` in C chains (one, where they are independent), mm, rad, px.
 
     exact: the values (n,) about which they were made. sigma_px, sigma_mm: noise of one coordinate of pixels and of

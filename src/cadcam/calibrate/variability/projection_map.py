@@ -6,15 +6,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 
 NODES = 65  # along the longer side of the picture
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ProjectionMap:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ProjectionMap(Brief):
     """Standard deviations sigma (h, w) px of projections at the pixels (x[j], y[i]), due to the camera's error alone.
 
     sigma is that along the worst direction: the root of the covariance's larger eigenvalue. NaN where the camera images

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, frozen
+from cadcam.arrays import Array, Brief, Ids, frozen
 from cadcam.errors import BadValue
 from cadcam.image.edges import EdgePoints, canny
 from cadcam.image.picture import checked
@@ -47,8 +47,8 @@ class ClosenessOptions:
 PLAIN_CLOSENESS = ClosenessOptions()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Closeness:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Closeness(Brief):
     """M visible CAD edges (chains of the wireframe) and how close the photo's edges are.
 
     chain (M,); length (M,) px that is visible; q (M, 2) px, the middle of what is visible. Direct: share (M,) of the

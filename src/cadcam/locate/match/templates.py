@@ -15,7 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Picture, frozen
+from cadcam.arrays import Array, Brief, Ids, Picture, frozen
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid, expect_motion
@@ -102,8 +102,8 @@ class Features:
         return len(self.peaks)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TemplateMatches:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TemplateMatches(Brief):
     """The matches of a part's windows, and the pose that they give.
 
     Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: the one that most features

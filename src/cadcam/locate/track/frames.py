@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadcam.arrays import Picture
+from cadcam.arrays import Brief, Picture
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, SizeMismatch, UnreadableFile
 from cadcam.image import video
@@ -25,8 +25,8 @@ from cadcam.kinds import expect_each, said
 from cadcam.locate.photo import Photo
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Frame(Brief):
     """What the cameras saw at one moment: a photo each, the file or frame each came from, and its fingerprint."""
 
     index: int

@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid, expect_motion
@@ -42,8 +42,8 @@ _BETTER = 0.2  # quality by which a fit to edges alone must be better to show th
 _HELD = 0.3  # least quality by its edges of a part that is held by its texture
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TrackedFrame:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TrackedFrame(Brief):
     """The pose of the part in one frame.
 
     location: from this frame's photos and, where "followed", the texture learned in earlier frames. filtered: from all
@@ -64,8 +64,8 @@ class TrackedFrame:
         return self.location.found
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LoggedFrame:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LoggedFrame(Brief):
     """A frame of an earlier run: its index, the pose found (unfiltered; None where the part was lost), and how.
 
     photos: of the frame; without them the texture of the part is learned anew.

@@ -7,12 +7,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.errors import BadValue
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ViewRange:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ViewRange(Brief):
     """The viewpoints from which a part may be seen: directions, rolls in the picture, distances.
 
     axis (3,): from the part's centre to the camera, in the part frame; views within half_angle_deg of it are allowed.

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
 from cadcam.errors import BadValue
@@ -24,8 +24,8 @@ from cadcam.plan.uncertainty.evidence import Evidence, symmetric, together
 HEIGHT = "height of the plane"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Prediction(Brief):
     """Points (N, 3) mm and the covariance (N, 3, 3) mm^2 with which they would be measured, NaN where they cannot be.
 
     by_cause: the covariances that add up to it, by cause: pixels, each calibration, each motion, the plane's height.

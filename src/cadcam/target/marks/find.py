@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, Picture, frozen
+from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
@@ -40,8 +40,8 @@ _GRID = 0.02  # px: the dissertation's step
 _MOST, _SPARE, _FITTED = 5000, 6, 2  # most candidates; screened beyond twice the count; fitted beyond the count
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundMark:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FoundMark(Brief):
     """A mark in a picture.
 
     pixel (2,): its position, px; covariance (2, 2) px^2 from the grey values' residuals (NaN for the methods without

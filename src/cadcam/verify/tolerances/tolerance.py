@@ -14,7 +14,7 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
 from cadcam.kinds import expect
@@ -49,8 +49,8 @@ class Quantity(Enum):
         return float(np.degrees(1.0)) if self is Quantity.ANGLE else 1.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Selection:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Selection(Brief):
     """A selection of a part's edges: those of the bodies whose names fit `part`, narrowed by all other entries.
 
     part: a name or a pattern as for file names (`bar *`). chains: numbers of feature chains. box (2, 3) mm: lowest and
@@ -124,8 +124,8 @@ class Selection:
         return out if self.box is None else out & _inside(p, self.box)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Limit:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Limit(Brief):
     """The largest deviation of one quantity (mm; rad for an angle; unused for presence), and the decision rule.
 
     direction: unit vector in the part frame along which alone a position counts; None: all that the photos show.
@@ -160,8 +160,8 @@ class Feature:
     limits: tuple[Limit, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tolerances:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Tolerances(Brief):
     """Features with their limits, and the datum that the pose is fitted to (empty: everything that is not judged)."""
 
     features: tuple[Feature, ...] = ()
