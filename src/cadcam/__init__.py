@@ -20,6 +20,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.calibrate.boards.pictures import find_board as find_board
     from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye as calibrate_hand_eye
     from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye_from_poses as calibrate_hand_eye_from_poses
+    from cadcam.calibrate.handeye.document import read_hand_eye as read_hand_eye
+    from cadcam.calibrate.handeye.document import write_hand_eye as write_hand_eye
     from cadcam.calibrate.handeye.estimate import HandEyeEstimate as HandEyeEstimate
     from cadcam.calibrate.joint.adjustment import calibrate_jointly as calibrate_jointly
     from cadcam.calibrate.joint.adjustment import fit_jointly as fit_jointly
@@ -170,6 +172,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.view import Look as Look
     from cadcam.render.view import Scene as Scene
     from cadcam.report.verify.json import VerificationOrigin as VerificationOrigin
+    from cadcam.report.verify.json import record_of as record_of
     from cadcam.report.verify.page import write_verification_page as write_verification_page
     from cadcam.station.document import read_plate as read_plate
     from cadcam.station.document import read_station as read_station
@@ -337,6 +340,7 @@ _HOME = {
     "read_camera": "cadcam.files.camera",
     "read_camera_picture": "cadcam.image.camera_picture",
     "read_cameras": "cadcam.files.foreign.registry",
+    "read_hand_eye": "cadcam.calibrate.handeye.document",
     "read_layout_scene": "cadcam.plan.scene.file",
     "read_matrix": "cadcam.files.matrix",
     "read_model": "cadcam.cad.read",
@@ -357,6 +361,7 @@ _HOME = {
     "read_stations": "cadcam.station.document",
     "read_tolerances": "cadcam.verify.tolerances.file",
     "read_track_log": "cadcam.locate.track.log",
+    "record_of": "cadcam.report.verify.json",
     "refine_pose": "cadcam.locate.refine.refinement",
     "repaint": "cadcam.render.looks",
     "sensor_format": "cadcam.camera.sensor_format",
@@ -376,6 +381,7 @@ _HOME = {
     "write_camera": "cadcam.files.camera",
     "write_cameras": "cadcam.files.foreign.registry",
     "write_exr": "cadcam.image.exr",
+    "write_hand_eye": "cadcam.calibrate.handeye.document",
     "write_measurement": "cadcam.files.pixels",
     "write_model": "cadcam.cad.write",
     "write_overlay_svg": "cadcam.render.overlay",

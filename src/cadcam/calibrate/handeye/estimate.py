@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Mask, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.observations import Observations
+from cadcam.camera.sensitivity import twist_by_local
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.errors import BadValue
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect
 
 Mounting = Literal["eye-in-hand", "eye-to-hand"]
 MOUNTINGS: tuple[Mounting, ...] = get_args(Mounting)
@@ -154,9 +158,45 @@ class HandEyeEstimate:
         """
         if self.mounting == "eye-to-hand":
             return self.base_from_fixed, self.covariance_of_camera
-        noise = np.repeat([self.robot_noise.translation**2, self.robot_noise.rotation**2], 3)
         Ad = self.flange_from_held.inv.adjoint()
-        return base_from_flange @ self.flange_from_held, self.covariance_of_camera + Ad @ np.diag(noise) @ Ad.T
+        covariance = self.covariance_of_camera + Ad @ self._flange_covariance @ Ad.T
+        return base_from_flange @ self.flange_from_held, covariance
+
+    def viewpoint(
+        self,
+        name: str,
+        camera: Camera | CameraEstimate,
+        base_from_flange: Rigid | None = None,
+        *,
+        sigma_px: float | None = None,
+    ) -> Viewpoint:
+        """Return where the camera takes a picture, in the robot's base, for `Photo` and `measure_points`.
+
+        base_from_flange: as the robot reports it then; eye-in-hand only. camera: with the errors of its internals, if
+        it is an estimate. Viewpoints of one calibration share its error; the robot's noise is each one's own. sigma_px:
+        of a pixel coordinate, by default that of the camera's estimate or of this calibration.
+        """
+        expect(camera, "camera", Camera, CameraEstimate)
+        in_hand = self.mounting == "eye-in-hand"
+        expect_motion(base_from_flange, "base_from_flange", optional=not in_hand)
+        flange = Rigid() if base_from_flange is None else base_from_flange
+        place = self.base_from_camera_at(flange)[0]
+        if isinstance(camera, CameraEstimate):
+            view = Viewpoint.placed(name, camera, place.inv, sigma_px=sigma_px)
+        else:
+            view = Viewpoint.exact(name, camera, place.inv, sigma_px=sigma_px or self.noise_px or np.nan)
+        of_camera = np.zeros((11 + len(view.camera.lens.parameters), 6))
+        of_camera[:6] = -twist_by_local(view.camera_from_world.origin) @ place.adjoint()
+        errors = [(ErrorSource("hand-eye calibration", self.covariance_of_camera, self), of_camera)]
+        if in_hand:
+            noise = ErrorSource(f"robot at {name}", self._flange_covariance, object())
+            errors.append((noise, of_camera @ self.flange_from_held.inv.adjoint()))
+        return replace(view, errors=(*view.errors, *errors))
+
+    @property
+    def _flange_covariance(self) -> Array:
+        noise = self.robot_noise
+        return np.diag(np.repeat([noise.translation**2, noise.rotation**2], 3))
 
     def _block(self, *, camera: bool) -> Array:
         held = camera == (self.mounting == "eye-in-hand")
