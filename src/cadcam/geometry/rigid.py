@@ -155,8 +155,8 @@ class Rigid:
     @overload
     def __matmul__(self, other: Rigid) -> Rigid: ...
     @overload
-    def __matmul__(self, other: Array) -> Array: ...
-    def __matmul__(self, other: Rigid | Array) -> Rigid | Array:
+    def __matmul__(self, other: Floats) -> Array: ...
+    def __matmul__(self, other: Rigid | Floats) -> Rigid | Array:
         """Return c_from_a = c_from_b @ b_from_a, or the points p_b = b_from_a @ p_a of an array (..., 3).
 
         A single motion applies to any array of points; a batch of motions broadcasts against the points' leading
