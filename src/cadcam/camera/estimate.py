@@ -8,14 +8,14 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
+from cadcam.camera.extended_pinhole import MATRIX_ENTRIES, NAMES, ExtendedPinhole, matrix_entry
 from cadcam.camera.fitted import Fitted, scaled
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import project_with_sensitivity, rotation_by_angles, twist_by_local
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 
-_ANGLES = slice(3, 6)
+_ANGLES, _INTERNALS = slice(3, 6), slice(6, 11)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,8 +62,9 @@ class CameraEstimate(Fitted):
         return np.concatenate([self.extended_pinhole.vector, list(self.camera.lens.parameters.values())])
 
     def value(self, name: str) -> float:
-        """Return one parameter (mm, rad, px)."""
-        return float(self.values[self._index(name)])
+        """Return one parameter (mm, rad, px), or fx, fy, cx, cy of the camera matrix (px)."""
+        entry = matrix_entry(self.camera, name)
+        return float(self.values[self._index(name)]) if entry is None else entry[0]
 
     @property
     def residuals(self) -> Array:
@@ -102,7 +103,12 @@ class CameraEstimate(Fitted):
         return scaled(self._cofactor * np.outer(free, free), self.noise_px)
 
     def sigma(self, name: str) -> float:
-        """Return the standard deviation of one parameter (mm, rad, px); 0 for a fixed one."""
+        """Return the standard deviation of one parameter (mm, rad, px), or of fx, fy, cx, cy; 0 for a fixed one."""
+        entry = matrix_entry(self.camera, name)
+        if entry is not None:
+            by = np.zeros(len(self.parameters))
+            by[_INTERNALS] = entry[1]
+            return float(np.sqrt(scaled(np.atleast_2d(by @ self._cofactor @ by), self.noise_px)[0, 0]))
         i = self._index(name)
         return float(np.sqrt(self.covariance[i, i]))
 
@@ -136,7 +142,7 @@ class CameraEstimate(Fitted):
 
     def _index(self, name: str) -> int:
         if name not in self.parameters:
-            raise UnknownName("parameter", name, self.parameters)
+            raise UnknownName("parameter", name, (*self.parameters, *MATRIX_ENTRIES))
         return self.parameters.index(name)
 
     def __repr__(self) -> str:
