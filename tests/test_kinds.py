@@ -13,9 +13,14 @@ import cadcam
 from cadcam.cad.parts import machined_bracket
 from cadcam.errors import BadValue
 from cadcam.kinds import expect, expect_each, said
+from cadcam.verify.tolerances.verdict import Verdict
 
 SIZE = (160, 120)
 PICTURE = np.tile(np.linspace(0, 1, 160, dtype=np.float32), (120, 1))
+ORIGIN = cadcam.VerificationOrigin("part")
+VERIFIED = cadcam.Verification(
+    Verdict.NOT_FOUND, "", (), None, cadcam.Tolerances(), cadcam.Location.nowhere(cadcam.Rigid(), "")
+)
 
 
 class Things(NamedTuple):
@@ -178,6 +183,31 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
     "read none": (lambda t: cadcam.read_model(None), "path is None"),
     "read picture": (lambda t: cadcam.read_picture(PICTURE), "path is an array"),
     "read points": (lambda t: cadcam.read_points(3), "path is 3"),
+    # records, plans, chance
+    "record of location": (lambda t: cadcam.record_of(t.located, ORIGIN), "found is a Location; expected a Verif"),
+    "page of a name": (
+        lambda t: cadcam.write_verification_page("a.html", VERIFIED, [t.photo], "part"),
+        "origin is the text 'part'.*VerificationOrigin",
+    ),
+    "page of one photo": (
+        lambda t: cadcam.write_verification_page("a.html", VERIFIED, t.photo, ORIGIN),
+        r"photos is a Photo.*\[photos\]",
+    ),
+    "records, one": (lambda t: cadcam.write_records("a.json", cadcam.Record("part")), r"a Record.*\[records\]"),
+    "records, verified": (lambda t: cadcam.write_records("a.json", [VERIFIED]), r"records\[0\].*record_of"),
+    "store, none": (lambda t: cadcam.open_store(None), "store is None"),
+    "layout of a path": (lambda t: cadcam.plan_layout("a.yaml", 3), "scene is the text.*read_layout_scene"),
+    "data set, camera": (lambda t: cadcam.DatasetPlan(2, t.estimate), "camera is a CameraEstimate.*its .camera"),
+    "data set, number": (lambda t: cadcam.DatasetPlan("2", t.camera), "views is the text '2'"),
+    "radiance, light": (
+        lambda t: cadcam.Photographer(t.scene).radiance(t.camera, t.pose, light="hall"),
+        "light is the text 'hall'.*named_light",
+    ),
+    "optics, sensor": (lambda t: cadcam.solve_optics("1/2", focal_mm=8, distance_mm=900), "sensor_format"),
+    "sensor, seed": (lambda t: cadcam.named_sensor("phone").apply(PICTURE, rng=1), "rng is 1.*default_rng"),
+    "draws, seed": (lambda t: cadcam.monte_carlo_variability(t.estimate, rng=1), "rng is 1.*default_rng"),
+    "map of a camera": (lambda t: cadcam.projection_map(t.camera), "estimate is a Camera"),
+    "advice on an estimate": (lambda t: cadcam.nested_advice(t.estimate), "fit is a CameraEstimate"),
     "unit, number": (lambda t: cadcam.read_model("a.stl", unit=1000), "unit is 1000"),
 }
 

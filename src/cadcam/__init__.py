@@ -86,6 +86,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.points import read_points as read_points
     from cadcam.files.points import write_points as write_points
     from cadcam.files.pose_estimate import read_part_pose as read_part_pose
+    from cadcam.files.pose_estimate import read_pose_estimate as read_pose_estimate
     from cadcam.files.pose_estimate import write_part_pose as write_part_pose
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
@@ -352,6 +353,7 @@ _HOME = {
     "read_plate": "cadcam.station.document",
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
+    "read_pose_estimate": "cadcam.files.pose_estimate",
     "read_poses": "cadcam.files.poses",
     "read_records": "cadcam.record.export",
     "read_rig": "cadcam.files.rig",

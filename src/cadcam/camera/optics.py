@@ -15,6 +15,7 @@ from math import atan, degrees, inf, isfinite, sqrt
 from cadcam.camera.camera import Camera
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue
+from cadcam.kinds import expect
 
 WAVELENGTH_UM = 0.55  # green, the middle of a monochrome sensor's range
 AIRY_SIGMA = 0.42  # of wavelength times f-number: the Gaussian nearest to the Airy disc's core
@@ -186,6 +187,7 @@ def solve_optics(
 
     Raises `BadValue` for another number of them, and for values impossible for a lens.
     """
+    expect(sensor, "sensor", SensorFormat)
     given = {"focal_mm": focal_mm, "distance_mm": distance_mm, "width_mm": width_mm}
     known = [name for name, value in given.items() if value is not None]
     if len(known) != 2:

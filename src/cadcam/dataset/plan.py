@@ -19,6 +19,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.sensor import Sensor
+from cadcam.kinds import expect
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 Span: TypeAlias = tuple[float, float]
@@ -93,6 +94,8 @@ class DatasetPlan(Brief):
     key_point_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        expect(self.views, "views", int, np.integer)
+        expect(self.camera, "camera", Camera)
         if not 1 <= self.views <= 10_000_000:
             raise BadValue("views", self.views, "a whole number from 1 to 10 million")
         if not 0 <= self.seed < 2**63:

@@ -134,6 +134,16 @@ def read_part_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | N
     return pose if said is _OF_PART or camera_from_world is None else camera_from_world.inv @ pose
 
 
+def read_pose_estimate(path: str | os.PathLike[str]) -> PoseEstimate:
+    """Return the pose of a part with its covariance, as `write_part_pose` or `cadcam locate --pose-out` wrote it.
+
+    Raises `UnreadableFile` naming the key, also for a pose without its covariance: `read_part_pose` reads those.
+    """
+    place = parsed(read_text(path))
+    place.check_head(FORMAT, VERSION, remedy="read_part_pose reads poses without a covariance")
+    return pose_estimate_at(place)
+
+
 def read_view_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | None = None) -> Rigid:
     """Return camera_from_world (mm) of a camera whose world is the part: for an overlay, as `read_part_pose`.
 

@@ -11,6 +11,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Mask
 from cadcam.errors import BadValue, UnknownName, UnseenFeatures
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_each, said
 from cadcam.plan.assessment.asked import Asked, asked_of
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informations
 from cadcam.plan.choice.problem import MEASURED, Score, SelectionProblem, as_targets
@@ -157,6 +158,9 @@ def plan_layout(
     over all poses. The search treats each camera's errors as its own; the statement about the chosen set accounts for
     shared ones. Raises as `survey`.
     """
+    expect(scene, "scene", LayoutScene, CandidateSurvey)
+    expect(k, "number of cameras", int, np.integer, optional=True)
+    keep = _names(keep)
     seen = survey(scene, step=step) if isinstance(scene, LayoutScene) else scene
     fixed, problem = seen.kept(keep), seen.problem
     k = min(seen.scene.choose, problem.candidates - len(fixed)) if k is None else k
@@ -183,8 +187,16 @@ def plan_layout(
 
 def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candidate, Score]]:
     """Return the other candidates with the score that each would bring when added to the cameras `have`, best first."""
+    expect(seen, "seen", CandidateSurvey)
+    have = expect_each(have, "have", int, np.integer)
     order = ranked(seen.problem, have, range(len(seen.candidates)))
     return [(seen.candidates[i], score) for i, score in order]
+
+
+def _names(keep: Sequence[str]) -> tuple[str, ...]:
+    if isinstance(keep, str):
+        raise BadValue("keep", said(keep), f"a list of names: [{keep!r}]")
+    return tuple(keep)
 
 
 def _role(seen: CandidateSurvey, chosen: Sequence[int], i: int) -> Role:

@@ -15,6 +15,7 @@ from cadcam.camera.extended_pinhole import EXTERNALS, NAMES
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.sampling import Progress
+from cadcam.kinds import expect
 
 _TRIES = 100  # sets of poses drawn per set of visible ones
 
@@ -64,6 +65,8 @@ def alternating_externals(
     `monte_carlo_variability`. Raises `DegenerateGeometry` for a spread that leaves hardly a visible pose, `BadValue`
     unless exactly the eleven parameters are free.
     """
+    expect(estimate, "estimate", CameraEstimate)
+    expect(rng, "rng", np.random.Generator)
     _refuse(estimate, method, visible, spread_mm, spread_deg)
     noise = noise_of(estimate, sigma_px)
     model, state = model_of(estimate)

@@ -9,6 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.kinds import expect
 
 NODES = 65  # along the longer side of the picture
 
@@ -42,6 +43,7 @@ def projection_map(
     (nx, ny, nz, d) instead, those with n . p_world = d mm, n of any length. nodes: along the picture's longer side.
     Raises `BadValue` for a depth that is not positive or both, `DegenerateGeometry` for a plane out of sight.
     """
+    expect(estimate, "estimate", CameraEstimate)
     if depth_mm is not None and plane is not None:
         raise BadValue("surface", "a depth and a plane", "one of them")
     camera = estimate.camera

@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief
+from cadcam.arrays import Array, Brief, brief
 from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.edges.presence import Presence
 
@@ -75,7 +75,7 @@ class EdgeDeviation(Brief):
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class FeatureDeviation(Brief):
+class FeatureDeviation:
     """A feature as a rigid body: whether it is there, and its displacement relative to the datum.
 
     displacement: mm in the directions `seen` (3, m), orthonormal in the part frame; in others it is unknown. size: its
@@ -137,6 +137,10 @@ class FeatureDeviation(Brief):
             datum=self.datum,
             why=Unclear.DISPUTED,
         )
+
+    def __repr__(self) -> str:
+        off = f", {brief(self.vector)} mm, sigma {self.sigma:.2g} mm" if self.seen.size else ""
+        return f"FeatureDeviation({self.name!r}, {self.state.value}{off})"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
