@@ -92,6 +92,8 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.poses import write_poses as write_poses
     from cadcam.files.rig import read_rig as read_rig
     from cadcam.files.rig import write_rig as write_rig
+    from cadcam.files.robot_conventions import robot_numbers as robot_numbers
+    from cadcam.files.robot_conventions import robot_poses as robot_poses
     from cadcam.files.robot_poses import read_robot_poses as read_robot_poses
     from cadcam.files.sensor import named_sensor as named_sensor
     from cadcam.files.sensor import read_sensor as read_sensor
@@ -366,6 +368,8 @@ _HOME = {
     "record_of": "cadcam.report.verify.json",
     "refine_pose": "cadcam.locate.refine.refinement",
     "repaint": "cadcam.render.looks",
+    "robot_numbers": "cadcam.files.robot_conventions",
+    "robot_poses": "cadcam.files.robot_conventions",
     "sensor_format": "cadcam.camera.sensor_format",
     "side_by_side": "cadcam.render.overlay",
     "solve_optics": "cadcam.camera.optics",

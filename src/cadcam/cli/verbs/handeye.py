@@ -176,7 +176,7 @@ def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: 
 
 def _readings(robot: RobotNumbers, stated: Mapping[str, str | None]) -> tuple[dict[str, Rigid], dict[str, str]]:
     """Return the poses by convention, and the unit of each: as stated, else the convention's own, else "" (for mm)."""
-    from cadcam.files.robot_poses import CONVENTIONS
+    from cadcam.files.robot_conventions import CONVENTIONS
 
     readings, units = {}, {}
     for name, unit in stated.items():
