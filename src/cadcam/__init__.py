@@ -1,14 +1,17 @@
 """cadcam: the virtual camera. From a calibration to a picture of the CAD model, and from a photo back to CAD.
 
-Names are imported on first use, so that `import cadcam` costs next to nothing.
+Names are imported on first use, so that `import cadcam` costs next to nothing. docs/python.md lists them by what is to
+be done; errors that a caller may want to tell apart are in `cadcam.errors`, all of them `CadcamError`s.
 """
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project holds the two together
+if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold the two together
+    from cadcam import errors as errors
     from cadcam.cad.edges import EdgeKind as EdgeKind
     from cadcam.cad.edges import feature_edges as feature_edges
     from cadcam.cad.mesh import Mesh as Mesh
@@ -311,6 +314,7 @@ _HOME = {
     "correlate": "cadcam.image.correlate",
     "edge_closeness": "cadcam.locate.match.closeness",
     "edge_distances": "cadcam.render.overlay",
+    "errors": "cadcam",
     "feature_edges": "cadcam.cad.edges",
     "find_board": "cadcam.calibrate.boards.pictures",
     "find_marks": "cadcam.target.marks.find",
@@ -407,8 +411,9 @@ __all__ = ["__version__", *_HOME]
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        raise AttributeError(f"module 'cadcam' has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+        raise AttributeError(f"module 'cadcam' has no attribute {name!r}", name=name, obj=sys.modules[__name__])
+    home = _HOME[name]
+    return import_module(f"cadcam.{name}") if home == __name__ else getattr(import_module(home), name)
 
 
 def __dir__() -> list[str]:

@@ -207,8 +207,12 @@ def test_a_target_of_another_size_than_stated_is_noticed(rng, size):
     found = calibrate_hand_eye(c.base_from_flange, wrong, c.camera, mounting=c.mounting)
     assert found.scale == pytest.approx(1 / size, abs=4 * found.scale_sigma)
     assert abs(found.scale - 1) > 4 * found.scale_sigma
+    assert any("the target is" in doubt and "check its size" in doubt for doubt in found.doubts)
+    assert repr(found).endswith("1 doubt: see .doubts)")
     right = solved(c)
     assert abs(right.scale - 1) < 4 * right.scale_sigma
+    assert right.doubts == ()
+    assert "doubt" not in repr(right)
 
 
 def test_where_the_camera_is_comes_with_the_robots_noise(rng):

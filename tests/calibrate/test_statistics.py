@@ -216,3 +216,22 @@ def test_the_pixel_sensitivity_is_that_of_the_lens_and_pose(truth):
         ahead = camera.project(T @ Rigid.exp(twist) @ BENCH)
         back = camera.project(T @ Rigid.exp(-twist) @ BENCH)
         assert (ahead - back) / (2 * h) == pytest.approx(J[..., axis], abs=1e-7 * np.abs(J[..., axis]).max())
+
+
+def test_an_estimate_says_what_speaks_against_it(truth):
+    """Two points outside a smaller picture, then so few points that their residuals hardly tell the noise."""
+    assert truth.doubts == ()
+    seen = truth.observations
+    beyond = int((seen.q > [599.5, 449.5]).any(axis=1).sum())
+    small = calibrate_camera(seen, (600, 450))
+    assert small.doubts == (
+        f"warning: {beyond} of 16 pixels lie outside the picture of 600 x 450 px: is it the right one?",
+    )
+    assert repr(small).endswith("1 doubt: see .doubts)")
+    rng = np.random.default_rng(3)
+    few = Observations(1e-3 * BENCH[[0, 1, 2, 5, 8, 11, 14]], seen.q[[0, 1, 2, 5, 8, 11, 14]] + rng.normal(size=(7, 2)))
+    said = calibrate_camera(few, (768, 576)).doubts
+    assert [d.partition(",")[0] for d in said] == [
+        "warning: with 3 degrees of freedom the noise",
+        "warning: the points span 0.37 mm: is their unit right? X_m",
+    ]

@@ -1,4 +1,4 @@
-"""Python snippets of the README and of docs/python.md run as printed on the files that the demo leaves; commands are CI's."""
+"""The Python of the README and of docs/python.md runs as printed on the files of the demo; its commands are CI's."""
 
 from __future__ import annotations
 

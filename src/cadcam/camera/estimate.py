@@ -9,12 +9,14 @@ import numpy as np
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import MATRIX_ENTRIES, NAMES, ExtendedPinhole, matrix_entry
-from cadcam.camera.fitted import Fitted, scaled
+from cadcam.camera.fitted import Fitted, doubted, freedom_words, noise_may_be_times, scaled
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import project_with_sensitivity, rotation_by_angles, twist_by_local
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 
+WEAK = 2.0  # factor by which the noise may exceed its estimate: 5 degrees of freedom and fewer
+SMALL_MM = 1.0  # points with a smaller extent are hardly in mm
 _ANGLES, _INTERNALS = slice(3, 6), slice(6, 11)
 
 
@@ -70,6 +72,31 @@ class CameraEstimate(Fitted):
     def residuals(self) -> Array:
         """Return measured minus projected pixels (column, row), (N, 2)."""
         return self.observations.q - self.camera.project(self.camera_from_world @ self.observations.p_world)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Return what speaks against the estimate, one sentence each.
+
+        Too few equations to know the noise, points too small for millimetres, points outside the picture.
+        """
+        said, seen = [], self.observations
+        times = noise_may_be_times(self.dof)
+        if seen.sigma_px is None and self.dof > 0 and times > WEAK:
+            said.append(
+                f"warning: with {freedom_words(self.dof)} the noise, and every sigma with it, may be {times:.2g} times "
+                "what the residuals say (95 %); add points, or state the noise (sigma_px)"
+            )
+        extent = float(np.ptp(seen.p_world, axis=0).max())
+        if extent < SMALL_MM:
+            said.append(
+                f"warning: the points span {extent:.3g} mm: is their unit right? X_m, Y_m, Z_m in the header if not"
+            )
+        outside = int((~self.camera.sees(seen.q)).sum())
+        if outside:
+            width, height = self.camera.size
+            count = f"{outside} of {len(seen)} pixels lie"
+            said.append(f"warning: {count} outside the picture of {width} x {height} px: is it the right one?")
+        return tuple(said)
 
     @property
     def unknowns(self) -> int:
@@ -148,5 +175,5 @@ class CameraEstimate(Fitted):
     def __repr__(self) -> str:
         return (
             f"CameraEstimate({len(self.observations)} points, {len(self.free)} free, "
-            f"residual {self.thesis_residual:.4g} px, {self.camera})"
+            f"residual {self.thesis_residual:.4g} px, {self.camera}{doubted(self.doubts)})"
         )

@@ -14,8 +14,6 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.report.table import Table, matrix_rows, with_sigma
 
-_SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more than both is reported
-_FEW = 6  # poses
 _FEW_FREEDOM = 2.1  # coverage factor: 20 degrees of freedom
 
 
@@ -51,7 +49,7 @@ def quality_notes(estimate: HandEyeEstimate) -> tuple[str, ...]:
         f"held out, each pose predicted by the others: {px}{_rms(held.mm):.3g} mm, "
         f"{np.degrees(_rms(held.rotation)):.2g} deg (rms)",
         *(few if factor > _FEW_FREEDOM else ()),
-        *_doubts(estimate),
+        *estimate.doubts,
     )
 
 
@@ -126,31 +124,6 @@ def _shown(value: float, sigma: float) -> tuple[str, str]:
 def _noise(sigma: float, own: float) -> str:
     """Return a noise with its sigma, or its bound where it is not significant."""
     return f"{sigma:.2g} +- {own:.1g}" if sigma > own else f"not seen (below {2 * max(own, sigma):.1g})"
-
-
-def _doubts(estimate: HandEyeEstimate) -> list[str]:
-    doubts = []
-    off, sigma = estimate.scale - 1, estimate.scale_sigma
-    if abs(off) > max(_SCALE_SIGMAS * sigma, _SCALE_SHARE):
-        doubts.append(
-            f"warning: by the robot's lengths the target is {estimate.scale:.3f} +- {sigma:.3f} times as large as "
-            "stated: check its size (the length of a square), the robot's unit and tool, the camera's focal length; "
-            "else the camera's place is wrong by as much"
-        )
-    names = [repr(n) for n, s in zip(estimate.names, estimate.suspicious, strict=True) if s]
-    if names:
-        doubts.append(f"warning: pose {', '.join(names)} contradicts the others; look at it, or leave it out")
-    if estimate.second_pose.any():
-        seconds = [repr(n) for n, s in zip(estimate.names, estimate.second_pose, strict=True) if s]
-        doubts.append(
-            f"in {', '.join(seconds)} the flat target's second pose was taken: the picture allows both, the robot one"
-        )
-    n = len(estimate.names)
-    if n < _FEW:
-        doubts.append(
-            f"warning: the robot's noise comes from {n} poses, and every sigma with it; 10 or more are better"
-        )
-    return doubts
 
 
 def _camera_pose(estimate: HandEyeEstimate) -> Rigid:

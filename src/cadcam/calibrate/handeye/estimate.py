@@ -10,6 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Mask, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.fitted import doubted
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import twist_by_local
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
@@ -20,6 +21,8 @@ from cadcam.kinds import expect
 Mounting = Literal["eye-in-hand", "eye-to-hand"]
 MOUNTINGS: tuple[Mounting, ...] = get_args(Mounting)
 
+_SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more than both is reported
+_FEW = 6  # poses
 SUSPICIOUS = 0.01  # chance that any pose of a clean set is marked
 
 
@@ -150,6 +153,29 @@ class HandEyeEstimate:
         """Return which poses (n,) are farther off than chance allows among so many."""
         return np.asarray(self.held_out.chance * len(self.names) < SUSPICIOUS)
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Return what speaks against the calibration, one sentence each: the target's size, single poses, few poses."""
+        off, sigma, said = self.scale - 1, self.scale_sigma, []
+        if abs(off) > max(_SCALE_SIGMAS * sigma, _SCALE_SHARE):
+            said.append(
+                f"warning: by the robot's lengths the target is {self.scale:.3f} +- {sigma:.3f} times as large as "
+                "stated: check its size (the length of a square), the robot's unit and tool, the camera's focal "
+                "length; else the camera's place is wrong by as much"
+            )
+        names = [repr(n) for n, s in zip(self.names, self.suspicious, strict=True) if s]
+        if names:
+            said.append(f"warning: pose {', '.join(names)} contradicts the others; look at it, or leave it out")
+        if self.second_pose.any():
+            seconds = ", ".join(repr(n) for n, s in zip(self.names, self.second_pose, strict=True) if s)
+            said.append(f"in {seconds} the flat target's second pose was taken: the picture allows both, the robot one")
+        n = len(self.names)
+        if n < _FEW:
+            said.append(
+                f"warning: the robot's noise comes from {n} poses, and every sigma with it; 10 or more are better"
+            )
+        return tuple(said)
+
     def base_from_camera_at(self, base_from_flange: Rigid) -> tuple[Rigid, Array]:
         """Return the pose of the camera when the robot reports base_from_flange, and its covariance (6, 6).
 
@@ -209,4 +235,8 @@ class HandEyeEstimate:
     def __repr__(self) -> str:
         what = "flange_from_camera" if self.mounting == "eye-in-hand" else "base_from_camera"
         pose = self.flange_from_held if self.mounting == "eye-in-hand" else self.base_from_fixed
-        return f"HandEyeEstimate({self.mounting}, {len(self.names)} poses, {what} {pose})"
+        noise, rotation = self.robot_noise.translation, np.degrees(self.robot_noise.rotation)
+        robot = f"robot's noise {noise:.2g} mm, {rotation:.2g} deg"
+        return (
+            f"HandEyeEstimate({self.mounting}, {len(self.names)} poses, {what} {pose}, {robot}{doubted(self.doubts)})"
+        )
