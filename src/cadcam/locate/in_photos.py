@@ -87,6 +87,8 @@ def locate_part(
     photos allow nearly as well (symmetry, a flip of a flat part) are in `alternatives`. Raises `BadValue` on photos
     without contrast and `NothingInView` where the start puts the part outside of all photos.
     """
+    expect(reach, "reach", Reach)
+    expect(options, "options", EdgeOptions)
     expect(part, "part", Part)
     photos = expect_each(photos, "photos", Photo)
     expect_motion(start, "start", optional=True)

@@ -24,6 +24,7 @@ from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_each
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-16)
 _LEAST_NOISE = 1e-6  # px, of a camera by itself: pixels that fit exactly do not get infinite weight
@@ -76,6 +77,8 @@ def calibrate_rig(
     Raises `BadValue`, `InconsistentViews` naming frames that were not taken together, `DegenerateGeometry` naming a
     camera without a link or what the frames do not determine, and what `calibrate_jointly` raises for one camera.
     """
+    expect(cameras, "cameras", Mapping)
+    expect_each(cameras.values(), "cameras", RigCamera)
     labels = _labels(cameras, frames)
     seen = [j for j in range(len(labels)) if any(c.views[j] is not None for c in cameras.values())]
     fits = [_alone(name, camera, loss) for name, camera in cameras.items()]

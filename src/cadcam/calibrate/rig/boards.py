@@ -14,6 +14,7 @@ from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import RigEstimate
 from cadcam.errors import BadValue
+from cadcam.kinds import expect
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -40,6 +41,7 @@ def calibrate_rig_boards(
     pictures are those of each camera by itself; a frame may lose the pictures of some cameras. Raises what
     `calibrate_boards` and `calibrate_rig` raise.
     """
+    expect(pictures, "pictures", Mapping)
     counts = {name: len(taken) for name, taken in pictures.items()}
     if len(set(counts.values())) > 1:
         raise BadValue(

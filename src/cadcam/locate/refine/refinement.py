@@ -71,6 +71,7 @@ def refine_pose(
     (`locate.refine.agreement`); and where colour supports a doubtful answer, which must then be approximately right,
     the result of a search near it.
     """
+    expect(options, "options", EdgeOptions)
     expect(part, "part", Part)
     photos = expect_each(photos, "photos", Photo)
     expect_motion(start, "start")

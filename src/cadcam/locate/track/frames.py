@@ -99,6 +99,9 @@ class Frames:
             return [self._full_scale] * len(self.sources)
         return [None if found is None else found.white for found in self.full_scales]
 
+    def __repr__(self) -> str:
+        return f"Frames({self.count} of {', '.join(self.sources)})"
+
 
 def _sources(sources: Sequence[str | os.PathLike[str]]) -> tuple[str | os.PathLike[str], ...]:
     """Return the sources; `BadValue` for one name in place of several, or pictures in place of names."""

@@ -43,7 +43,7 @@ _HELD = 0.3  # least quality by its edges of a part that is held by its texture
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class TrackedFrame(Brief):
+class TrackedFrame:
     """The pose of the part in one frame.
 
     location: from this frame's photos and, where "followed", the texture learned in earlier frames. filtered: from all
@@ -62,6 +62,9 @@ class TrackedFrame(Brief):
     def found(self) -> bool:
         """Return whether the part was found."""
         return self.location.found
+
+    def __repr__(self) -> str:
+        return f"TrackedFrame({self.frame.index}, {self.how}, {self.location})"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
