@@ -12,7 +12,7 @@ import pytest
 import cadcam
 from cadcam.cad.parts import machined_bracket
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_each, said
+from cadcam.kinds import expect, expect_each, expect_names, expect_number, said
 from cadcam.verify.tolerances.verdict import Verdict
 
 SIZE = (160, 120)
@@ -215,6 +215,37 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
         lambda t: cadcam.refine_pose(t.part, [t.photo], t.pose, options={"search_px": 9}),
         "options is a dict of 1.*cadcam.EdgeOptions",
     ),
+    # numbers and names
+    "focal length, list": (lambda t: cadcam.Camera.from_focal(SIZE, [300.0]), "fx is a list of 1; expected a number"),
+    "opacity, text": (lambda t: cadcam.blend_pictures(PICTURE, t.view, opacity="half"), "opacity is the text 'half'"),
+    "sigma_px, none": (
+        lambda t: cadcam.Viewpoint.exact("a", t.camera, t.pose, sigma_px=None),
+        "sigma_px of viewpoint 'a' is None; expected a number",
+    ),
+    "motion, list": (
+        lambda t: cadcam.KnownMotion(t.pose).known_to([0.1], 0.0, about=[0, 0, 0]),
+        "sigma_mm of the motion is a list of 1",
+    ),
+    "views, text": (lambda t: cadcam.ViewRange(half_angle_deg="90"), "half_angle_deg of the views is the text '90'"),
+    "distance, one": (lambda t: cadcam.ViewRange(distance_mm=900.0), "distance_mm of the views is 900.0"),
+    "deviation, none": (lambda t: cadcam.Deviation("rib", 0.1, None), "expanded_uncertainty of 'rib' is None"),
+    "aperture, text": (lambda t: cadcam.Aperture("2", 100.0), "diameter of the aperture is the text '2'"),
+    "optics, no sensor": (lambda t: cadcam.Optics("1/2", 8.0, 900.0), "sensor is the text '1/2'.*sensor_format"),
+    "look, text": (lambda t: cadcam.Look(head="bright"), "head is the text 'bright'"),
+    "scale, none": (lambda t: t.mesh.scaled(None), "scale factor is None"),
+    "move, matrix": (lambda t: t.mesh.transformed(np.eye(4)), "b_from_a is an array of shape.*from_matrix"),
+    "crease, text": (lambda t: cadcam.feature_edges(t.mesh, crease_angle_deg="30"), "crease_angle_deg is the text"),
+    "fixed, list": (
+        lambda t: cadcam.calibrate_camera(t.points, SIZE, fixed=["skew"]),
+        "fixed is a list of 1.*by name",
+    ),
+    "names, number": (lambda t: cadcam.measure_points([], np.zeros((0, 1, 2)), names=3), "names is 3"),
+    "covariance, one": (
+        lambda t: cadcam.Viewpoint.placed("a", t.estimate, t.pose, pose_covariance=0.1),
+        r"pose covariance is of shape \(\); expected shape \(6, 6\)",
+    ),
+    "distortion, text": (lambda t: cadcam.Camera.from_opencv(SIZE, t.camera.K, "none"), "distortion coefficients is"),
+    "verify, no photo": (lambda t: cadcam.verify_part(t.part, [], t.located, None), "photos is none"),
     "unit, number": (lambda t: cadcam.read_model("a.stl", unit=1000), "unit is 1000"),
 }
 
@@ -238,6 +269,26 @@ def test_a_value_is_told_by_its_kind_never_by_its_content() -> None:
         "the class Camera",
         "a Rigid",
     ]
+
+
+def test_numbers_are_pythons_and_numpys_and_nothing_else() -> None:
+    for number in (1, 1.5, np.float32(2), np.int64(3), np.array(4.0), float("nan"), True):
+        expect_number(number, "x")
+    for other in ("1", None, [1], np.zeros(1), object()):
+        with pytest.raises(BadValue, match=r"^x is .*; expected a number$"):
+            expect_number(other, "x")
+
+
+def test_names_are_several_texts() -> None:
+    assert expect_names(["k1", "k2"], "free_lens") == ("k1", "k2")
+    with pytest.raises(BadValue, match=r"free_lens is the text 'k1'; expected a list of names: \['k1'\]"):
+        expect_names("k1", "free_lens")
+    with pytest.raises(BadValue, match=r"free_lens\[1\] is 2; expected a str"):
+        expect_names(["k1", 2], "free_lens")
+
+
+def test_opencv_s_none_is_no_distortion(things: Things) -> None:
+    assert cadcam.Camera.from_opencv(SIZE, things.camera.K, None).lens == cadcam.Ideal()
 
 
 def test_the_right_kinds_pass() -> None:

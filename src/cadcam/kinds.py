@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Mapping
-from typing import Any, TypeVar
+from typing import Any, SupportsFloat, TypeVar
 
 from cadcam.errors import BadValue
 
@@ -90,6 +90,19 @@ def expect(value: object, what: str, *kinds: type, optional: bool = False) -> No
     if isinstance(value, kinds) or (optional and value is None):
         return
     raise BadValue(what, said(value), _expected(value, kinds))
+
+
+def expect_number(value: object, what: str) -> None:
+    """Raise `BadValue` naming `what` unless value is one real number: Python's or numpy's; NaN and inf pass."""
+    if isinstance(value, str) or not isinstance(value, SupportsFloat) or getattr(value, "shape", ()) != ():
+        raise BadValue(what, said(value), "a number")
+
+
+def expect_names(values: Iterable[str], what: str) -> tuple[str, ...]:
+    """Return names as a tuple; raise `BadValue` for one text in place of several, whose letters are no names."""
+    if isinstance(values, str):
+        raise BadValue(what, said(values), f"a list of names: [{values!r}]")
+    return expect_each(values, what, str)
 
 
 def expect_each(values: Iterable[_Value], what: str, *kinds: type, optional: bool = False) -> tuple[_Value, ...]:

@@ -17,7 +17,7 @@ from cadcam.cad.facets import facet_edges, seam_angle
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable, corner_points, edge_table
 from cadcam.errors import BadValue
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_number
 
 __all__ = ["EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges"]
 
@@ -97,6 +97,7 @@ def feature_edges(
     edge and are not found. Raises `BadValue` on angles outside (0, 180).
     """
     expect(mesh, "mesh", Mesh)
+    expect_number(crease_angle_deg, "crease_angle_deg")
     if not 0 < crease_angle_deg < 180:
         raise BadValue("crease_angle_deg", crease_angle_deg, "degrees between 0 and 180")
     table = edge_table(mesh)

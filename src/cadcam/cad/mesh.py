@@ -11,6 +11,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
+from cadcam.kinds import expect_number
 
 if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
@@ -75,10 +76,11 @@ class Mesh:
         color: npt.ArrayLike | None = None,
     ) -> Mesh:
         """Return a mesh of one part; `surface` is -1 throughout and `color` NaN unless given."""
-        n = len(np.asarray(faces))
+        corners = frozen(faces, "faces", (None, 3), np.int32)
+        n = len(corners)
         return cls(
-            vertices=np.asarray(vertices, float),
-            faces=np.asarray(faces),
+            vertices=frozen(vertices, "vertices", (None, 3)),
+            faces=corners,
             part=np.zeros(n, np.int32),
             surface=np.full(n, -1, np.int32) if surface is None else np.asarray(surface),
             part_names=(name,),
@@ -136,6 +138,9 @@ class Mesh:
 
     def transformed(self, b_from_a: Rigid) -> Mesh:
         """Return the mesh, given in frame a, in frame b."""
+        from cadcam.geometry.rigid import expect_motion
+
+        expect_motion(b_from_a, "b_from_a")
         normals = self.corner_normals
         if normals is not None:
             normals = np.asarray(normals @ np.asarray(b_from_a.rotation).T, np.float32)
@@ -143,6 +148,7 @@ class Mesh:
 
     def scaled(self, factor: float) -> Mesh:
         """Return the mesh scaled by `factor` about the origin; the factor is positive and finite."""
+        expect_number(factor, "scale factor")
         if not (np.isfinite(factor) and factor > 0):
             raise BadValue("scale factor", factor, "a positive number")
         return replace(self, vertices=self.vertices * factor)

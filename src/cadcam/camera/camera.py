@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, Mask, frozen
 from cadcam.camera.lens import Ideal, Lens, lens_from_opencv
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, said
+from cadcam.kinds import expect, expect_number, said
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -49,6 +49,9 @@ class Camera:
     ) -> Camera:
         """Return the camera with these intrinsics in px; fy defaults to fx, the principal point to the centre."""
         width, height = checked_size(size)
+        for what, value in (("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy), ("skew", skew)):
+            if value is not None:
+                expect_number(value, what)
         K = np.array(
             [
                 [fx, skew, (width - 1) / 2 if cx is None else cx],
@@ -59,8 +62,9 @@ class Camera:
         return cls((width, height), K, Ideal() if lens is None else lens)
 
     @classmethod
-    def from_opencv(cls, size: tuple[int, int], matrix: Floats, coefficients: Floats = ()) -> Camera:
-        """Return the camera of OpenCV's camera matrix and distortion vector (0, 4, 5, 8, 12 or 14 numbers)."""
+    def from_opencv(cls, size: tuple[int, int], matrix: Floats, coefficients: Floats | None = ()) -> Camera:
+        """Return the camera of OpenCV's camera matrix and distortion vector (0, 4, 5, 8, 12 or 14 numbers, or None)."""
+        coefficients = () if coefficients is None else coefficients
         return cls(size, frozen(matrix, "camera matrix", (3, 3)), lens_from_opencv(coefficients))
 
     @property
@@ -142,6 +146,8 @@ class Camera:
 
     def crop(self, x: int, y: int, size: tuple[int, int]) -> Camera:
         """Return the camera of the picture cut to `size` with pixel (x, y) as its new (0, 0)."""
+        expect_number(x, "x of the cut")
+        expect_number(y, "y of the cut")
         K = self.K.copy()
         K[:2, 2] -= (x, y)
         return replace(self, size=size, K=K)

@@ -155,7 +155,7 @@ class CameraEstimate(Fitted):
 
     def projection_covariance(self, p_world: Floats) -> Array:
         """Return the covariance (..., 2, 2) px^2 of the images of world points (..., 3), due to the camera's error."""
-        points = np.asarray(p_world, dtype=np.float64)
+        points = frozen(p_world, "world points", (3,), batched=True, finite=False)
         _, J = project_with_sensitivity(self.camera, self.camera_from_world, points.reshape(-1, 3))
         cofactor = J @ self.cofactor @ np.swapaxes(J, -1, -2)
         return scaled(cofactor, self.noise_px).reshape(*points.shape[:-1], 2, 2)

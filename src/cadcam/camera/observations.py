@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
 
@@ -89,13 +89,6 @@ def picture_size(size: object, views: Sequence[Observations]) -> tuple[int, int]
             why = f"(width, height) px, as point {name!r} is at x = {x:.6g}, y = {y:.6g}"
             raise BadValue("size", (width, height), f"{turned}: {why}")
     return width, height
-
-
-def free_names(free_lens: Iterable[str]) -> tuple[str, ...]:
-    """Return the names of lens coefficients; `BadValue` for one name that is not in a list, as its letters are none."""
-    if isinstance(free_lens, str):
-        raise BadValue("free_lens", said(free_lens), f"a list of names: [{free_lens!r}]")
-    return tuple(free_lens)
 
 
 def _refuse_not_finite(values: Array, names: tuple[str, ...], axes: Sequence[str]) -> None:

@@ -21,7 +21,7 @@ from cadcam.errors import BadValue
 from cadcam.geometry.ray import Ray
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_number
 
 _POSE, _EXTERNAL = slice(0, 6), 6
 
@@ -94,6 +94,7 @@ class KnownMotion(Brief):
         about (3,) is given in its old place, usually the focal centre: there sigma_mm is the error of its own position.
         """
         for name, value in (("sigma_mm", sigma_mm), ("sigma_rad", sigma_rad)):
+            expect_number(value, f"{name} of the motion")
             if not (np.isfinite(value) and value >= 0):
                 raise BadValue(f"{name} of the motion", value, "a number from 0 on")
         to_point = Rigid(translation=-frozen(about, "about", (3,)))
@@ -135,6 +136,7 @@ class Viewpoint(Brief):
     def __post_init__(self) -> None:
         expect(self.camera, "camera", Camera)
         expect_motion(self.camera_from_world, "camera_from_world")
+        expect_number(self.sigma_px, f"sigma_px of viewpoint {self.name!r}")
         if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
             raise BadValue(
                 f"pixel noise of viewpoint {self.name!r}",
@@ -193,7 +195,7 @@ class Viewpoint(Brief):
         expect_motion(camera_from_world, "camera_from_world")
         internals = np.eye(len(estimate.cofactor))
         internals[_POSE] = 0.0
-        covariance = np.zeros((6, 6)) if pose_covariance is None else np.asarray(pose_covariance, dtype=np.float64)
+        covariance = frozen(np.zeros((6, 6)) if pose_covariance is None else pose_covariance, "pose covariance", (6, 6))
         by_pose = np.zeros((len(internals), 6))
         by_pose[_POSE] = twist_by_local(camera_from_world.origin)  # an involution
         pose = (ErrorSource(f"pose of {name}", covariance, camera_from_world), by_pose)
@@ -230,7 +232,7 @@ class Viewpoint(Brief):
 
     def rays(self, q: Floats) -> Ray:
         """Return the rays (..., 3) in the world of pixels q (..., 2); `BadValue` if there is none."""
-        q = np.asarray(q, dtype=np.float64)
+        q = frozen(q, "pixels", (2,), batched=True, finite=False)
         direction = self.camera.unproject(q)
         blind = ~np.isfinite(direction).all(axis=-1)
         if np.any(blind):
@@ -252,7 +254,7 @@ class Viewpoint(Brief):
         Pixels' noise and every error source count; the covariance of the point at distance t is that of origin + t
         direction. The direction errs only perpendicular to the ray.
         """
-        q = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        q = np.atleast_2d(frozen(q, "pixels", (2,), batched=True))
         rays = self.rays(q)
         _, J = project_with_sensitivity(self.camera, self.camera_from_world, rays.at(np.ones(len(q))))
         back = np.linalg.pinv(-J[..., :3])  # from pixels to the rotation of the direction, perpendicular to the ray

@@ -67,7 +67,7 @@ class Rigid:
     def from_quaternion(cls, wxyz: Floats, translation: Floats = (0.0, 0.0, 0.0)) -> Rigid:
         """Return the motion of a quaternion (..., 4), w first (ROS and SciPy write it last), and a translation, mm."""
         q = frozen(wxyz, "quaternion (w, x, y, z)", (4,), batched=True)
-        return cls(so3.from_quaternion(q), np.asarray(translation))
+        return cls(so3.from_quaternion(q), frozen(translation, "translation", (3,), batched=True))
 
     @classmethod
     def from_rotation_vector(cls, w: Floats, translation: Floats = (0.0, 0.0, 0.0)) -> Rigid:
@@ -75,7 +75,8 @@ class Rigid:
 
         Not `exp`, whose twist moves along a screw: its first three numbers are no translation.
         """
-        return cls(so3.exp(frozen(w, "rotation vector", (3,), batched=True)), np.asarray(translation))
+        vector = frozen(w, "rotation vector", (3,), batched=True)
+        return cls(so3.exp(vector), frozen(translation, "translation", (3,), batched=True))
 
     @classmethod
     def stack(cls, motions: Iterable[Rigid]) -> Rigid:

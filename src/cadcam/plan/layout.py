@@ -11,7 +11,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Mask
 from cadcam.errors import BadValue, UnknownName, UnseenFeatures
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each, said
+from cadcam.kinds import expect, expect_each, expect_names
 from cadcam.plan.assessment.asked import Asked, asked_of
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informations
 from cadcam.plan.choice.problem import MEASURED, Score, SelectionProblem, as_targets
@@ -160,7 +160,7 @@ def plan_layout(
     """
     expect(scene, "scene", LayoutScene, CandidateSurvey)
     expect(k, "number of cameras", int, np.integer, optional=True)
-    keep = _names(keep)
+    keep = expect_names(keep, "keep")
     seen = survey(scene, step=step) if isinstance(scene, LayoutScene) else scene
     fixed, problem = seen.kept(keep), seen.problem
     k = min(seen.scene.choose, problem.candidates - len(fixed)) if k is None else k
@@ -191,12 +191,6 @@ def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candi
     have = expect_each(have, "have", int, np.integer)
     order = ranked(seen.problem, have, range(len(seen.candidates)))
     return [(seen.candidates[i], score) for i, score in order]
-
-
-def _names(keep: Sequence[str]) -> tuple[str, ...]:
-    if isinstance(keep, str):
-        raise BadValue("keep", said(keep), f"a list of names: [{keep!r}]")
-    return tuple(keep)
 
 
 def _role(seen: CandidateSurvey, chosen: Sequence[int], i: int) -> Role:

@@ -13,6 +13,7 @@ from cadcam import __version__
 from cadcam.arrays import Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect_number
 
 VERDICTS = ("PASS", "FAIL", "UNDECIDED")
 UNITS = ("mm", "deg")
@@ -43,6 +44,8 @@ class Deviation:
         _check_verdict(self.verdict, self.feature)
         for name in ("deviation", "expanded_uncertainty", "k", "lower", "upper"):
             value = getattr(self, name)
+            if value is not None or name not in ("lower", "upper"):
+                expect_number(value, f"{name} of {self.feature!r}")
             if value is not None and not np.isfinite(value):
                 raise BadValue(f"{name} of {self.feature!r}", value, "a finite number")
             if name in ("expanded_uncertainty", "k") and value < 0:

@@ -18,7 +18,7 @@ from cadcam.image.draw import draw_polylines
 from cadcam.image.edges import EdgePoints, canny, distance_to_edges
 from cadcam.image.picture import checked, equalized, to_gray, to_rgb
 from cadcam.image.svg import SvgLayer, write_svg
-from cadcam.kinds import expect, expect_path
+from cadcam.kinds import expect, expect_number, expect_path
 from cadcam.render.lines.wireframe import Polylines, Wireframe
 from cadcam.render.view import View
 
@@ -105,6 +105,7 @@ def write_overlay_svg(
 def blend_pictures(photo: npt.ArrayLike, view: View, *, opacity: float = 0.5) -> Picture:
     """Return the photo (H, W, 3) with the shaded model over it, the background unchanged."""
     expect(view, "view", View)
+    expect_number(opacity, "opacity")
     if not 0 <= opacity <= 1:
         raise BadValue("opacity", opacity, "0 (nothing) to 1 (opaque)")
     picture = to_rgb(fitting(photo, view.camera))

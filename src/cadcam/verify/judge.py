@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect, expect_each
 from cadcam.locate.freedom import FREE, Freedom
@@ -72,6 +73,8 @@ def verify_part(
     """
     expect(part, "part", Part)
     photos = expect_each(photos, "photos", Photo)
+    if not photos:
+        raise BadValue("photos", "none", "at least one photo")
     expect(located, "located", Location)
     expect(tolerances, "tolerances", Tolerances)
     tolerances.check(part.scene)

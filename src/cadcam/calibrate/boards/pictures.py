@@ -20,12 +20,12 @@ from cadcam.calibrate.joint.adjustment import JointFit, estimate_of, fit_jointly
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Lens
-from cadcam.camera.observations import Observations, free_names
+from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, CadcamError, NoBoard, TooFewPoints
 from cadcam.fit.many_poses import PaddedViews, poses_of_views
 from cadcam.image.camera_picture import read_camera_picture_with_info
 from cadcam.image.picture import checked
-from cadcam.kinds import expect, expect_each
+from cadcam.kinds import expect, expect_each, expect_names
 from cadcam.target.boards.board import Pattern
 from cadcam.target.boards.circles import disc_shift
 from cadcam.target.boards.detect import Detection, detect
@@ -164,6 +164,7 @@ def calibrate_boards(
     removed, and the camera is estimated again, until convergence. Raises `BoardsDisagree` for pictures of several sizes
     or of another board, `TooFewPoints` for fewer than three views, and what `calibrate_jointly` raises.
     """
+    expect(fixed, "fixed", Mapping, optional=True)
     pictures = expect_each(pictures, "pictures", BoardPicture)
     expect(lens, "lens", Lens, optional=True)
     refuse_disagreeing(pictures)
@@ -175,7 +176,9 @@ def calibrate_boards(
         )
     if lens is None:
         lens, free_lens = BrownConrady(), USUAL_TERMS if free_lens is None else free_lens
-    solver = _Solver({"skew": 0.0} if fixed is None else dict(fixed), lens, free_names(free_lens or ()), bend)
+    solver = _Solver(
+        {"skew": 0.0} if fixed is None else dict(fixed), lens, expect_names(free_lens or (), "free_lens"), bend
+    )
     return _without_outliers(pictures, shown, solver, keep_all=keep_all)
 
 

@@ -17,7 +17,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import Ideal, Lens
-from cadcam.camera.observations import Observations, free_names, picture_size
+from cadcam.camera.observations import Observations, picture_size
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.extents import COLLINEAR, distinct
@@ -28,7 +28,7 @@ from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each
+from cadcam.kinds import expect, expect_each, expect_names
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-14)  # of the cost: the remaining error is about 1e-5 sigma
 _VIEWS = 4  # with fewer, their scatter is not meaningful
@@ -105,11 +105,12 @@ def fit_jointly(
     loss: Loss | None = None,
 ) -> JointFit:
     """Return the joint calibration of `calibrate_jointly` in its raw form."""
+    expect(fixed, "fixed", Mapping, optional=True)
     views = expect_each(views, "views", Observations)
     expect(lens, "lens", Lens, optional=True)
     size = picture_size(size, views)
     lens, fixed = lens or Ideal(), dict(fixed or {})
-    free = _free_names(fixed, lens, free_names(free_lens), bend)
+    free = _free_names(fixed, lens, expect_names(free_lens, "free_lens"), bend)
     _refuse_few(views, free)
     _refuse_copies(views)
     model, origin = _model(views, free, lens, bend=bend)

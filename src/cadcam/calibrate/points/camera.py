@@ -15,14 +15,14 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_by_name, internals_of
 from cadcam.camera.lens import Ideal, Lens
-from cadcam.camera.observations import Observations, free_names, picture_size
+from cadcam.camera.observations import Observations, picture_size
 from cadcam.camera.sensitivity import rotation_by_angles
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.extents import distinct, flatness, refuse_flat
 from cadcam.fit.global_search import Effort, minima, polished
 from cadcam.fit.least_squares import Solution, Stalled, cofactor
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_names
 
 Method = Literal["reprojection", "dlt", "dlt-c23"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -54,11 +54,12 @@ def calibrate_camera(
     parameters that the points do not determine (named); `MirroredPoints`; `BadValue` and `UnknownName` for bad
     arguments.
     """
+    expect(fixed, "fixed", Mapping, optional=True)
     expect(observations, "observations", Observations)
     expect(lens, "lens", Lens, optional=True)
     size = picture_size(size, [observations])
     lens, fixed = lens or Ideal(), dict(fixed or {})
-    free = _free_names(fixed, lens, free_names(free_lens))
+    free = _free_names(fixed, lens, expect_names(free_lens, "free_lens"))
     _refuse_few(observations, free)
     refuse_flat(observations.p_world, unknowns=len(free))
     if method not in METHODS:

@@ -14,6 +14,7 @@ from cadcam.camera import radial
 from cadcam.camera.lens.base import Lens, PlanarLens
 from cadcam.camera.lens.ideal import Ideal
 from cadcam.errors import BadValue
+from cadcam.kinds import said
 
 
 class _Place(NamedTuple):
@@ -257,7 +258,10 @@ class TiltedBrownConrady(BrownConrady):
 
 def lens_from_opencv(coefficients: Floats) -> Lens:
     """Return the lens of OpenCV's distortion vector of 0, 4, 5, 8, 12 or 14 numbers, of the simplest class."""
-    c = np.asarray(coefficients, dtype=np.float64).ravel()
+    try:
+        c = np.asarray(coefficients, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        raise BadValue("distortion coefficients", said(coefficients), "0, 4, 5, 8, 12 or 14 numbers") from None
     if c.size == 14 and c[12:].any():
         return TiltedBrownConrady.from_opencv(c)
     lens = BrownConrady.from_opencv(c)
