@@ -88,6 +88,7 @@ def test_a_view_in_the_wrong_one_of_its_two_poses_is_set_right(rng):
     views = world.seen(rng, 0.02)
     found = calibrate_jointly(views, SIZE)
     assert found.outlier_views() == ()
+    assert "worse" not in repr(found)
     for j, pose in enumerate(world.poses):
         assert np.linalg.norm(found.pose(j).rotation - pose.rotation) < 0.05
 
@@ -293,6 +294,7 @@ def test_a_robust_loss_bears_wrong_points_and_names_the_bad_view(rng):
     bad = replace(views[4], q=views[4].q + 2.0 * rng.normal(size=views[4].q.shape), sha256="")
     told = calibrate_jointly([*views[:4], bad, *views[5:]], SIZE, loss=Loss("huber"))
     assert [told.names[j] for j in told.outlier_views()] == ["view05"]
+    assert repr(told).endswith(", 1 view worse than the others: see .outlier_views())")
 
 
 def test_views_that_cannot_do_it_are_refused_with_the_reason(rng):

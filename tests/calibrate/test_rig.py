@@ -186,6 +186,7 @@ def test_a_robust_loss_bears_wrong_points(rng):
     off = [abs(f.relative("left", "right").baseline - np.linalg.norm([120, 3, 5])) for f in (plain, robust)]
     assert off[1] < 0.3 < 10 * off[0]
     assert robust.outlier_frames() == (2,)
+    assert "1 frame worse than the others: see .outlier_frames()" in repr(robust)
 
 
 def test_what_a_rig_measures_errs_as_one(rng):

@@ -88,6 +88,11 @@ def doubted(doubts: Sequence[str]) -> str:
     return f", {len(doubts)} doubt{'s' * (len(doubts) != 1)}: see .doubts" if doubts else ""
 
 
+def standing_out(count: int, kind: str) -> str:
+    """Return how many views or frames fit much worse than the others, for an estimate's repr; "" for none."""
+    return f", {count} {kind}{'s' * (count != 1)} worse than the others: see .outlier_{kind}s()" if count else ""
+
+
 def stand_out(residuals: Array, points: Sequence[int]) -> tuple[int, ...]:
     """Return which of several views (or frames) fit much worse than the others, the worst first.
 

@@ -10,7 +10,7 @@ from cadcam.arrays import Array, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, MATRIX_ENTRIES, NAMES, internals_by_name, matrix_entry
-from cadcam.camera.fitted import stand_out
+from cadcam.camera.fitted import stand_out, standing_out
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
@@ -174,5 +174,5 @@ class JointEstimate:
         points = sum(len(v) for v in self.views)
         return (
             f"JointEstimate({len(self.views)} views, {points} points, {len(self.free)} shared parameters, "
-            f"residual {self.residual:.4g} px, {self.camera})"
+            f"residual {self.residual:.4g} px, {self.camera}{standing_out(len(self.outlier_views()), 'view')})"
         )

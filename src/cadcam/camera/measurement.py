@@ -194,4 +194,6 @@ class Measurement:
 
     def __repr__(self) -> str:
         refused = f", {len(self.refused)} refused" if self.refused else ""
-        return f"Measurement({len(self)} points{refused}, {self.method})"
+        missed = len(self.inconsistent())
+        doubt = f", {missed} whose rays miss each other: see .inconsistent()" if missed else ""
+        return f"Measurement({len(self)} points{refused}{doubt}, {self.method})"

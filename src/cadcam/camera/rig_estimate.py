@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, MATRIX_ENTRIES, internals_by_name, matrix_entry
-from cadcam.camera.fitted import stand_out
+from cadcam.camera.fitted import stand_out, standing_out
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import twist_by_local
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
@@ -263,7 +263,7 @@ class RigEstimate:
         base = ", ".join(f"{n} {self.relative(self.names[0], n).baseline:.6g} mm" for n in self.names[1:])
         return (
             f"RigEstimate({len(self.frames)} frames of {', '.join(self.names)}; off {self.names[0]}: {base}; "
-            f"residual {self.residual:.4g} px)"
+            f"residual {self.residual:.4g} px{standing_out(len(self.outlier_frames()), 'frame')})"
         )
 
 

@@ -23,6 +23,7 @@ MOUNTINGS: tuple[Mounting, ...] = get_args(Mounting)
 
 _SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more than both is reported
 _FEW = 6  # poses
+_SMALL_MM = 10.0  # a robot that moved by less was hardly read in mm
 SUSPICIOUS = 0.01  # chance that any pose of a clean set is marked
 
 
@@ -155,8 +156,11 @@ class HandEyeEstimate:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """Return what speaks against the calibration, one sentence each: the target's size, single poses, few poses."""
+        """Return what speaks against it, one sentence each: units, the target's size, single poses, too few of them."""
         off, sigma, said = self.scale - 1, self.scale_sigma, []
+        span = float(np.ptp(self.base_from_flange.translation, axis=0).max())
+        if span < _SMALL_MM:
+            said.append(f"warning: the robot moved by {span:.3g} mm only: are its positions, and the target's, in mm?")
         if abs(off) > max(_SCALE_SIGMAS * sigma, _SCALE_SHARE):
             said.append(
                 f"warning: by the robot's lengths the target is {self.scale:.3f} +- {sigma:.3f} times as large as "
