@@ -57,7 +57,14 @@ def measure_points(
     """
     viewpoints = expect_each(viewpoints, "viewpoints", Viewpoint)
     expect(plane, "plane", Plane, optional=True)
-    job = _job(viewpoints, q, expect_each(names, "names", str), plane, plane_sigma_mm, method)
+    job = _job(
+        viewpoints,
+        q,
+        expect_each(list(names) if isinstance(names, str) else names, "names", str),
+        plane,
+        plane_sigma_mm,
+        method,
+    )
     measured = job.run()
     refuse_if_explained(measured, job.viewpoints, job.q, plane, job.again)
     if not len(measured):
