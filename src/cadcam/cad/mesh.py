@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
-from cadcam.kinds import expect_number
+from cadcam.kinds import expect_number, said
 
 if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
@@ -76,7 +76,9 @@ class Mesh:
         color: npt.ArrayLike | None = None,
     ) -> Mesh:
         """Return a mesh of one part; `surface` is -1 throughout and `color` NaN unless given."""
-        corners = frozen(faces, "faces", (None, 3), np.int32)
+        corners = np.asarray(faces)
+        if corners.ndim != 2:
+            raise BadValue("faces", said(faces), "vertex indices of shape (F, 3)")
         n = len(corners)
         return cls(
             vertices=frozen(vertices, "vertices", (None, 3)),

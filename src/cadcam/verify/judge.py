@@ -28,6 +28,7 @@ from cadcam.verify.reasons import (
     explained,
     not_found,
     summary,
+    unjudged,
     vector_words,
     with_remedy,
 )
@@ -69,7 +70,8 @@ def verify_part(
     The pose is fitted again, to the datum that the tolerances name, and every feature is judged relative to a pose
     fitted without it. A part that was not found gets no verdict but NOT FOUND, and why. Photos that `located` left out
     are not used; where it rests on photos that disagree, no place is judged, because a wrong camera displaces bodies of
-    a good part. How far cameras are off that disagree by less is part of U. Raises as `inspect`.
+    a good part. How far cameras are off that disagree by less is part of U. Of a part without limits the reason says
+    what is displaced or missing. Raises as `inspect`.
     """
     expect(part, "part", Part)
     photos = expect_each(photos, "photos", Photo)
@@ -89,7 +91,8 @@ def verify_part(
     seen = _in_agreement(seen, kept, disputed=located.disputed)
     judgements = tuple(j for f in tolerances.features for j in judged(f, seen))
     verdict = overall(j.verdict for j in judgements)
-    reason = "; ".join([summary(verdict, judgements), *map(str, located.disagreements)])
+    beside = [] if judgements else [said for said in [unjudged(seen.features)] if said]
+    reason = "; ".join([summary(verdict, judgements), *beside, *map(str, located.disagreements)])
     return Verification(verdict, reason, judgements, seen, tolerances, located)
 
 
