@@ -13,7 +13,6 @@ import sys
 import numpy as np
 
 import cadcam
-from cadcam.geometry import rotation as so3
 from cadcam.report.handeye import hand_eye_tables
 from cadcam.report.table import show
 
@@ -24,13 +23,14 @@ def main() -> None:
     x, y = np.meshgrid(25.0 * np.arange(9) - 100, 25.0 * np.arange(6) - 62.5)
     board = np.column_stack([x.ravel(), y.ravel(), np.zeros(54)])
 
-    flange_from_camera = cadcam.Rigid(so3.exp(np.array([0.1, -0.2, 1.5])), np.array([40.0, -25, 80]))
-    base_from_board = cadcam.Rigid(so3.exp(np.array([np.pi, 0, 0.3])), np.array([600.0, 100, 20]))
+    flange_from_camera = cadcam.Rigid.from_rotation_vector([0.1, -0.2, 1.5], [40, -25, 80])
+    base_from_board = cadcam.Rigid.from_rotation_vector([np.pi, 0, 0.3], [600, 100, 20])
     tilts = rng.uniform(-0.4, 0.4, (12, 3))
-    camera_from_board = cadcam.Rigid(so3.exp(tilts), rng.uniform(-60, 60, (12, 3)) + np.array([0, 0, 650]))
+    places = rng.uniform(-60, 60, (12, 3)) + np.array([0, 0, 650])
+    camera_from_board = cadcam.Rigid.from_rotation_vector(tilts, places)
 
     true = base_from_board @ (flange_from_camera @ camera_from_board).inv
-    noise = cadcam.Rigid(so3.exp(0.00035 * rng.normal(size=(12, 3))), 0.1 * rng.normal(size=(12, 3)))
+    noise = cadcam.Rigid.from_rotation_vector(0.00035 * rng.normal(size=(12, 3)), 0.1 * rng.normal(size=(12, 3)))
     pictures = [
         cadcam.Observations(board, camera.project(board @ R.T + t) + 0.1 * rng.normal(size=(54, 2)))
         for R, t in zip(camera_from_board.rotation, camera_from_board.translation, strict=True)

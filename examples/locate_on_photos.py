@@ -16,19 +16,19 @@ from pathlib import Path
 import numpy as np
 
 import cadcam
-from cadcam.geometry import rotation
 
 
 def main(folder: Path, out: str) -> None:
     """Locate the box in the left photo, then in both; print how sure that is, draw it on both."""
     part = cadcam.Part.of(cadcam.read_model(folder / "teabox.obj", unit="m"))
     mount = np.loadtxt(folder / "cRightMcLeft.txt")
-    right_from_left = cadcam.Rigid(rotation.nearest(mount[:3, :3]), 1000 * mount[:3, 3])
+    mount[:3, 3] *= 1000  # m
+    right_from_left = cadcam.Rigid.from_matrix(mount)
     photos = [
         cadcam.Photo.of(cadcam.read_picture(folder / f"frames_{side}/0000.jpg"), camera(folder, side), pose, name=side)
         for side, pose in (("left", cadcam.Rigid()), ("right", right_from_left))
     ]
-    rough = cadcam.Rigid(rotation.exp(np.radians([130, 5, -10])), np.array([-45.0, 60, 420]))
+    rough = cadcam.Rigid.from_rotation_vector(np.radians([130, 5, -10]), [-45, 60, 420])
     one = cadcam.locate_part(part, photos[:1], rough)
     print(f"left photo:  {said(one)}")
     both = cadcam.locate_part(part, photos, rough)
@@ -46,9 +46,8 @@ def camera(folder: Path, side: str) -> cadcam.Camera:
 
 def said(location: cadcam.Location) -> str:
     """Return where the box is, in words."""
-    sigma = np.sqrt(np.diag(location.pose.covariance)[:3])
     place = ", ".join(f"{v:.1f}" for v in location.pose.world_from_part.translation)
-    return f"at ({place}) mm +- {np.linalg.norm(sigma):.2f}, quality {location.quality:.2f}"
+    return f"at ({place}) mm +- {np.linalg.norm(location.pose.sigma_mm):.2f}, quality {location.quality:.2f}"
 
 
 def draw(part: cadcam.Part, photo: cadcam.Photo, location: cadcam.Location) -> np.ndarray:

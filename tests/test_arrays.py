@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cadcam.arrays import component_major, frozen, in_parts, quantile
+from cadcam.arrays import Brief, brief, component_major, frozen, in_parts, quantile
 from cadcam.errors import BadValue
 
 
@@ -65,3 +66,31 @@ def test_the_quantile_is_that_of_numpy(rng: np.random.Generator) -> None:
         values = rng.normal(size=n)
         for share in (0.0, 0.1, 0.5, 0.9, 1.0):
             assert quantile(values, share) == pytest.approx(float(np.quantile(values, share)), rel=1e-14, abs=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("value", "told"),
+    [
+        (np.array([1.0, 2.5, 1 / 3]), "[1.    , 2.5   , 0.3333]"),
+        (np.zeros((4, 3), np.float32), "(4, 3) float32"),
+        (np.eye(2), "(2, 2) float64"),
+        (1 / 3, "0.333333"),
+        ((1, 2), "(1, 2)"),
+        (("x" * 90,) * 7, "7 of str"),
+        (dict.fromkeys("abc", "x" * 90), "3 of str"),
+        ("x" * 999, "'" + "x" * 159 + "...'"),
+        (None, "None"),
+    ],
+)
+def test_what_a_value_holds_is_told_in_short(value: Any, told: str) -> None:
+    assert brief(value) == told
+
+
+def test_a_brief_value_tells_its_fields_without_their_numbers() -> None:
+    @dataclass(frozen=True, repr=False)
+    class Found(Brief):
+        q: npt.NDArray[np.float64]
+        name: str
+        secret: int = field(default=0, repr=False)
+
+    assert repr(Found(np.zeros((1000, 2)), "a")) == "Found(q=(1000, 2) float64, name='a')"

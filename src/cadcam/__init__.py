@@ -1,24 +1,30 @@
 """cadcam: the virtual camera. From a calibration to a picture of the CAD model, and from a photo back to CAD.
 
-Names are imported on first use, so that `import cadcam` costs next to nothing.
+Names are imported on first use, so that `import cadcam` costs next to nothing. docs/python.md lists them by what is to
+be done; errors that a caller may want to tell apart are in `cadcam.errors`, all of them `CadcamError`s.
 """
 
 from __future__ import annotations
 
+import sys
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project holds the two together
+if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold the two together
+    from cadcam import errors as errors
     from cadcam.cad.edges import EdgeKind as EdgeKind
     from cadcam.cad.edges import feature_edges as feature_edges
     from cadcam.cad.mesh import Mesh as Mesh
     from cadcam.cad.read import read_model as read_model
     from cadcam.cad.read import read_model_with_report as read_model_with_report
     from cadcam.cad.write import write_model as write_model
+    from cadcam.calibrate.boards.pictures import board_views as board_views
     from cadcam.calibrate.boards.pictures import calibrate_boards as calibrate_boards
     from cadcam.calibrate.boards.pictures import find_board as find_board
     from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye as calibrate_hand_eye
     from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye_from_poses as calibrate_hand_eye_from_poses
+    from cadcam.calibrate.handeye.document import read_hand_eye as read_hand_eye
+    from cadcam.calibrate.handeye.document import write_hand_eye as write_hand_eye
     from cadcam.calibrate.handeye.estimate import HandEyeEstimate as HandEyeEstimate
     from cadcam.calibrate.joint.adjustment import calibrate_jointly as calibrate_jointly
     from cadcam.calibrate.joint.adjustment import fit_jointly as fit_jointly
@@ -83,11 +89,14 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.files.points import read_points as read_points
     from cadcam.files.points import write_points as write_points
     from cadcam.files.pose_estimate import read_part_pose as read_part_pose
+    from cadcam.files.pose_estimate import read_pose_estimate as read_pose_estimate
     from cadcam.files.pose_estimate import write_part_pose as write_part_pose
     from cadcam.files.poses import read_poses as read_poses
     from cadcam.files.poses import write_poses as write_poses
     from cadcam.files.rig import read_rig as read_rig
     from cadcam.files.rig import write_rig as write_rig
+    from cadcam.files.robot_conventions import robot_numbers as robot_numbers
+    from cadcam.files.robot_conventions import robot_poses as robot_poses
     from cadcam.files.robot_poses import read_robot_poses as read_robot_poses
     from cadcam.files.sensor import named_sensor as named_sensor
     from cadcam.files.sensor import read_sensor as read_sensor
@@ -123,6 +132,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.locate.refine.options import EdgeOptions as EdgeOptions
     from cadcam.locate.refine.refinement import refine_pose as refine_pose
     from cadcam.locate.search.approach import Reach as Reach
+    from cadcam.locate.track.frames import Frame as Frame
     from cadcam.locate.track.frames import Frames as Frames
     from cadcam.locate.track.log import TrackLog as TrackLog
     from cadcam.locate.track.log import read_track_log as read_track_log
@@ -168,6 +178,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests/project
     from cadcam.render.view import Look as Look
     from cadcam.render.view import Scene as Scene
     from cadcam.report.verify.json import VerificationOrigin as VerificationOrigin
+    from cadcam.report.verify.json import record_of as record_of
     from cadcam.report.verify.page import write_verification_page as write_verification_page
     from cadcam.station.document import read_plate as read_plate
     from cadcam.station.document import read_station as read_station
@@ -222,6 +233,7 @@ _HOME = {
     "FieldOfView": "cadcam.camera.lens",
     "Fisheye": "cadcam.camera.lens",
     "FoundMark": "cadcam.target.marks.find",
+    "Frame": "cadcam.locate.track.frames",
     "Frames": "cadcam.locate.track.frames",
     "Freedom": "cadcam.locate.freedom",
     "GantryCalibration": "cadcam.station.gantry",
@@ -286,6 +298,7 @@ _HOME = {
     "add_pictures": "cadcam.render.overlay",
     "alternating_externals": "cadcam.calibrate.variability.alternating",
     "blend_pictures": "cadcam.render.overlay",
+    "board_views": "cadcam.calibrate.boards.pictures",
     "calibrate_boards": "cadcam.calibrate.boards.pictures",
     "calibrate_camera": "cadcam.calibrate.points.camera",
     "calibrate_gantry": "cadcam.station.gantry",
@@ -301,6 +314,7 @@ _HOME = {
     "correlate": "cadcam.image.correlate",
     "edge_closeness": "cadcam.locate.match.closeness",
     "edge_distances": "cadcam.render.overlay",
+    "errors": "cadcam",
     "feature_edges": "cadcam.cad.edges",
     "find_board": "cadcam.calibrate.boards.pictures",
     "find_marks": "cadcam.target.marks.find",
@@ -333,6 +347,7 @@ _HOME = {
     "read_camera": "cadcam.files.camera",
     "read_camera_picture": "cadcam.image.camera_picture",
     "read_cameras": "cadcam.files.foreign.registry",
+    "read_hand_eye": "cadcam.calibrate.handeye.document",
     "read_layout_scene": "cadcam.plan.scene.file",
     "read_matrix": "cadcam.files.matrix",
     "read_model": "cadcam.cad.read",
@@ -344,6 +359,7 @@ _HOME = {
     "read_plate": "cadcam.station.document",
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
+    "read_pose_estimate": "cadcam.files.pose_estimate",
     "read_poses": "cadcam.files.poses",
     "read_records": "cadcam.record.export",
     "read_rig": "cadcam.files.rig",
@@ -353,8 +369,11 @@ _HOME = {
     "read_stations": "cadcam.station.document",
     "read_tolerances": "cadcam.verify.tolerances.file",
     "read_track_log": "cadcam.locate.track.log",
+    "record_of": "cadcam.report.verify.json",
     "refine_pose": "cadcam.locate.refine.refinement",
     "repaint": "cadcam.render.looks",
+    "robot_numbers": "cadcam.files.robot_conventions",
+    "robot_poses": "cadcam.files.robot_conventions",
     "sensor_format": "cadcam.camera.sensor_format",
     "side_by_side": "cadcam.render.overlay",
     "solve_optics": "cadcam.camera.optics",
@@ -372,6 +391,7 @@ _HOME = {
     "write_camera": "cadcam.files.camera",
     "write_cameras": "cadcam.files.foreign.registry",
     "write_exr": "cadcam.image.exr",
+    "write_hand_eye": "cadcam.calibrate.handeye.document",
     "write_measurement": "cadcam.files.pixels",
     "write_model": "cadcam.cad.write",
     "write_overlay_svg": "cadcam.render.overlay",
@@ -391,8 +411,9 @@ __all__ = ["__version__", *_HOME]
 
 def __getattr__(name: str) -> Any:
     if name not in _HOME:
-        raise AttributeError(f"module 'cadcam' has no attribute {name!r}")
-    return getattr(import_module(_HOME[name]), name)
+        raise AttributeError(f"module 'cadcam' has no attribute {name!r}", name=name, obj=sys.modules[__name__])
+    home = _HOME[name]
+    return import_module(f"cadcam.{name}") if home == __name__ else getattr(import_module(home), name)
 
 
 def __dir__() -> list[str]:

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, fields
 from typing import Any, NoReturn, TypeAlias
 
 import numpy as np
@@ -19,6 +20,8 @@ Index: TypeAlias = npt.NDArray[np.integer[Any]] | Mask  # what selects from an a
 Floats: TypeAlias = npt.ArrayLike
 
 LARGEST = 1e30  # of a number in a file: float32 holds it, and the eighth power of it, as products of squares have, fits
+
+_TOLD, _WIDTH = 6, 160  # numbers of an array, or things of a list, and characters that a repr still tells
 
 
 def frozen(
@@ -52,6 +55,35 @@ def frozen(
         _refuse(what, given, array != given, f"a whole number from {span.min} to {span.max}")
     array.setflags(write=False)
     return array
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Brief:
+    """What makes a dataclass's repr fit a terminal: small numbers as they are, arrays by shape, lists by length.
+
+    For `@dataclass(repr=False)`; a field with `repr=False` is left out.
+    """
+
+    def __repr__(self) -> str:
+        told = (f"{f.name}={brief(getattr(self, f.name))}" for f in fields(self) if f.repr)
+        return f"{type(self).__name__}({', '.join(told)})"
+
+
+def brief(value: object) -> str:
+    """Return a value's repr, or what it is where that is long: arrays of more than six numbers, lists, other values."""
+    if isinstance(value, np.ndarray):
+        small = value.size <= _TOLD and value.ndim == 1
+        return np.array2string(value, precision=4, separator=", ") if small else f"{value.shape} {value.dtype}"
+    if isinstance(value, (float, np.floating)):
+        return f"{value:.6g}"
+    if isinstance(value, (tuple, list)) and (len(value) > _TOLD or len(repr(value)) > _WIDTH):
+        return f"{len(value)} of {type(value[0]).__name__}"
+    if isinstance(value, Mapping) and len(repr(value)) > _WIDTH:
+        return f"{len(value)} of {type(next(iter(value.values()))).__name__}"
+    told = repr(value)
+    if len(told) <= _WIDTH:
+        return told
+    return f"{told[:_WIDTH]}...'" if isinstance(value, str) else f"{type(value).__name__}(...)"
 
 
 def component_major(points: tuple[int, ...], *components: int) -> Array:

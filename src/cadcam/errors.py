@@ -62,7 +62,7 @@ class UnknownName(CadcamError):
     """A name (unit, renderer, parameter, format ...) is not one of those known; the nearest is suggested."""
 
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
-        names = sorted(known)
+        names, name = sorted(known), str(name)
         name = name if len(name) <= 80 else f"{name[:77]}..."
         near = get_close_matches(name, names, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""

@@ -25,6 +25,7 @@ from cadcam.calibrate.boards.pictures import (
     BoardsDisagree,
     board_views,
     calibrate_boards,
+    find_board,
     found_in,
 )
 from cadcam.calibrate.joint.adjustment import calibrate_jointly
@@ -32,7 +33,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
-from cadcam.errors import NoBoard, TooFewPoints
+from cadcam.errors import BadValue, NoBoard, TooFewPoints
 from cadcam.geometry.rotation import exp
 from cadcam.target.boards.detect import detect
 from cadcam.target.boards.pattern import parse_pattern
@@ -272,8 +273,6 @@ def test_the_well_known_stereo_pictures_calibrate_better_than_their_shipped_valu
     side: str, rms: float, shared: Callable[[str], object]
 ) -> None:
     """Three of thirteen pictures found whole; OpenCV's own corners leave 0.14 px a coordinate on this set."""
-    from cadcam.calibrate.boards.pictures import find_board
-
     folder = shared("data/opencv_stereo_chess")
     found = [find_board(f"{folder}/{side}{n:02d}.jpg", parse_pattern("chessboard:9x6:25mm")) for n in (2, 5, 12, 13)]
     assert all(p.detection is not None and len(p.detection) == 54 for p in found)
@@ -286,3 +285,26 @@ def test_a_photo_of_something_else_is_no_board(shared: Callable[[str], object]) 
     photo = read_picture(f"{shared('data/apriltag_test')}/34085369442_304b6bafd9_c.jpg")
     with pytest.raises(NoBoard):
         detect(photo[:400, :500], parse_pattern(CHESS))
+
+
+def test_pictures_in_memory_calibrate_as_those_in_files_do(chess: list[BoardPicture]) -> None:
+    """As a camera's own interface gives them: bytes; two equal ones are copies, as two equal files are."""
+    shots = [shot(CHESS, turn=t, distance=d, aside=a, seed=k)[0] for k, (t, d, a) in enumerate(VIEWS)]
+    found = [find_board(picture, parse_pattern(CHESS), name=f"view{k}") for k, picture in enumerate(shots)]
+    assert [one.name for one in found[:2]] == ["view0", "view1"]
+    for one, other in zip(found, chess, strict=True):
+        assert np.array_equal(one.observations.q, other.observations.q)
+    again = calibrate_boards([*found, find_board(shots[0], parse_pattern(CHESS))])
+    assert again.left_out == {6: "is a copy of view0"}
+    bytes_ = (255 * np.clip(shots[0], 0, 1) + 0.5).astype(np.uint8)
+    near = find_board(bytes_, parse_pattern(CHESS)).observations.q - found[0].observations.q
+    assert np.abs(near).max() < 0.05  # px: the steps of bytes are 0.1 of the pictures' noise
+    with pytest.raises(BadValue, match="full_scale is 4095"):
+        find_board(bytes_, parse_pattern(CHESS), full_scale=4095)
+
+
+def test_a_picture_without_the_board_has_no_observations_but_the_reason() -> None:
+    lost = find_board(np.random.default_rng(1).random((120, 160)), parse_pattern(CHESS), name="wall")
+    assert repr(lost).startswith("BoardPicture('wall', 160 x 120 px, ")
+    with pytest.raises(NoBoard, match="no board in wall found"):
+        _ = lost.observations

@@ -207,8 +207,22 @@ def test_a_target_of_another_size_than_stated_is_noticed(rng, size):
     found = calibrate_hand_eye(c.base_from_flange, wrong, c.camera, mounting=c.mounting)
     assert found.scale == pytest.approx(1 / size, abs=4 * found.scale_sigma)
     assert abs(found.scale - 1) > 4 * found.scale_sigma
+    assert any("the target is" in doubt and "check its size" in doubt for doubt in found.doubts)
+    assert repr(found).endswith("1 doubt: see .doubts)")
     right = solved(c)
     assert abs(right.scale - 1) < 4 * right.scale_sigma
+    assert right.doubts == ()
+    assert "doubt" not in repr(right)
+
+
+def test_metres_in_place_of_millimetres_are_doubted(rng):
+    """Robot and target alike, so that nothing contradicts: the camera's place would be in metres and called mm."""
+    c = cell(rng, 8)
+    metres = Rigid(c.base_from_flange.rotation, c.base_from_flange.translation / 1000)
+    seen = [Observations(o.p_world / 1000, o.q) for o in c.observations]
+    found = calibrate_hand_eye(metres, seen, c.camera, mounting=c.mounting)
+    assert any("the robot moved by" in doubt and "in mm?" in doubt for doubt in found.doubts)
+    assert not any("in mm?" in doubt for doubt in solved(c).doubts)
 
 
 def test_where_the_camera_is_comes_with_the_robots_noise(rng):

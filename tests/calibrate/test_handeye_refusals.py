@@ -12,7 +12,7 @@ from cadcam.calibrate.handeye.conventions import conventions_that_fit
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, DegenerateMotions, InconsistentPoses, TooFewPoints, UnknownName
-from cadcam.files.robot_poses import CONVENTIONS
+from cadcam.files.robot_conventions import CONVENTIONS
 from cadcam.fit.screw import line_of
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid

@@ -88,6 +88,7 @@ def test_a_view_in_the_wrong_one_of_its_two_poses_is_set_right(rng):
     views = world.seen(rng, 0.02)
     found = calibrate_jointly(views, SIZE)
     assert found.outlier_views() == ()
+    assert "worse" not in repr(found)
     for j, pose in enumerate(world.poses):
         assert np.linalg.norm(found.pose(j).rotation - pose.rotation) < 0.05
 
@@ -294,6 +295,7 @@ def test_a_robust_loss_bears_wrong_points_and_names_the_bad_view(rng):
     bad = replace(views[4], q=views[4].q + 2.0 * rng.normal(size=views[4].q.shape), sha256="")
     told = calibrate_jointly([*views[:4], bad, *views[5:]], SIZE, loss=Loss("huber"))
     assert [told.names[j] for j in told.outlier_views()] == ["view05"]
+    assert repr(told).endswith(", 1 view worse than the others: see .outlier_views())")
 
 
 def test_views_that_cannot_do_it_are_refused_with_the_reason(rng):
@@ -319,3 +321,18 @@ def test_views_that_cannot_do_it_are_refused_with_the_reason(rng):
         calibrate_jointly(views, SIZE, control_sigma=0.1)
     with pytest.raises(TooFewPoints, match="at least 1 view; 0 given"):
         calibrate_jointly([], SIZE)
+
+
+def test_entries_of_the_camera_matrix_have_values_and_sigmas(rng):
+    """With skew held at 0, fx = focal aspect: to first order its variance is that of the product."""
+    camera = Camera.from_focal(SIZE, 1100, fy=1080, cx=655, cy=470)
+    views = scene(rng, camera, [board()] * 5)
+    found = calibrate_jointly(views.seen(rng, 0.1), SIZE, fixed={"skew": 0.0})
+    fx, fy, cx, cy = (found.value(name) for name in ("fx", "fy", "cx", "cy"))
+    assert (fx, fy, cx, cy) == pytest.approx((found.camera.fx, found.camera.fy, *found.camera.principal_point))
+    by = np.array([{"aspect": fy, "focal": fx / fy}.get(name, 0.0) for name in found.free])
+    assert found.sigma("fx") == pytest.approx(np.sqrt(by @ found.covariance @ by))
+    assert found.sigma("fx", by_view=True) == pytest.approx(np.sqrt(by @ found.by_view @ by))
+    assert [found.sigma("fy"), found.sigma("cx"), found.sigma("cy")] == [found.sigma(n) for n in ("focal", "V0", "U0")]
+    with pytest.raises(UnknownName, match=r"unknown shared parameter 'f'.*fx"):
+        found.sigma("f")

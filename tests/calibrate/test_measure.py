@@ -216,6 +216,7 @@ def test_a_wrong_pixel_is_named_and_the_rest_is_not(views: list[Viewpoint]) -> N
     q[2, 7] += [4.0, -3.0]
     measured = measure_points(views, q)
     assert measured.inconsistent() == ("8",)
+    assert "1 whose rays miss each other: see .inconsistent()" in repr(measured)
 
 
 def test_rays_know_their_own_covariance(views: list[Viewpoint]) -> None:

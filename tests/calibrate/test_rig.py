@@ -186,6 +186,7 @@ def test_a_robust_loss_bears_wrong_points(rng):
     off = [abs(f.relative("left", "right").baseline - np.linalg.norm([120, 3, 5])) for f in (plain, robust)]
     assert off[1] < 0.3 < 10 * off[0]
     assert robust.outlier_frames() == (2,)
+    assert "1 frame worse than the others: see .outlier_frames()" in repr(robust)
 
 
 def test_what_a_rig_measures_errs_as_one(rng):
@@ -347,3 +348,19 @@ def test_the_relative_pose_of_two_other_cameras_is_that_of_their_mounts(rng):
     sd = np.sqrt(np.diag(one.covariance))
     assert one.covariance / np.outer(sd, sd) == pytest.approx(other.covariance / np.outer(sd, sd), abs=1e-4)
     assert isinstance(one.b_from_a, Rigid)
+
+
+def test_entries_of_a_camera_matrix_have_sigmas_on_a_rig_too(rng):
+    """Noise stated: fx is focal times aspect where skew is next to nothing, and its variance that of the product."""
+    found = calibrate_rig(rig(rng, 2, 6).seen(rng, 0.3, stated=True))
+    for name in found.names:
+        values = found.values(name)
+        pair = [found.parameters.index(f"{name}.{p}") for p in ("aspect", "focal")]
+        by = np.array([values["focal"], values["aspect"]])
+        assert found.sigma(name, "fx") == pytest.approx(
+            np.sqrt(by @ found.covariance[np.ix_(pair, pair)] @ by), rel=1e-3
+        )
+        assert found.sigma(name, "cx") == found.sigma(name, "V0")
+        assert found.sigma(name, "fy", by_frame=True) == found.sigma(name, "focal", by_frame=True)
+    with pytest.raises(UnknownName, match=r"unknown parameter of camera 'left' 'f'.*fx"):
+        found.sigma("left", "f")

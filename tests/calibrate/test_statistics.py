@@ -14,6 +14,7 @@ from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole, uv
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import project_with_sensitivity, rotation_by_angles
+from cadcam.errors import UnknownName
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.dlt import dlt
 from cadcam.fit.multistart import descend
@@ -70,6 +71,17 @@ def test_the_predicted_covariance_is_that_of_the_draws(truth, sampled):
     assert chi2.mean() == pytest.approx(11, abs=4 * np.sqrt(22 / DRAWS) + 0.22)
     sd = np.array([truth.sigma(n) for n in NAMES])
     assert values.std(axis=0) == pytest.approx(sd, rel=4 * 0.035)
+
+
+def test_the_entries_of_the_camera_matrix_have_the_sigmas_of_the_draws(truth, sampled):
+    """As above, 4 sigma of a standard deviation from 400 draws: one of fx needs the correlation of focal and aspect."""
+    values, _ = sampled
+    K = np.array([ExtendedPinhole.from_vector(v).camera((768, 576)).K for v in values])
+    for name, (i, j) in {"fx": (0, 0), "fy": (1, 1), "cx": (0, 2), "cy": (1, 2)}.items():
+        assert truth.value(name) == pytest.approx(truth.camera.K[i, j], rel=1e-12)
+        assert K[:, i, j].std() == pytest.approx(truth.sigma(name), rel=4 * 0.035)
+    with pytest.raises(UnknownName, match=r"unknown parameter 'f0'.*cx, cy"):
+        truth.sigma("f0")
 
 
 def test_the_predicted_pose_covariance_is_that_of_the_draws(truth, sampled):
@@ -168,6 +180,8 @@ def test_without_degrees_of_freedom_the_sigmas_are_unknown_not_zero():
     assert unknown.sigma0 is None
     assert unknown.sigma("focal") == np.inf
     assert unknown.sigma("skew") == 0
+    assert unknown.sigma("fx") == np.inf
+    assert unknown.sigma("cy") == 0
     assert not np.isnan(unknown.covariance).any()
     assert not np.isnan(unknown.pose_covariance).any()
     assert not np.isnan(unknown.projection_covariance(p)).any()
@@ -202,3 +216,22 @@ def test_the_pixel_sensitivity_is_that_of_the_lens_and_pose(truth):
         ahead = camera.project(T @ Rigid.exp(twist) @ BENCH)
         back = camera.project(T @ Rigid.exp(-twist) @ BENCH)
         assert (ahead - back) / (2 * h) == pytest.approx(J[..., axis], abs=1e-7 * np.abs(J[..., axis]).max())
+
+
+def test_an_estimate_says_what_speaks_against_it(truth):
+    """Two points outside a smaller picture, then so few points that their residuals hardly tell the noise."""
+    assert truth.doubts == ()
+    seen = truth.observations
+    beyond = int((seen.q > [599.5, 449.5]).any(axis=1).sum())
+    small = calibrate_camera(seen, (600, 450))
+    assert small.doubts == (
+        f"warning: {beyond} of 16 pixels lie outside the picture of 600 x 450 px: is it the right one?",
+    )
+    assert repr(small).endswith("1 doubt: see .doubts)")
+    rng = np.random.default_rng(3)
+    few = Observations(1e-3 * BENCH[[0, 1, 2, 5, 8, 11, 14]], seen.q[[0, 1, 2, 5, 8, 11, 14]] + rng.normal(size=(7, 2)))
+    said = calibrate_camera(few, (768, 576)).doubts
+    assert [d.partition(",")[0] for d in said] == [
+        "warning: with 3 degrees of freedom the noise",
+        "warning: the points span 0.37 mm: is their unit right? X_m",
+    ]

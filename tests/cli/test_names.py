@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import ast
 import inspect
+import subprocess
+import sys
 from dataclasses import is_dataclass
 from pathlib import Path
 
@@ -55,3 +57,15 @@ def test_no_name_hides_a_subpackage() -> None:
 def test_an_unknown_name_is_an_attribute_error() -> None:
     with pytest.raises(AttributeError, match="no attribute 'kalibrate'"):
         _ = cadcam.kalibrate
+
+
+def test_a_misspelt_name_is_met_with_the_nearest() -> None:
+    script = "import cadcam; cadcam.find_boards"
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert "AttributeError: module 'cadcam' has no attribute 'find_boards'. Did you mean: 'find_board'?" in ran.stderr
+
+
+def test_errors_are_told_apart_without_an_import_of_their_own() -> None:
+    script = "import cadcam; print(issubclass(cadcam.errors.NoBoard, cadcam.CadcamError))"
+    ran = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+    assert ran.stdout == "True\n", ran.stderr

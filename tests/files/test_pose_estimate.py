@@ -14,11 +14,12 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import parsed
-from cadcam.files.matrix import pose_as_json
+from cadcam.files.matrix import pose_as_json, read_pose
 from cadcam.files.pose_estimate import (
     pose_estimate_as_json,
     pose_estimate_at,
     read_part_pose,
+    read_pose_estimate,
     read_view_pose,
     write_part_pose,
 )
@@ -34,7 +35,7 @@ def test_an_estimate_comes_back_to_the_last_bit(tmp_path: Path, rng: np.random.G
     for dof in (np.inf, 12.5):
         estimate = PoseEstimate(POSE, A @ A.T, np.eye(6) / 7, np.eye(6)[:, :3], dof)
         write_part_pose(tmp_path / "pose.json", estimate)
-        back = pose_estimate_at(parsed(read_text(tmp_path / "pose.json")))
+        back = read_pose_estimate(tmp_path / "pose.json")
         np.testing.assert_array_equal(back.world_from_part.matrix, POSE.matrix)
         for name in ("from_noise", "from_calibration", "freedom", "dof"):
             np.testing.assert_array_equal(getattr(back, name), getattr(estimate, name))
@@ -154,3 +155,14 @@ def test_a_pose_file_without_these_words_is_read_as_before(tmp_path: Path) -> No
     (tmp_path / "pose.json").write_text(json.dumps(pose_estimate_as_json(PoseEstimate(POSE, np.eye(6)))))
     np.testing.assert_array_equal(read_part_pose(tmp_path / "pose.json").matrix, POSE.matrix)
     np.testing.assert_array_equal(pose_estimate_at(parsed(read_text(tmp_path / "pose.json"))).from_noise, np.eye(6))
+
+
+def test_a_part_s_pose_is_told_from_a_camera_s_and_one_without_covariance_from_an_estimate(tmp_path: Path) -> None:
+    write_part_pose(tmp_path / "pose.json", PoseEstimate(POSE, np.eye(6)))
+    (tmp_path / "rough.txt").write_text(f"# camera_from_part, mm\n{rows(POSE)}\n")
+    (tmp_path / "rough.json").write_text(json.dumps({"world_from_part": pose_as_json(POSE)}))
+    for name in ("pose.json", "rough.txt", "rough.json"):
+        with pytest.raises(UnreadableFile, match=r"holds the pose of a part; cadcam\.read_part_pose reads it"):
+            read_pose(tmp_path / name)
+    with pytest.raises(UnreadableFile, match="does not say its format; read_part_pose reads poses without"):
+        read_pose_estimate(tmp_path / "rough.json")

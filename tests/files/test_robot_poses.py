@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.errors import CadcamError, UnknownName, UnreadableFile
-from cadcam.files.robot_poses import CONVENTIONS, read_robot_numbers, read_robot_poses
+from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.files.robot_conventions import CONVENTIONS, robot_numbers, robot_poses
+from cadcam.files.robot_poses import read_robot_numbers, read_robot_poses
 from cadcam.geometry import rotation as so3
+from cadcam.geometry.rigid import Rigid
 
 SIX = [100.0, -200.0, 300.0, 30.0, -40.0, 125.0]
 
@@ -206,3 +208,50 @@ def test_no_damage_to_a_file_escapes_as_another_error(tmp_path: Path, rng):
                 read_robot_poses(tmp_path / name, convention="kuka")
             except CadcamError:
                 continue
+
+
+@pytest.mark.parametrize("convention", CONVENTIONS)
+def test_a_pose_is_written_as_it_is_read(convention: str, rng: np.random.Generator) -> None:
+    """Many poses and one; the numbers themselves come back for angles that are the usual ones."""
+    poses = Rigid(Rigid.exp(rng.normal(size=(20, 6))).rotation, rng.uniform(-900, 900, (20, 3)))
+    unit = None if CONVENTIONS[convention].unit else "m"
+    numbers = robot_numbers(poses, convention=convention, unit=unit)
+    assert numbers.shape == (20, len(CONVENTIONS[convention].columns))
+    assert np.allclose(robot_poses(numbers, convention=convention, unit=unit).matrix, poses.matrix, atol=1e-9)
+    one = robot_numbers(poses[3], convention=convention, unit=unit)
+    assert np.array_equal(one, numbers[3])
+    assert np.allclose(robot_poses(list(one), convention=convention, unit=unit).matrix, poses[3].matrix, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("convention", "angles"),
+    [
+        ("kuka", (30, 90, 0)),
+        ("kuka", (30, -90, 0)),
+        ("fanuc", (0, 90, 30)),
+        ("staubli", (30, 90, 0)),
+        ("kawasaki", (30, 0, 0)),
+    ],
+)
+def test_where_two_axes_coincide_the_pose_is_still_the_same(convention: str, angles: tuple[float, ...]) -> None:
+    pose = robot_poses([1, 2, 3, *angles], convention=convention)
+    again = robot_poses(robot_numbers(pose, convention=convention), convention=convention)
+    assert np.allclose(again.matrix, pose.matrix, atol=1e-7)
+
+
+def test_a_kuka_pose_in_numbers_is_that_of_its_file(tmp_path: Path) -> None:
+    (tmp_path / "a.csv").write_text("X,Y,Z,A,B,C\n100,200,300,10,20,30\n")
+    read = read_robot_poses(tmp_path / "a.csv", convention="kuka")["1"]
+    assert np.array_equal(robot_poses([100, 200, 300, 10, 20, 30], convention="kuka").matrix, read.matrix)
+    assert np.allclose(robot_numbers(read, convention="kuka"), [100, 200, 300, 10, 20, 30], atol=1e-12)
+
+
+def test_numbers_that_do_not_fit_the_convention_are_refused() -> None:
+    with pytest.raises(BadValue, match=r"kuka numbers \(x y z a b c\) is of shape \(7,\)"):
+        robot_poses(np.zeros(7), convention="kuka")
+    with pytest.raises(UnknownName, match=r"unknown robot pose convention 'KUKA'.*known: abb"):
+        robot_poses(np.zeros(6), convention="KUKA")
+    with pytest.raises(BadValue, match="unit of the robot's positions is not stated"):
+        robot_numbers(Rigid(), convention="rotation-vector")
+    with pytest.raises(BadValue, match="poses is an array"):
+        robot_numbers(np.eye(4), convention="kuka")

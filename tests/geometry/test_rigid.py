@@ -173,3 +173,41 @@ def test_motions_of_a_batch_are_taken_by_index() -> None:
         batch[2][0]
     with pytest.raises(IndexError):
         batch[5]
+
+
+def test_a_stack_is_the_batch_of_its_motions() -> None:
+    batch = Rigid.exp(np.random.default_rng(5).normal(size=(5, 6)))
+    assert np.array_equal(Rigid.stack(batch.each).matrix, batch.matrix)
+    assert np.array_equal(Rigid.stack({"a": batch[1], "b": batch[0]}.values()).matrix, batch.matrix[[1, 0]])
+    assert Rigid.stack([]).each == []
+    with pytest.raises(BadValue, match=r"motions\[0\] is Rigid\(batch.*a single motion"):
+        Rigid.stack([batch])
+
+
+def test_a_rotation_is_given_and_told_as_quaternion_and_vector() -> None:
+    batch = Rigid.exp(np.random.default_rng(5).normal(size=(5, 6)))
+    by_quaternion = Rigid.from_quaternion(-2 * batch.quaternion_wxyz, batch.translation)
+    by_vector = Rigid.from_rotation_vector(batch.rotation_vector, batch.translation)
+    for same in (by_quaternion, by_vector):
+        assert np.allclose(same.matrix, batch.matrix, atol=1e-14)
+    quarter = Rigid.from_rotation_vector([0, 0, np.pi / 2], [1, 2, 3])
+    assert np.allclose(quarter @ [1, 0, 0], [1, 3, 3])  # the translation as given: no screw
+    assert np.allclose(quarter.quaternion_wxyz, [np.sqrt(0.5), 0, 0, np.sqrt(0.5)])
+    with pytest.raises(BadValue, match="quaternion"):
+        Rigid.from_quaternion([0, 0, 0, 0])
+    with pytest.raises(BadValue, match=r"rotation vector is of shape \(4,\)"):
+        Rigid.from_rotation_vector([0, 0, 0, 1])
+
+
+def test_a_matrix_rounded_to_three_decimals_is_made_a_motion_and_a_scaled_one_is_none() -> None:
+    motion = Rigid.exp([100, -20, 5, 0.3, -0.2, 1.1])
+    rounded = Rigid.from_matrix(motion.matrix.round(3))
+    assert np.allclose(rounded.rotation @ rounded.rotation.T, np.eye(3), atol=1e-14)
+    assert np.allclose(rounded.rotation, motion.rotation, atol=2e-3)
+    assert np.array_equal(Rigid.from_matrix(motion.matrix).matrix, motion.matrix)
+    with pytest.raises(BadValue, match="off a rotation by"):
+        Rigid.from_matrix(np.diag([1.01, 1.01, 1.01, 1]))
+    with pytest.raises(BadValue, match="mirrored"):
+        Rigid.from_matrix(np.diag([1.0, 1, -1, 1]))
+    with pytest.raises(BadValue, match=r"rotation\[1, 0\] is nan"):
+        Rigid.from_matrix(np.where(np.arange(16).reshape(4, 4) == 4, np.nan, np.eye(4)))

@@ -210,6 +210,21 @@ def test_pictures_come_in_the_order_of_their_numbers(folder: Path) -> None:
     assert [frame.names[0] for frame in opened(folder)] == [str(folder / f"shot{i}.png") for i in range(12)]
 
 
+def test_a_path_does_for_a_log(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    """Stopped after five frames, and gone on with: the lines of a log that was opened by hand."""
+    seen = sighting(12, hidden={3})
+    run(folder, tmp_path / "whole.jsonl")
+    lines = track_part_to_log(tmp_path / "log.jsonl", PART, opened(folder), FIRST)
+    assert [line["frame"] for _, line in islice(lines, 5)] == [0, 1, 2, 3, 4]
+    lines.close()  # type: ignore[attr-defined]
+    seen.calls.clear()
+    assert len(list(track_part_to_log(tmp_path / "log.jsonl", PART, opened(folder), FIRST))) == 12
+    assert min(index for _, index in seen.calls) == 5
+    assert (tmp_path / "log.jsonl").read_bytes() == (tmp_path / "whole.jsonl").read_bytes()
+    with pytest.raises(BadValue, match="log is None"):
+        next(track_part_to_log(None, PART, opened(folder), FIRST))  # type: ignore[arg-type]
+
+
 @pytest.mark.parametrize("torn", [b"", b'{"frame": 5, "files', b"\xc3"])
 def test_a_killed_run_goes_on_after_its_last_whole_line(
     sighting: Install, folder: Path, tmp_path: Path, torn: bytes

@@ -1,4 +1,4 @@
-"""The README's Python snippets run as printed, on the files that the demo leaves; its commands are those of CI."""
+"""The Python of the README and of docs/python.md runs as printed on the files of the demo; its commands are CI's."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
 SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
+PAGE = re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(), flags=re.DOTALL)
 
 
 @pytest.fixture(scope="module")
@@ -23,9 +24,10 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_there_is_a_snippet_for_each_job() -> None:
     assert len(SNIPPETS) == 5
+    assert len(PAGE) == 3
 
 
-@pytest.mark.parametrize("snippet", SNIPPETS, ids=range(len(SNIPPETS)))
+@pytest.mark.parametrize("snippet", [*SNIPPETS, *PAGE], ids=range(len(SNIPPETS) + len(PAGE)))
 def test_snippet_runs_as_printed(snippet: str, demo: Path) -> None:
     result = subprocess.run(
         [sys.executable, "-W", "error", "-c", snippet], cwd=demo, capture_output=True, text=True, check=False

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+
 import numpy as np
 import pytest
 from scipy import ndimage
@@ -11,7 +13,7 @@ from cadcam.locate.refine.refinement import refine_pose
 from cadcam.verify.adjustment.datum_fit import CAUSES
 from cadcam.verify.judge import Verification, verify_part
 from cadcam.verify.reasons import explained, summary, with_remedy
-from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances, whole_parts
 from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided
 
 from .scene import displaced, part, photo, plate
@@ -121,6 +123,15 @@ def test_every_undecided_limit_of_a_part_ends_with_what_would_decide_it(limit_mm
     if found.verdict is Verdict.UNDECIDED:
         assert "+-" in found.reason
         assert "limit" in found.reason
+
+
+def test_without_limits_what_is_displaced_is_said_all_the_same() -> None:
+    """As the README does: every part of the model, no limits."""
+    for by, says in ((0.0, "nothing was judged$"), (1.5, r"judged; rib 1 is 1\.\d\d \+- 0\.\d\d mm off its place$")):
+        seen = photo(displaced("rib 1", np.array([0.0, by, 0.0])) if by else plate(), np.random.default_rng(5))
+        found = verify_part(part(), [seen], refine_pose(part(), [seen], Rigid()), whole_parts(part().scene))
+        assert found.verdict is Verdict.UNDECIDED
+        assert re.search(says, found.reason)
 
 
 def test_a_part_that_is_not_found_says_what_is_wrong_with_its_photo() -> None:

@@ -16,7 +16,7 @@ from cadcam.verify.edges.presence import Presence
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import judged, together
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection
-from cadcam.verify.tolerances.verdict import Verdict, decided, lengths, overall, towards
+from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, lengths, overall, towards
 
 LIMIT = Limit(Quantity.POSITION, 1.0, k=2.0)
 
@@ -127,3 +127,16 @@ def test_nothing_is_failed_whose_edges_are_as_likely_in_place(p_value: float, sa
     seen = cast(Inspection, SimpleNamespace(feature=lambda name: found, measured=None))
     (judgement,) = judged(Feature("floor", Selection("floor"), (Limit(Quantity.POSITION, 5.0),)), seen)
     assert judgement.verdict is said
+
+
+def test_a_judgement_is_told_in_the_units_of_the_tolerance_file() -> None:
+    """Of an angle in degrees, though it is kept in rad: 0.3 deg would otherwise read as 0.0052."""
+    turn = Judgement(
+        "rib", Limit(Quantity.ANGLE, np.radians(0.5)), np.radians(0.3), np.radians(0.05), Verdict.UNDECIDED
+    )
+    assert str(turn) == "rib, angle: 0.3 +- 0.1 deg, limit 0.5 deg: UNDECIDED"
+    assert (
+        str(Judgement("rib", LIMIT, -0.123, 0.02, Verdict.PASS)) == "rib, position: -0.123 +- 0.04 mm, limit 1 mm: PASS"
+    )
+    there = Judgement("rib", Limit(Quantity.PRESENCE, 0.0), np.nan, np.nan, Verdict.FAIL)
+    assert str(there) == "rib, presence: FAIL"

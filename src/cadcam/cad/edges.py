@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask, frozen
+from cadcam.arrays import Array, Brief, Ids, Mask, frozen
 from cadcam.cad.chains import chained
 from cadcam.cad.contact import resolve_contacts
 from cadcam.cad.edge_kind import EdgeKind
@@ -17,6 +17,7 @@ from cadcam.cad.facets import facet_edges, seam_angle
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable, corner_points, edge_table
 from cadcam.errors import BadValue
+from cadcam.kinds import expect, expect_number
 
 __all__ = ["EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges"]
 
@@ -24,8 +25,8 @@ __all__ = ["EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges
 SMOOTH_SEAM_DEG = 1.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FeatureEdges:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FeatureEdges(Brief):
     """Segments along mesh edges, in chains.
 
     `vertices` (S, 2) indices into mesh.vertices; `faces` (S, 2) the incident faces, -1 for none; `kind` (S,) of type
@@ -95,6 +96,8 @@ def feature_edges(
     plates, T-junctions) unless `flush_seams` keeps them. Curves along which bodies pass through each other have no mesh
     edge and are not found. Raises `BadValue` on angles outside (0, 180).
     """
+    expect(mesh, "mesh", Mesh)
+    expect_number(crease_angle_deg, "crease_angle_deg")
     if not 0 < crease_angle_deg < 180:
         raise BadValue("crease_angle_deg", crease_angle_deg, "degrees between 0 and 180")
     table = edge_table(mesh)

@@ -11,12 +11,13 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
+from cadcam.kinds import expect_number, said
 
 if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Mesh:
     """Triangles in mm, counter-clockwise seen from outside, each with the part and the surface it belongs to.
 
@@ -75,10 +76,13 @@ class Mesh:
         color: npt.ArrayLike | None = None,
     ) -> Mesh:
         """Return a mesh of one part; `surface` is -1 throughout and `color` NaN unless given."""
-        n = len(np.asarray(faces))
+        corners = np.asarray(faces)
+        if corners.ndim != 2:
+            raise BadValue("faces", said(faces), "vertex indices of shape (F, 3)")
+        n = len(corners)
         return cls(
-            vertices=np.asarray(vertices, float),
-            faces=np.asarray(faces),
+            vertices=frozen(vertices, "vertices", (None, 3)),
+            faces=corners,
             part=np.zeros(n, np.int32),
             surface=np.full(n, -1, np.int32) if surface is None else np.asarray(surface),
             part_names=(name,),
@@ -142,6 +146,9 @@ class Mesh:
 
     def transformed(self, b_from_a: Rigid) -> Mesh:
         """Return the mesh, given in frame a, in frame b."""
+        from cadcam.geometry.rigid import expect_motion
+
+        expect_motion(b_from_a, "b_from_a")
         normals = self.corner_normals
         if normals is not None:
             normals = np.asarray(normals @ np.asarray(b_from_a.rotation).T, np.float32)
@@ -149,6 +156,7 @@ class Mesh:
 
     def scaled(self, factor: float) -> Mesh:
         """Return the mesh scaled by `factor` about the origin; the factor is positive and finite."""
+        expect_number(factor, "scale factor")
         if not (np.isfinite(factor) and factor > 0):
             raise BadValue("scale factor", factor, "a positive number")
         return replace(self, vertices=self.vertices * factor)
@@ -188,6 +196,11 @@ class Mesh:
         if not 0 <= part < len(self.part_names):
             raise BadValue("part number", part, f"0 to {len(self.part_names) - 1}")
         return part
+
+    def __repr__(self) -> str:
+        parts = f"{len(self.part_names)} part{'s' * (len(self.part_names) != 1)}"
+        size = " x ".join(f"{x:.6g}" for x in self.size_mm) if len(self.vertices) else "0"
+        return f"Mesh({parts}, {len(self.vertices)} vertices, {self.n_faces} faces, {size} mm)"
 
 
 def merge(meshes: Sequence[Mesh]) -> Mesh:

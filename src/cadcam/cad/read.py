@@ -23,6 +23,7 @@ from cadcam.cad.mend import Repairs, mend
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.units import MM, unit_name
 from cadcam.errors import BadValue, DegenerateGeometry, UnreadableFile
+from cadcam.kinds import expect_path
 
 _READERS: dict[str, Callable[[Path, bytes], Model]] = {
     ".stl": read_stl,
@@ -98,6 +99,7 @@ def read_model_with_report(
     path: str | PathLike[str], *, unit: str | None = None, chordal_tolerance_mm: float | None = None
 ) -> tuple[Mesh, LoadReport]:
     """Return what `read_model` returns, and the report of it."""
+    expect_path(path)
     wanted = None if unit is None else unit_name(unit)
     path = Path(path)
     data = _bytes(path)

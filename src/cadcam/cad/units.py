@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from cadcam.errors import UnknownName
+from cadcam.kinds import expect
 
 MM = {"um": 1e-3, "mm": 1.0, "cm": 10.0, "m": 1e3, "in": 25.4, "ft": 304.8}
 
@@ -18,6 +19,7 @@ _LONG = {
 
 def unit_name(name: str) -> str:
     """Return the short name (um, mm, cm, m, in, ft) of a unit of length; raises `UnknownName`."""
+    expect(name, "unit", str)
     short = _LONG.get(name.strip().lower(), name.strip().lower())
     if short not in MM:
         raise UnknownName("unit", name, [*MM, "millimetre", "metre", "inch", "foot"])

@@ -15,6 +15,7 @@ import numpy.typing as npt
 from cadcam.cad.formats.gltf import SURFACES
 from cadcam.cad.mesh import Mesh, compacted
 from cadcam.errors import UnknownName
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 
@@ -25,6 +26,8 @@ def write_model(path: str | PathLike[str], mesh: Mesh) -> None:
     colours and, where the mesh has them, surfaces and their normals. STL, PLY and OBJ are in mm. Raises
     `UnknownName` for another suffix and `UnwritableFile`.
     """
+    expect_path(path)
+    expect(mesh, "mesh", Mesh)
     suffix = Path(path).suffix.lower()
     if suffix not in _WRITERS:
         raise UnknownName("format to write", suffix, _WRITERS)

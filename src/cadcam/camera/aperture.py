@@ -20,6 +20,7 @@ from cadcam.arrays import Array, Floats
 from cadcam.camera.camera import Camera
 from cadcam.camera.optics import AIRY_SIGMA, WAVELENGTH_UM, Optics
 from cadcam.errors import BadValue
+from cadcam.kinds import expect_number
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,8 @@ class Aperture:
     focus_mm: float
 
     def __post_init__(self) -> None:
+        expect_number(self.diameter_mm, "diameter of the aperture")
+        expect_number(self.focus_mm, "focus distance")
         if not (isfinite(self.diameter_mm) and self.diameter_mm > 0):
             raise BadValue("diameter of the aperture", f"{self.diameter_mm:g} mm", "a positive number of mm")
         if not self.focus_mm > 0:

@@ -10,6 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, Mask, frozen
 from cadcam.camera.lens import Ideal, Lens, lens_from_opencv
 from cadcam.errors import BadValue
+from cadcam.kinds import expect, expect_number, said
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,7 +26,8 @@ class Camera:
     lens: Lens = field(default_factory=Ideal)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "size", _checked_size(self.size))
+        expect(self.lens, "lens", Lens)
+        object.__setattr__(self, "size", checked_size(self.size))
         K = frozen(self.K, "K", (3, 3))
         if K[1, 0] or K[2, 0] or K[2, 1] or K[2, 2] != 1:
             raise BadValue("K", K.tolist(), "an upper triangle with K[2,2] = 1")
@@ -46,7 +48,10 @@ class Camera:
         lens: Lens | None = None,
     ) -> Camera:
         """Return the camera with these intrinsics in px; fy defaults to fx, the principal point to the centre."""
-        width, height = _checked_size(size)
+        width, height = checked_size(size)
+        for what, value in (("fx", fx), ("fy", fy), ("cx", cx), ("cy", cy), ("skew", skew)):
+            if value is not None:
+                expect_number(value, what)
         K = np.array(
             [
                 [fx, skew, (width - 1) / 2 if cx is None else cx],
@@ -57,8 +62,9 @@ class Camera:
         return cls((width, height), K, Ideal() if lens is None else lens)
 
     @classmethod
-    def from_opencv(cls, size: tuple[int, int], matrix: Floats, coefficients: Floats = ()) -> Camera:
-        """Return the camera of OpenCV's camera matrix and distortion vector (0, 4, 5, 8, 12 or 14 numbers)."""
+    def from_opencv(cls, size: tuple[int, int], matrix: Floats, coefficients: Floats | None = ()) -> Camera:
+        """Return the camera of OpenCV's camera matrix and distortion vector (0, 4, 5, 8, 12 or 14 numbers, or None)."""
+        coefficients = () if coefficients is None else coefficients
         return cls(size, frozen(matrix, "camera matrix", (3, 3)), lens_from_opencv(coefficients))
 
     @property
@@ -91,16 +97,16 @@ class Camera:
         """Return (cx, cy) in px."""
         return self.K[:2, 2]
 
-    def project(self, p: Array) -> Array:
+    def project(self, p: Floats) -> Array:
         """Return pixels q (..., 2) of points p (..., 3) in the camera frame, mm.
 
         NaN for z <= 0 and outside the lens' valid radius; points outside the picture get their coordinates.
         """
-        return self.pixel_of(self.lens.project(p))
+        return self.pixel_of(self.lens.project(_of_axes(p, "points", 3)))
 
-    def project_with_jacobian(self, p: Array) -> tuple[Array, Array]:
+    def project_with_jacobian(self, p: Floats) -> tuple[Array, Array]:
         """Return q (..., 2) and dq/dp (..., 2, 3) in px/mm."""
-        m, dm_dp, _ = self.lens.project_with_jacobians(p, ())
+        m, dm_dp, _ = self.lens.project_with_jacobians(_of_axes(p, "points", 3), ())
         return self.pixel_of(m), np.asarray(self.K[:2, :2] @ dm_dp)
 
     def unproject(self, q: Floats) -> Array:
@@ -113,7 +119,7 @@ class Camera:
 
     def normalised(self, q: Floats) -> Array:
         """Return m (..., 2), the normalised (distorted) image plane's point of pixels q."""
-        centred = np.asarray(q, dtype=np.float64) - self.K[:2, 2]
+        centred = _of_axes(q, "pixels", 2) - self.K[:2, 2]
         y = centred[..., 1] / self.fy
         return np.stack([(centred[..., 0] - self.skew * y) / self.fx, y], axis=-1)
 
@@ -129,7 +135,7 @@ class Camera:
 
     def sees(self, q: Floats) -> Mask:
         """Return which pixels q (..., 2) lie in the picture, [-1/2, W - 1/2] x [-1/2, H - 1/2]."""
-        q = np.asarray(q, dtype=np.float64)
+        q = _of_axes(q, "pixels", 2)
         inside = (q >= -0.5) & (q <= np.array([self.width - 0.5, self.height - 0.5]))
         return np.asarray(inside.all(axis=-1))
 
@@ -140,13 +146,15 @@ class Camera:
 
     def crop(self, x: int, y: int, size: tuple[int, int]) -> Camera:
         """Return the camera of the picture cut to `size` with pixel (x, y) as its new (0, 0)."""
+        expect_number(x, "x of the cut")
+        expect_number(y, "y of the cut")
         K = self.K.copy()
         K[:2, 2] -= (x, y)
         return replace(self, size=size, K=K)
 
     def resize(self, size: tuple[int, int]) -> Camera:
         """Return the camera of the picture resampled to `size`: q' = s (q + 1/2) - 1/2 along each axis."""
-        width, height = _checked_size(size)
+        width, height = checked_size(size)
         sx, sy = width / self.width, height / self.height
         H = np.array([[sx, 0.0, (sx - 1) / 2], [0.0, sy, (sy - 1) / 2], [0.0, 0.0, 1.0]])
         return replace(self, size=(width, height), K=H @ self.K)
@@ -157,7 +165,19 @@ class Camera:
         return text + (f", skew {self.skew:.4g}" if self.skew else "") + f" px, {self.lens})"
 
 
-def _checked_size(size: Any) -> tuple[int, int]:
+def _of_axes(values: Floats, what: str, n: int) -> Array:
+    """Return an array whose last axis is n long; `BadValue` naming what it is for another."""
+    try:
+        array = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise BadValue(what, said(values), f"numbers of shape (..., {n})") from None
+    if array.shape[-1:] != (n,):
+        raise BadValue(what, said(values), f"an array of shape (..., {n})")
+    return array
+
+
+def checked_size(size: Any) -> tuple[int, int]:
+    """Return (width, height) of a picture in px; `BadValue` for what is no size."""
     try:
         width, height = size
         whole = int(width) == width and int(height) == height

@@ -8,14 +8,16 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
-from cadcam.camera.fitted import Fitted, scaled
+from cadcam.camera.extended_pinhole import MATRIX_ENTRIES, NAMES, ExtendedPinhole, matrix_entry
+from cadcam.camera.fitted import Fitted, doubted, freedom_words, noise_may_be_times, scaled
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import project_with_sensitivity, rotation_by_angles, twist_by_local
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 
-_ANGLES = slice(3, 6)
+WEAK = 2.0  # factor by which the noise may exceed its estimate: 5 degrees of freedom and fewer
+SMALL_MM = 1.0  # points with a smaller extent are hardly in mm
+_ANGLES, _INTERNALS = slice(3, 6), slice(6, 11)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,13 +64,39 @@ class CameraEstimate(Fitted):
         return np.concatenate([self.extended_pinhole.vector, list(self.camera.lens.parameters.values())])
 
     def value(self, name: str) -> float:
-        """Return one parameter (mm, rad, px)."""
-        return float(self.values[self._index(name)])
+        """Return one parameter (mm, rad, px), or fx, fy, cx, cy of the camera matrix (px)."""
+        entry = matrix_entry(self.camera, name)
+        return float(self.values[self._index(name)]) if entry is None else entry[0]
 
     @property
     def residuals(self) -> Array:
         """Return measured minus projected pixels (column, row), (N, 2)."""
         return self.observations.q - self.camera.project(self.camera_from_world @ self.observations.p_world)
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Return what speaks against the estimate, one sentence each.
+
+        Too few equations to know the noise, points too small for millimetres, points outside the picture.
+        """
+        said, seen = [], self.observations
+        times = noise_may_be_times(self.dof)
+        if seen.sigma_px is None and self.dof > 0 and times > WEAK:
+            said.append(
+                f"warning: with {freedom_words(self.dof)} the noise, and every sigma with it, may be {times:.2g} times "
+                "what the residuals say (95 %); add points, or state the noise (sigma_px)"
+            )
+        extent = float(np.ptp(seen.p_world, axis=0).max())
+        if extent < SMALL_MM:
+            said.append(
+                f"warning: the points span {extent:.3g} mm: is their unit right? X_m, Y_m, Z_m in the header if not"
+            )
+        outside = int((~self.camera.sees(seen.q)).sum())
+        if outside:
+            width, height = self.camera.size
+            count = f"{outside} of {len(seen)} pixels lie"
+            said.append(f"warning: {count} outside the picture of {width} x {height} px: is it the right one?")
+        return tuple(said)
 
     @property
     def unknowns(self) -> int:
@@ -102,7 +130,12 @@ class CameraEstimate(Fitted):
         return scaled(self._cofactor * np.outer(free, free), self.noise_px)
 
     def sigma(self, name: str) -> float:
-        """Return the standard deviation of one parameter (mm, rad, px); 0 for a fixed one."""
+        """Return the standard deviation of one parameter (mm, rad, px), or of fx, fy, cx, cy; 0 for a fixed one."""
+        entry = matrix_entry(self.camera, name)
+        if entry is not None:
+            by = np.zeros(len(self.parameters))
+            by[_INTERNALS] = entry[1]
+            return float(np.sqrt(scaled(np.atleast_2d(by @ self._cofactor @ by), self.noise_px)[0, 0]))
         i = self._index(name)
         return float(np.sqrt(self.covariance[i, i]))
 
@@ -122,7 +155,7 @@ class CameraEstimate(Fitted):
 
     def projection_covariance(self, p_world: Floats) -> Array:
         """Return the covariance (..., 2, 2) px^2 of the images of world points (..., 3), due to the camera's error."""
-        points = np.asarray(p_world, dtype=np.float64)
+        points = frozen(p_world, "world points", (3,), batched=True, finite=False)
         _, J = project_with_sensitivity(self.camera, self.camera_from_world, points.reshape(-1, 3))
         cofactor = J @ self.cofactor @ np.swapaxes(J, -1, -2)
         return scaled(cofactor, self.noise_px).reshape(*points.shape[:-1], 2, 2)
@@ -136,11 +169,11 @@ class CameraEstimate(Fitted):
 
     def _index(self, name: str) -> int:
         if name not in self.parameters:
-            raise UnknownName("parameter", name, self.parameters)
+            raise UnknownName("parameter", name, (*self.parameters, *MATRIX_ENTRIES))
         return self.parameters.index(name)
 
     def __repr__(self) -> str:
         return (
             f"CameraEstimate({len(self.observations)} points, {len(self.free)} free, "
-            f"residual {self.thesis_residual:.4g} px, {self.camera})"
+            f"residual {self.thesis_residual:.4g} px, {self.camera}{doubted(self.doubts)})"
         )

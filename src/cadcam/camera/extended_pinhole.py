@@ -146,9 +146,16 @@ class ExtendedPinhole:
             )
         return np.asarray(K / K[2, 3])
 
+    def __repr__(self) -> str:
+        told = (f"{name}={value:.6g} {UNITS.get(name, '')}" for name, value in zip(NAMES, astuple(self), strict=True))
+        return f"ExtendedPinhole({', '.join(one.rstrip() for one in told)})"
+
 
 NAMES: tuple[str, ...] = tuple(f.name for f in fields(ExtendedPinhole))
+MATRIX_ENTRIES = ("fx", "fy", "cx", "cy")  # of the camera matrix, px
 EXTERNALS, INTERNALS = NAMES[:6], NAMES[6:]
+UNITS = {"X": "mm", "Y": "mm", "Z": "mm", "a": "rad", "b": "rad", "c": "rad", "focal": "px", "skew": "rad"}
+UNITS |= {"U0": "px", "V0": "px"}  # aspect has none
 
 
 def internals_of(K: Array) -> Array:
@@ -161,6 +168,24 @@ def internals_of(K: Array) -> Array:
 def internals_by_name(camera: Camera) -> dict[str, float]:
     """Return the internals of a camera by their names, aspect, focal, skew, U0, V0; px and rad."""
     return dict(zip(INTERNALS, internals_of(camera.K).tolist(), strict=True))
+
+
+def matrix_entry(camera: Camera, name: str) -> tuple[float, Array] | None:
+    """Return an entry of the camera matrix, px, and its derivative (5,) by aspect, focal, skew, U0, V0.
+
+    name: fx, fy, cx or cy; None for another, such as one of the thesis' own names.
+    """
+    if name not in MATRIX_ENTRIES:
+        return None
+    aspect, focal, skew, U0, V0 = internals_of(camera.K).tolist()
+    sin, cos = np.sin(skew), np.cos(skew)
+    value, by = {
+        "fx": (focal * aspect * cos, [focal * cos, aspect * cos, -focal * aspect * sin, 0, 0]),
+        "fy": (focal, [0, 1, 0, 0, 0]),
+        "cx": (V0, [0, 0, 0, 0, 1]),
+        "cy": (U0, [0, 0, 0, 1, 0]),
+    }[name]
+    return float(value), np.array(by, dtype=np.float64)
 
 
 def camera_of(internals: Array, size: tuple[int, int], lens: Lens | None = None) -> Camera:

@@ -71,6 +71,28 @@ def scaled(cofactor: Array, noise: float) -> Array:
     return np.where(diagonal & (cofactor > 0), np.inf, 0.0)
 
 
+def freedom_words(dof: int) -> str:
+    """Return a number of degrees of freedom in words."""
+    return f"{dof} degree{'s' * (dof != 1)} of freedom"
+
+
+def noise_may_be_times(dof: int) -> float:
+    """Return by what factor the true noise may exceed sigma0: its 95 % bound, from chi-square with `dof` degrees."""
+    from scipy.special import chdtri
+
+    return float(np.sqrt(dof / chdtri(dof, 0.95))) if dof > 0 else np.inf
+
+
+def doubted(doubts: Sequence[str]) -> str:
+    """Return how many doubts an estimate has, for its repr; "" for none."""
+    return f", {len(doubts)} doubt{'s' * (len(doubts) != 1)}: see .doubts" if doubts else ""
+
+
+def standing_out(count: int, kind: str) -> str:
+    """Return how many views or frames fit much worse than the others, for an estimate's repr; "" for none."""
+    return f", {count} {kind}{'s' * (count != 1)} worse than the others: see .outlier_{kind}s()" if count else ""
+
+
 def stand_out(residuals: Array, points: Sequence[int]) -> tuple[int, ...]:
     """Return which of several views (or frames) fit much worse than the others, the worst first.
 

@@ -9,8 +9,8 @@ import numpy as np
 from cadcam.arrays import Array, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, internals_by_name
-from cadcam.camera.fitted import stand_out
+from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, MATRIX_ENTRIES, NAMES, internals_by_name, matrix_entry
+from cadcam.camera.fitted import stand_out, standing_out
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
@@ -78,22 +78,30 @@ class JointEstimate:
         return self.poses[j]
 
     def value(self, name: str) -> float:
-        """Return one shared parameter."""
+        """Return one shared parameter, or fx, fy, cx, cy of the camera matrix (px)."""
+        entry = matrix_entry(self.camera, name)
+        if entry is not None:
+            return entry[0]
         values = self.parameters
         if name not in values:
-            raise UnknownName("shared parameter", name, values)
+            raise UnknownName("shared parameter", name, (*values, *MATRIX_ENTRIES))
         return values[name]
 
     def sigma(self, name: str, *, by_view: bool = False) -> float:
-        """Return the standard deviation of a shared parameter, 0 if it was not free; by_view: nan for too few."""
+        """Return the standard deviation of a shared parameter, or of fx, fy, cx, cy, px.
+
+        0 if it was not free; by_view: nan for too few.
+        """
         self.value(name)
-        if name not in self.free:
+        entry = matrix_entry(self.camera, name)
+        weight = {name: 1.0} if entry is None else dict(zip(INTERNALS, entry[1].tolist(), strict=True))
+        by = np.array([weight.get(free, 0.0) for free in self.free])
+        if not by.any():
             return 0.0
         if by_view and self.by_view is None:
             return float("nan")
         C = self.by_view if by_view and self.by_view is not None else self.covariance
-        i = self.free.index(name)
-        return float(np.sqrt(C[i, i]))
+        return float(np.sqrt(by @ C @ by))
 
     @property
     def correlation(self) -> Array:
@@ -166,5 +174,5 @@ class JointEstimate:
         points = sum(len(v) for v in self.views)
         return (
             f"JointEstimate({len(self.views)} views, {points} points, {len(self.free)} shared parameters, "
-            f"residual {self.residual:.4g} px, {self.camera})"
+            f"residual {self.residual:.4g} px, {self.camera}{standing_out(len(self.outlier_views()), 'view')})"
         )

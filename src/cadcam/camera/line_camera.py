@@ -16,7 +16,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.fitted import Fitted, scaled
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
 from cadcam.geometry.ray import Ray
@@ -150,8 +150,8 @@ class LineCamera:
 LINE_NAMES: tuple[str, ...] = tuple(f.name for f in fields(LineCamera))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LineObservations:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LineObservations(Brief):
     """N points (N, 2) mm of the plane and their images in the line camera, U (N,) px; the rest as in `Observations`."""
 
     p_world: Array
@@ -178,8 +178,8 @@ class LineObservations:
         return len(self.p_world)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LineEstimate(Fitted):
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LineEstimate(Fitted, Brief):
     """A line camera estimated from points; cofactor (5, 5) is its covariance for noise of 1 px, in mm, rad, px."""
 
     camera: LineCamera

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, frozen
+from cadcam.arrays import Array, Brief, Ids, frozen
 from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, UnknownName
 
@@ -25,8 +25,8 @@ class Length:
     half_width: float
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PixelNoise:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PixelNoise(Brief):
     """The covariance (N, 3, 3) mm^2 of points due to pixel noise of one origin, independent between points.
 
     owner, dof: the calibration that the noise was estimated by and its degrees of freedom; None and inf where stated.
@@ -194,4 +194,6 @@ class Measurement:
 
     def __repr__(self) -> str:
         refused = f", {len(self.refused)} refused" if self.refused else ""
-        return f"Measurement({len(self)} points{refused}, {self.method})"
+        missed = len(self.inconsistent())
+        doubt = f", {missed} whose rays miss each other: see .inconsistent()" if missed else ""
+        return f"Measurement({len(self)} points{refused}{doubt}, {self.method})"

@@ -9,8 +9,10 @@ from hashlib import sha256
 import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
+from cadcam.camera.camera import checked_size
 from cadcam.camera.extended_pinhole import pixels_from_uv, uv_from_pixels
 from cadcam.errors import BadValue
+from cadcam.kinds import said
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +39,9 @@ class Observations:
             raise BadValue("number of world points, pixels, names", (len(p), len(q), len(names)), "one number for all")
         _refuse_not_finite(p, names, "XYZ")
         _refuse_not_finite(q, names, ("column", "row"))
-        if self.sigma_px is not None and not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
-            raise BadValue("sigma_px", self.sigma_px, "a positive number of pixels, or None")
+        one = isinstance(self.sigma_px, (int, float, np.number)) and np.isfinite(self.sigma_px) and self.sigma_px > 0
+        if self.sigma_px is not None and not one:
+            raise BadValue("sigma_px", said(self.sigma_px), "a positive number of pixels, or None: one for all points")
         object.__setattr__(self, "p_world", p)
         object.__setattr__(self, "q", q)
         object.__setattr__(self, "names", names)
@@ -70,6 +73,22 @@ class Observations:
     def __repr__(self) -> str:
         sigma = "" if self.sigma_px is None else f", sigma {self.sigma_px:g} px"
         return f"Observations({len(self)} points from {self.source}{sigma})"
+
+
+def picture_size(size: object, views: Sequence[Observations]) -> tuple[int, int]:
+    """Return (width, height) in px; `BadValue` for what is no size, or one with its numbers exchanged.
+
+    They are where points lie beyond the picture, and all would lie in one of (height, width).
+    """
+    width, height = checked_size(size)
+    turned = (height, width)
+    for view in views:
+        beyond = np.flatnonzero((view.q > np.array([width, height]) - 0.5).any(axis=1))
+        if beyond.size and all((v.q <= np.array(turned) - 0.5).all() for v in views):
+            name, (x, y) = view.names[int(beyond[0])], view.q[beyond[0]]
+            why = f"(width, height) px, as point {name!r} is at x = {x:.6g}, y = {y:.6g}"
+            raise BadValue("size", (width, height), f"{turned}: {why}")
+    return width, height
 
 
 def _refuse_not_finite(values: Array, names: tuple[str, ...], axes: Sequence[str]) -> None:

@@ -15,6 +15,7 @@ from math import atan, degrees, inf, isfinite
 from cadcam.camera.camera import Camera
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue
+from cadcam.kinds import expect, expect_number
 
 WAVELENGTH_UM = 0.55  # green, the middle of a monochrome sensor's range
 AIRY_SIGMA = 0.42  # of wavelength times f-number: the Gaussian nearest to the Airy disc's core
@@ -40,6 +41,8 @@ class Optics:
     image_circle_mm: float | None = None
 
     def __post_init__(self) -> None:
+        expect(self.sensor, "sensor", SensorFormat)
+        expect_number(self.distance_mm, "distance")
         _positive("focal length", self.focal_mm, "mm")
         self._refuse_impossibly_wide()
         if not self.distance_mm > self.focal_mm:
@@ -186,6 +189,7 @@ def solve_optics(
 
     Raises `BadValue` for another number of them, and for values impossible for a lens.
     """
+    expect(sensor, "sensor", SensorFormat)
     given = {"focal_mm": focal_mm, "distance_mm": distance_mm, "width_mm": width_mm}
     known = [name for name, value in given.items() if value is not None]
     if len(known) != 2:
@@ -232,5 +236,6 @@ def lens_class(angle_deg: float) -> str:
 
 
 def _positive(what: str, value: float, unit: str) -> None:
+    expect_number(value, what)
     if not (isfinite(value) and value > 0):
         raise BadValue(what, f"{value:g}", f"a positive number, {unit}")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import PIXEL_FROM_UV
 from cadcam.camera.fitted import Fitted, scaled
@@ -22,8 +22,8 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlaneCamera:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PlaneCamera(Brief):
     """The 3x3 matrix H of (q, 1) ~ H (x, y, 1), pixels of plane points in mm; its sign determines the front."""
 
     matrix: Array
@@ -99,8 +99,8 @@ class PlaneCamera:
         return Rigid(so3.nearest(np.column_stack([A[:, 0], A[:, 1], np.cross(A[:, 0], A[:, 1])])), np.asarray(A[:, 2]))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlaneEstimate(Fitted):
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PlaneEstimate(Fitted, Brief):
     """A plane's camera estimated from points of the plane Z = `height` of the world.
 
     cofactor (9, 9): the covariance of the matrix' entries, row by row, for noise of 1 px; of rank 8, since their common

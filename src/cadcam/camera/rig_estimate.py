@@ -7,10 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, frozen
+from cadcam.arrays import Array, Brief, frozen
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import INTERNALS, internals_by_name
-from cadcam.camera.fitted import stand_out
+from cadcam.camera.extended_pinhole import INTERNALS, MATRIX_ENTRIES, internals_by_name, matrix_entry
+from cadcam.camera.fitted import stand_out, standing_out
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import twist_by_local
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
@@ -20,8 +20,8 @@ from cadcam.geometry.rigid import Rigid
 MOUNT = ("tx", "ty", "tz", "rx", "ry", "rz")  # xi of camera_from_rig @ Rigid.exp(xi)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RelativePose:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RelativePose(Brief):
     """The motion b_from_a between two cameras of a rig; covariance (6, 6) of xi in b_from_a @ Rigid.exp(xi), mm, rad.
 
     by_frame: the same from the scatter between frames; None if too few.
@@ -120,16 +120,21 @@ class RigEstimate:
         return internals_by_name(camera) | camera.lens.parameters
 
     def sigma(self, name: str, parameter: str, *, by_frame: bool = False) -> float:
-        """Return the standard deviation of a camera's parameter, 0 if it was not free; by_frame: nan if too few."""
+        """Return the standard deviation of a camera's parameter, or of its fx, fy, cx, cy (px).
+
+        0 if it was not free; by_frame: nan if too few.
+        """
         known = (*self.values(name), *MOUNT)
-        if parameter not in known:
-            raise UnknownName(f"parameter of camera {name!r}", parameter, known)
-        full = f"{name}.{parameter}"
-        if full not in self.parameters:
-            return 0.0
+        entry = matrix_entry(self.camera(name), parameter)
+        if parameter not in known and entry is None:
+            raise UnknownName(f"parameter of camera {name!r}", parameter, (*known, *MATRIX_ENTRIES))
+        weight = {parameter: 1.0} if entry is None else dict(zip(INTERNALS, entry[1].tolist(), strict=True))
+        own = {f"{name}.{p}": w for p, w in weight.items()}
+        by = np.array([own.get(p, 0.0) for p in self.parameters])
         C = self.by_frame if by_frame else self.covariance
-        i = self.parameters.index(full)
-        return float("nan") if C is None else float(np.sqrt(C[i, i]))
+        if not by.any():
+            return 0.0
+        return float("nan") if C is None else float(np.sqrt(by @ C @ by))
 
     def relative(self, a: str, b: str) -> RelativePose:
         """Return camera b from camera a with its covariance; for the first camera it is the mount itself."""
@@ -255,7 +260,7 @@ class RigEstimate:
         base = ", ".join(f"{n} {self.relative(self.names[0], n).baseline:.6g} mm" for n in self.names[1:])
         return (
             f"RigEstimate({len(self.frames)} frames of {', '.join(self.names)}; off {self.names[0]}: {base}; "
-            f"residual {self.residual:.4g} px)"
+            f"residual {self.residual:.4g} px{standing_out(len(self.outlier_frames()), 'frame')})"
         )
 
 

@@ -13,20 +13,21 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.sensitivity import project_with_sensitivity, twist_by_local
 from cadcam.errors import BadValue
 from cadcam.geometry.ray import Ray
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
+from cadcam.kinds import expect, expect_number
 
 _POSE, _EXTERNAL = slice(0, 6), 6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ErrorSource:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ErrorSource(Brief):
     """Uncertain parameters and their covariance (k, k); the same `owner` is the same source.
 
     dof: degrees of freedom behind the noise that scales the covariance; inf where it is known.
@@ -62,8 +63,8 @@ def index_of(sources: Sequence[ErrorSource], source: ErrorSource) -> int:
     return next(k for k, s in enumerate(sources) if s.owner is source.owner)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class KnownMotion:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class KnownMotion(Brief):
     """The motion of a camera: new_from_old takes whatever is fixed to the camera from its old place to its new one.
 
     Both in world coordinates, mm: p_new = new_from_old @ p_old. A robot's flange at base_from_flange gives it as
@@ -75,6 +76,7 @@ class KnownMotion:
     covariance: Array = field(default_factory=lambda: np.zeros((6, 6)))
 
     def __post_init__(self) -> None:
+        expect_motion(self.new_from_old, "new_from_old")
         object.__setattr__(self, "covariance", frozen(self.covariance, "covariance of the motion", (6, 6)))
 
     @classmethod
@@ -92,6 +94,7 @@ class KnownMotion:
         about (3,) is given in its old place, usually the focal centre: there sigma_mm is the error of its own position.
         """
         for name, value in (("sigma_mm", sigma_mm), ("sigma_rad", sigma_rad)):
+            expect_number(value, f"{name} of the motion")
             if not (np.isfinite(value) and value >= 0):
                 raise BadValue(f"{name} of the motion", value, "a number from 0 on")
         to_point = Rigid(translation=-frozen(about, "about", (3,)))
@@ -111,8 +114,8 @@ class KnownMotion:
         return of_home, of_motion
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Viewpoint:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Viewpoint(Brief):
     """A camera at a place: camera_from_world in mm, the noise of its pixels, and what is uncertain about it.
 
     sigma_px: noise of one pixel coordinate of what is measured here. errors: for each source the matrix (n, k) from its
@@ -131,6 +134,9 @@ class Viewpoint:
     noise_dof: float = np.inf
 
     def __post_init__(self) -> None:
+        expect(self.camera, "camera", Camera)
+        expect_motion(self.camera_from_world, "camera_from_world")
+        expect_number(self.sigma_px, f"sigma_px of viewpoint {self.name!r}")
         if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
             raise BadValue(
                 f"pixel noise of viewpoint {self.name!r}",
@@ -154,6 +160,7 @@ class Viewpoint:
 
         sigma_px defaults to the noise behind the calibration's covariance.
         """
+        expect(estimate, "estimate", CameraEstimate)
         pose, as_it_is = estimate.camera_from_world, np.eye(len(estimate.cofactor))
         return _of(name, estimate, pose, sigma_px, (_calibration(name, estimate, as_it_is),))
 
@@ -162,6 +169,8 @@ class Viewpoint:
         cls, name: str, estimate: CameraEstimate, motion: KnownMotion, *, sigma_px: float | None = None
     ) -> Viewpoint:
         """Return the viewpoint of a calibrated camera moved away from its calibration (section 2.3.2, EQ 2.170)."""
+        expect(estimate, "estimate", CameraEstimate)
+        expect(motion, "motion", KnownMotion)
         of_home, of_motion = motion.effects(estimate.camera_from_world.origin, len(estimate.cofactor))
         moving = (ErrorSource(f"motion to {name}", motion.covariance, motion), of_motion)
         pose = estimate.camera_from_world @ motion.new_from_old.inv
@@ -182,9 +191,11 @@ class Viewpoint:
 
         pose_covariance (6, 6): of xi in camera_from_world @ Rigid.exp(xi), mm and rad; default exact.
         """
+        expect(estimate, "estimate", CameraEstimate)
+        expect_motion(camera_from_world, "camera_from_world")
         internals = np.eye(len(estimate.cofactor))
         internals[_POSE] = 0.0
-        covariance = np.zeros((6, 6)) if pose_covariance is None else np.asarray(pose_covariance, dtype=np.float64)
+        covariance = frozen(np.zeros((6, 6)) if pose_covariance is None else pose_covariance, "pose covariance", (6, 6))
         by_pose = np.zeros((len(internals), 6))
         by_pose[_POSE] = twist_by_local(camera_from_world.origin)  # an involution
         pose = (ErrorSource(f"pose of {name}", covariance, camera_from_world), by_pose)
@@ -199,6 +210,8 @@ class Viewpoint:
 
         The internals' errors enter twice, in the rays and in the pose estimated with them; they partly cancel.
         """
+        expect(estimate, "estimate", CameraEstimate)
+        expect(pose, "pose", CameraEstimate)
         if pose.camera is not estimate.camera and not _same(pose.camera, estimate.camera):
             raise BadValue("the located camera", repr(pose.camera), f"the calibrated one, {estimate.camera!r}")
         _, J = project_with_sensitivity(pose.camera, pose.camera_from_world, pose.observations.p_world)
@@ -219,7 +232,7 @@ class Viewpoint:
 
     def rays(self, q: Floats) -> Ray:
         """Return the rays (..., 3) in the world of pixels q (..., 2); `BadValue` if there is none."""
-        q = np.asarray(q, dtype=np.float64)
+        q = frozen(q, "pixels", (2,), batched=True, finite=False)
         direction = self.camera.unproject(q)
         blind = ~np.isfinite(direction).all(axis=-1)
         if np.any(blind):
@@ -241,7 +254,7 @@ class Viewpoint:
         Pixels' noise and every error source count; the covariance of the point at distance t is that of origin + t
         direction. The direction errs only perpendicular to the ray.
         """
-        q = np.atleast_2d(np.asarray(q, dtype=np.float64))
+        q = np.atleast_2d(frozen(q, "pixels", (2,), batched=True))
         rays = self.rays(q)
         _, J = project_with_sensitivity(self.camera, self.camera_from_world, rays.at(np.ones(len(q))))
         back = np.linalg.pinv(-J[..., :3])  # from pixels to the rotation of the direction, perpendicular to the ray

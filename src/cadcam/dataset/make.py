@@ -29,6 +29,7 @@ from cadcam.dataset.view_renderer import ViewInputs
 from cadcam.dataset.worker import Files, Job, Task
 from cadcam.errors import BadValue, MissingCore, UnreadableFile
 from cadcam.files.jsontext import as_json
+from cadcam.kinds import expect
 from cadcam.native.core import library
 from cadcam.render.lines.seen import drawable_edges
 from cadcam.render.view import Scene
@@ -77,6 +78,8 @@ def make_dataset(
     gets the numbers of views to be made and of views present; on_view is called after each. Raises `BadValue` for a
     folder that holds another data set, `UnwritableFile`, `MissingExtra`, `WorkerDied`, `UnreachableCluster`.
     """
+    expect(scene, "scene", Scene)
+    expect(plan, "plan", DatasetPlan)
     folder, layout = Path(folder), DatasetFiles(_named(split), "gray" if plan.gray else "rgb")
     _check_makers(workers, cluster)
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)

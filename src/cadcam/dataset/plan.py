@@ -13,12 +13,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.sensor import Sensor
+from cadcam.kinds import expect
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 Span: TypeAlias = tuple[float, float]
@@ -62,8 +63,8 @@ class Occluders:
             raise BadValue("occluder_shapes", "empty", f"{BOX}, {CYLINDER} or CAD files")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DatasetPlan:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DatasetPlan(Brief):
     """The choices of a data set.
 
     camera: its internals; focal_jitter is a share of the focal length (sigma), centre_jitter_px moves the principal
@@ -93,6 +94,8 @@ class DatasetPlan:
     key_point_names: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
+        expect(self.views, "views", int, np.integer)
+        expect(self.camera, "camera", Camera)
         if not 1 <= self.views <= 10_000_000:
             raise BadValue("views", self.views, "a whole number from 1 to 10 million")
         if not 0 <= self.seed < 2**63:

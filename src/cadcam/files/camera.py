@@ -20,22 +20,23 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
+from cadcam.camera.extended_pinhole import UNITS as PINHOLE_UNITS
 from cadcam.camera.lens import LENSES, Ideal, Lens
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName
 from cadcam.files.jsontext import Place, as_json, head_as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import TextFile, read_text
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam camera", 1
-UNITS = {"X": "mm", "Y": "mm", "Z": "mm", "a": "rad", "b": "rad", "c": "rad", "focal": "px", "skew": "rad"}
-UNITS |= {"U0": "px", "V0": "px", "bend_x": "mm", "bend_y": "mm"}  # aspect and the lens' coefficients have none
+UNITS = PINHOLE_UNITS | {"bend_x": "mm", "bend_y": "mm"}  # aspect and the lens' coefficients have none
 
 _FOCAL = ("fx_px", "fy_px", "cx_px", "cy_px", "skew_px")
 _CONVENTION = (
@@ -56,8 +57,8 @@ _KEYS = (
 )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CameraFile:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CameraFile(Brief):
     """The contents of a camera file: the camera, its pose and its estimate, as far as they are known."""
 
     camera: Camera
@@ -105,6 +106,7 @@ def write_camera(
 
     Floats keep every bit: `read_camera` returns the same values. An estimate has its own pose.
     """
+    expect_path(path)
     if isinstance(camera, CameraEstimate) and camera_from_world is not None:
         raise BadValue("camera_from_world", "given beside an estimate", "none: the estimate has its own")
     write_whole(path, as_json(camera_as_json(camera, camera_from_world=camera_from_world)))
@@ -112,6 +114,8 @@ def write_camera(
 
 def camera_as_json(camera: Camera | CameraEstimate, *, camera_from_world: Rigid | None = None) -> dict[str, Any]:
     """Return the JSON document that `write_camera` writes."""
+    expect(camera, "camera", Camera, CameraEstimate)
+    expect_motion(camera_from_world, "camera_from_world", optional=True)
     head = head_as_json(FORMAT, VERSION) | {"convention": _CONVENTION}
     if isinstance(camera, Camera):
         return head | bare_camera_as_json(camera, camera_from_world)

@@ -93,6 +93,8 @@ def pose_in(place: Place, directions: tuple[str, ...]) -> Rigid:
     """Return the first of these directions (mm) in a JSON object with one of them as key."""
     said = [d for d in directions if d in place.object]
     if len(said) != 1:
+        if any("_part" in key for key in place.object) and not any("_part" in direction for direction in directions):
+            raise place.error("holds the pose of a part", "cadcam.read_part_pose reads it")
         raise place.error("needs one pose", f'such as "{directions[0]}": {{"rotation": ..., "translation_mm": ...}}')
     pose = pose_at(place.at(said[0]))
     return pose if same_way(said[0], directions[0]) else pose.inv
@@ -109,6 +111,8 @@ def stated(file: TextFile, directions: tuple[str, ...]) -> tuple[str, float]:
     remedy = f"add a first line such as '# {directions[0]}, mm' (or {directions[1]}; or m, cm, in ...)"
     found = [m for line in comments_of(file) if (m := said.fullmatch(line))]
     if len(found) != 1:
+        if "_part" in file.text and not any("_part" in direction for direction in directions):
+            raise UnreadableFile(file.path, "holds the pose of a part", "cadcam.read_part_pose reads it")
         raise UnreadableFile(file.path, "does not say which pose it is, and in which unit", remedy)
     try:
         return found[0][1], MM[unit_name(found[0][2])]

@@ -18,20 +18,21 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.measurement import Measurement
 from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import as_json, or_null
 from cadcam.files.points import header_line, pixel_columns
 from cadcam.files.text import TextFile, lines_of_cells, number_in, read_text, rows_of_cells
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 _NAMES = ("name", "id", "point", "label")
 _VIEWS = ("view", "camera", "viewpoint")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ListedPixels:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ListedPixels(Brief):
     """Points' and viewpoints' names in the order of the file, pixels q (V, N, 2), NaN where not seen."""
 
     names: tuple[str, ...]
@@ -91,6 +92,8 @@ def write_measurement(
     joint: adds the covariance of all points together to the JSON. The CSV has name, X_mm, Y_mm, Z_mm, their sigmas, and
     gap, angle, chi-square and views.
     """
+    expect_path(path)
+    expect(measured, "measured", Measurement)
     if os.fspath(path).lower().endswith(".json"):
         write_whole(path, as_json(measurement_as_json(measured, pixels=pixels, joint=joint)))
         return

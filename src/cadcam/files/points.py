@@ -26,6 +26,7 @@ from cadcam.cad.units import MM, unit_name
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text, rows_of_cells
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 _WORLD = re.compile(r"([XYZxyz])(?:[_ ]?[\[(]?([A-Za-z]+)[\])]?)?")
@@ -79,6 +80,8 @@ def write_points(path: str | os.PathLike[str], observations: Observations) -> No
 
     Numbers keep every bit: `read_points` returns the same ones. Raises `BadValue` for a name that is not one line.
     """
+    expect_path(path)
+    expect(observations, "observations", Observations)
     sigma = () if observations.sigma_px is None else (repr(observations.sigma_px),)
     header = ("name", "X_mm", "Y_mm", "Z_mm", "x_px", "y_px", *(("sigma_px",) if sigma else ()))
     points = zip(observations.names, observations.p_world, observations.q, strict=True)

@@ -25,6 +25,7 @@ from cadcam.files.matrix import pose_as_json, pose_at, pose_in, rigid_in
 from cadcam.files.text import read_text
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam pose", 1
@@ -86,6 +87,8 @@ def write_part_pose(
     viewpoints: the cameras by which it was located, which name the world; model: what is known of the CAD file whose
     axes are the part's, such as its path and sha256.
     """
+    expect_path(path)
+    expect(pose, "pose", PoseEstimate)
     write_whole(path, as_json(part_pose_as_json(pose, viewpoints=viewpoints, model=model)))
 
 
@@ -129,6 +132,16 @@ def read_part_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | N
     """
     said, pose = _said(path, _OF_PART)
     return pose if said is _OF_PART or camera_from_world is None else camera_from_world.inv @ pose
+
+
+def read_pose_estimate(path: str | os.PathLike[str]) -> PoseEstimate:
+    """Return the pose of a part with its covariance, as `write_part_pose` or `cadcam locate --pose-out` wrote it.
+
+    Raises `UnreadableFile` naming the key, also for a pose without its covariance: `read_part_pose` reads those.
+    """
+    place = parsed(read_text(path))
+    place.check_head(FORMAT, VERSION, remedy="read_part_pose reads poses without a covariance")
+    return pose_estimate_at(place)
 
 
 def read_view_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | None = None) -> Rigid:

@@ -14,6 +14,7 @@ from cadcam.files.matrix import POSES, pose_in, read_pose, same_way, stated
 from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 _ROTATION = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
@@ -53,6 +54,8 @@ def read_poses(path: str | os.PathLike[str]) -> dict[str, Rigid]:
 
 def write_poses(path: str | os.PathLike[str], poses: Mapping[str, Rigid]) -> None:
     """Write camera_from_world (mm) by name as the text that `read_poses` reads, every bit of the numbers kept."""
+    expect_path(path)
+    expect(poses, "poses", Mapping)
     rows = (
         [name, *(repr(float(v)) for v in (*pose.rotation.ravel(), *pose.translation))] for name, pose in poses.items()
     )

@@ -28,6 +28,7 @@ from cadcam.files.jsontext import Place, as_json, head_as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam rig", 1
@@ -51,6 +52,8 @@ _MOUNT_UNITS = ("mm",) * 3 + ("rad",) * 3
 
 def write_rig(path: str | os.PathLike[str], estimate: RigEstimate) -> None:
     """Write a rig with all that belongs to it, whole or not at all; floats keep every bit."""
+    expect_path(path)
+    expect(estimate, "estimate", RigEstimate)
     write_whole(path, as_json(rig_as_json(estimate)))
 
 
@@ -66,9 +69,9 @@ def read_rig(path: str | os.PathLike[str]) -> RigEstimate:
         lambda: RigEstimate(
             names=tuple(c.at("name").text() for c in cameras),
             cameras=tuple(camera_at(Place(c.path, c.keys, _only_camera(c))) for c in cameras),
-            camera_from_rig=_stacked([pose_at(c.at("camera_from_rig")) for c in cameras]),
+            camera_from_rig=Rigid.stack([pose_at(c.at("camera_from_rig")) for c in cameras]),
             frames=tuple(f.at("name").text() for f in frames),
-            rig_from_world=_stacked([pose_at(f.at("rig_from_world")) for f in frames]),
+            rig_from_world=Rigid.stack([pose_at(f.at("rig_from_world")) for f in frames]),
             views=views,
             free=tuple(c.at("free").texts() for c in cameras),
             covariance=place.at("covariance").covariance(),
@@ -161,7 +164,3 @@ def _view_at(frame: Place, c: int, count: int) -> Observations | None:
 
 def _only_camera(place: Place) -> dict[str, Any]:
     return {key: place.at(key).value for key in _CAMERA_KEYS}
-
-
-def _stacked(motions: list[Rigid]) -> Rigid:
-    return Rigid(np.array([m.rotation for m in motions]), np.array([m.translation for m in motions]))

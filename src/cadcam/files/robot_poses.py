@@ -16,111 +16,26 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import LARGEST, Array
-from cadcam.cad.units import MM, unit_name
-from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.arrays import LARGEST, Array, Brief
+from cadcam.cad.units import unit_name
+from cadcam.errors import CadcamError, UnknownName, UnreadableFile
+from cadcam.files.robot_conventions import CONVENTIONS
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
-from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
 _SUFFIXES = (".txt", ".csv", ".json", ".yaml", ".yml")
 _NAME_COLUMNS = ("name", "id", "pose", "image", "label")
 
 
-@dataclass(frozen=True, slots=True)
-class Convention:
-    """Columns of a pose, position first; its unit of length ("" if the caller must give it); words; the rotation."""
-
-    columns: tuple[str, ...]
-    unit: str
-    meaning: str
-    rotation: Callable[[Array], Array]
-
-    def poses(self, numbers: Array, *, unit: str | None = None) -> Rigid:
-        """Return base_from_flange (n) in mm of numbers (n, columns). Raises `BadValue` for no or another unit."""
-        if not (unit or self.unit):
-            raise BadValue("unit of the robot's positions", "not stated", "mm, m ...: this convention does not say")
-        mm = MM[unit_name(unit or self.unit)]
-        if len(self.columns) == len(_MATRIX):
-            rows = numbers.reshape(-1, 3, 4)
-            return Rigid(self.rotation(rows[..., :3]), rows[..., 3] * mm)
-        return Rigid(self.rotation(numbers[:, 3:]), numbers[:, :3] * mm)
-
-
-def _about(axis: int, angle: Array) -> Array:
-    return so3.exp(angle[..., None] * np.eye(3)[axis])
-
-
-def _turned(axes: str, order: tuple[int, int, int] = (0, 1, 2)) -> Callable[[Array], Array]:
-    """Return the rotation R = R_axes[0] R_axes[1] R_axes[2] of three angles in degrees, cells taken in `order`."""
-
-    def rotation(angles: Array) -> Array:
-        first, second, third = (
-            _about("xyz".index(axis), np.radians(angles[:, i])) for axis, i in zip(axes, order, strict=True)
-        )
-        return np.asarray(first @ second @ third)
-
-    return rotation
-
-
-def _w_last(q: Array) -> Array:
-    return so3.from_quaternion(q[:, [3, 0, 1, 2]])
-
-
-_MATRIX = ("r11", "r12", "r13", "tx", "r21", "r22", "r23", "ty", "r31", "r32", "r33", "tz")
-_QUATERNION = ("x", "y", "z", "qx", "qy", "qz", "qw")
-
-CONVENTIONS: dict[str, Convention] = {
-    "kuka": Convention(
-        ("x", "y", "z", "a", "b", "c"),
-        "mm",
-        "A about Z, B about Y', C about X'', deg: R = Rz(A) Ry(B) Rx(C)",
-        _turned("zyx"),
-    ),
-    "fanuc": Convention(
-        ("x", "y", "z", "w", "p", "r"),
-        "mm",
-        "W, P, R about the fixed X, Y, Z, deg: R = Rz(R) Ry(P) Rx(W)",
-        _turned("zyx", (2, 1, 0)),
-    ),
-    "yaskawa": Convention(
-        ("x", "y", "z", "rx", "ry", "rz"),
-        "mm",
-        "Rx, Ry, Rz about the fixed X, Y, Z, deg: R = Rz Ry Rx",
-        _turned("zyx", (2, 1, 0)),
-    ),
-    "staubli": Convention(
-        ("x", "y", "z", "rx", "ry", "rz"), "mm", "Rx, then Ry', then Rz'', deg: R = Rx Ry Rz", _turned("xyz")
-    ),
-    "kawasaki": Convention(
-        ("x", "y", "z", "o", "a", "t"),
-        "mm",
-        "O about Z, A about Y', T about Z'', deg: R = Rz(O) Ry(A) Rz(T)",
-        _turned("zyz"),
-    ),
-    "abb": Convention(
-        ("x", "y", "z", "q1", "q2", "q3", "q4"), "mm", "quaternion q1 (w) q2 q3 q4 (x y z)", so3.from_quaternion
-    ),
-    "ur": Convention(("x", "y", "z", "rx", "ry", "rz"), "m", "rotation vector, rad; position in m", so3.exp),
-    "rotation-vector": Convention(("x", "y", "z", "rx", "ry", "rz"), "", "rotation vector, rad; unit stated", so3.exp),
-    "quaternion-wxyz": Convention(
-        ("x", "y", "z", "qw", "qx", "qy", "qz"), "", "quaternion, w first; unit stated", so3.from_quaternion
-    ),
-    "quaternion-xyzw": Convention(_QUATERNION, "", "quaternion, w last; unit stated", _w_last),
-    "ros": Convention(_QUATERNION, "m", "geometry_msgs/Pose: quaternion, w last; position in m", _w_last),
-    "matrix": Convention(_MATRIX, "", "rows of the 3x4 or 4x4 matrix; unit stated", so3.written),
-}
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class RobotNumbers:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RobotNumbers(Brief):
     """Poses as in a file: names ("" where none), numbers (n, k), column names in lower case if any."""
 
     path: str

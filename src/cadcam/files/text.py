@@ -11,6 +11,7 @@ from pathlib import Path
 
 from cadcam.arrays import LARGEST
 from cadcam.errors import BadValue, UnreadableFile
+from cadcam.kinds import expect_path
 
 MAX_BYTES = 64_000_000  # a points file of a million lines; anything longer is the wrong file
 _DELIMITERS = ("\t", ";", ",")
@@ -35,6 +36,7 @@ class Line:
 
 def read_text(path: str | os.PathLike[str], *, max_bytes: int = MAX_BYTES) -> TextFile:
     """Return the UTF-8 text of a file; `UnreadableFile` with the reason if it is missing, empty, huge or not text."""
+    expect_path(path)
     return text_of(path, read_bytes(path, max_bytes=max_bytes))
 
 

@@ -11,18 +11,19 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.camera import Camera
 from cadcam.camera.difference import difference_field, picture_grid
 from cadcam.errors import DegenerateGeometry, SizeMismatch
 from cadcam.fit.least_squares import minimise
 from cadcam.geometry import rotation as so3
+from cadcam.kinds import expect
 
 _COLUMNS = 41
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Difference:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Difference(Brief):
     """Where camera b images the directions that camera a sees, minus a's pixels.
 
     q: pixels of a (rows, columns, 2), from edge to edge. delta: q_b - q_a (rows, columns, 2) px, NaN where one of them
@@ -72,6 +73,8 @@ def compare_cameras(a: Camera, b: Camera, *, rotate: bool = False) -> Difference
     The rotation minimises the sum of squared pixel distances over the picture. Raises `SizeMismatch` for pictures of
     different sizes, `DegenerateGeometry` where the cameras see nothing in common.
     """
+    expect(a, "a", Camera)
+    expect(b, "b", Camera)
     if a.size != b.size:
         remedy = f"resize or crop one of the cameras first: cadcam convert SECOND NEW --resize {a.width}x{a.height}"
         raise SizeMismatch("the second camera's picture", b.size, a.size, remedy)

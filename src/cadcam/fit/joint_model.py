@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Longs, Mask, component_major
+from cadcam.arrays import Array, Brief, Longs, Mask, component_major
 from cadcam.camera.extended_pinhole import INTERNALS
 from cadcam.camera.lens import Lens
 from cadcam.camera.sensitivity import project_in_camera
@@ -45,8 +45,8 @@ class Control:
     whitener: Array
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JointModel:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class JointModel(Brief):
     """k views of up to N points p (k, N, 3) mm seen at q (k, N, 2) px, where `measured` (k, N).
 
     free: the shared parameters that may move, of aspect focal skew U0 V0, the lens' coefficients, bend_x, bend_y. The

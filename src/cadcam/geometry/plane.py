@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.ray import Ray
 from cadcam.geometry.rotation import hat
@@ -15,8 +15,8 @@ _COLLINEAR = 1e-9  # width over length below which points determine no plane
 _GRAZING = 1e-12  # sine of the angle between ray and plane below which they count as parallel
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Plane:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Plane(Brief):
     """The points p with normal . p = offset: unit normals (..., 3), offsets (...) in mm along them."""
 
     normal: Array

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.errors import BadValue
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ray:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Ray(Brief):
     """Half-lines origin + t direction, t >= 0: origins (..., d) in mm, unit directions (..., d); d is 2 or 3.
 
     Directions of any length are normalised, so that t is a distance in mm.
@@ -63,8 +63,8 @@ class Ray:
         return Approach(t, feet, _angle(self.direction, other.direction))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Approach:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Approach(Brief):
     """Closest points of two rays: along (..., 2) mm on each, feet (..., 2, d) on each, the angle (...) rad between."""
 
     along: Array

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
-from typing import Any, overload
+from typing import Any, NoReturn, overload
 
 import numpy as np
 
 from cadcam.arrays import Array, Floats, Index, frozen
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry import rotation as so3
+from cadcam.kinds import expect, expect_each, said
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -19,6 +21,8 @@ class Rigid:
     Tangent order: (translation, rotation). A perturbation acts on the right, `T @ Rigid.exp(xi)`: it lives in the
     frame that the motion starts from, and so does its 6x6 covariance.
     """
+
+    __array_ufunc__ = None  # so that numpy leaves `array @ motion` to `__rmatmul__`
 
     rotation: Array = field(default_factory=lambda: np.eye(3))
     translation: Array = field(default_factory=lambda: np.zeros(3))
@@ -44,13 +48,44 @@ class Rigid:
 
     @classmethod
     def from_matrix(cls, matrix: Floats) -> Rigid:
-        """Return the motion of a homogeneous (..., 4, 4) or (..., 3, 4) matrix, mm."""
-        matrix = np.asarray(matrix, dtype=np.float64)
+        """Return the motion of a homogeneous (..., 4, 4) or (..., 3, 4) matrix, mm.
+
+        A rotation that was rounded, to three decimals or more, is made orthonormal; what is none raises `BadValue`.
+        """
+        try:
+            matrix = np.asarray(matrix, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise BadValue("rigid motion", said(matrix), "a 4x4 or 3x4 matrix") from None
         if matrix.ndim < 2 or matrix.shape[-1] != 4 or matrix.shape[-2] not in (3, 4):
             raise BadValue("rigid motion", f"of shape {matrix.shape}", "a 4x4 or 3x4 matrix")
         if matrix.shape[-2] == 4 and not np.allclose(matrix[..., 3, :], [0, 0, 0, 1], rtol=0, atol=1e-12):
             raise BadValue("last row of the rigid motion", matrix[..., 3, :], "(0, 0, 0, 1)")
-        return cls(matrix[..., :3, :3], matrix[..., :3, 3])
+        R = frozen(matrix[..., :3, :3], "rotation", (3, 3), batched=True)
+        return cls(so3.written(R), matrix[..., :3, 3])
+
+    @classmethod
+    def from_quaternion(cls, wxyz: Floats, translation: Floats = (0.0, 0.0, 0.0)) -> Rigid:
+        """Return the motion of a quaternion (..., 4), w first (ROS and SciPy write it last), and a translation, mm."""
+        q = frozen(wxyz, "quaternion (w, x, y, z)", (4,), batched=True)
+        return cls(so3.from_quaternion(q), frozen(translation, "translation", (3,), batched=True))
+
+    @classmethod
+    def from_rotation_vector(cls, w: Floats, translation: Floats = (0.0, 0.0, 0.0)) -> Rigid:
+        """Return the motion of a rotation vector (..., 3) in rad (OpenCV's rvec) and a translation (..., 3) in mm.
+
+        Not `exp`, whose twist moves along a screw: its first three numbers are no translation.
+        """
+        vector = frozen(w, "rotation vector", (3,), batched=True)
+        return cls(so3.exp(vector), frozen(translation, "translation", (3,), batched=True))
+
+    @classmethod
+    def stack(cls, motions: Iterable[Rigid]) -> Rigid:
+        """Return the batch (N,) of single motions, such as `read_robot_poses(...).values()`; `each` is the inverse."""
+        single = expect_each(motions, "motions", Rigid)
+        for i, motion in enumerate(single):
+            expect_motion(motion, f"motions[{i}]")
+        R, t = [m.rotation for m in single], [m.translation for m in single]
+        return cls._made(np.array(R).reshape(-1, 3, 3), np.array(t).reshape(-1, 3))
 
     @classmethod
     def look_at(cls, eye: Floats, target: Floats, *, up: Floats = (0.0, 0.0, 1.0)) -> Rigid:
@@ -95,6 +130,16 @@ class Rigid:
         return out
 
     @property
+    def quaternion_wxyz(self) -> Array:
+        """Return the rotation as a unit quaternion (..., 4), w first and not negative."""
+        return so3.quaternion(self.rotation)
+
+    @property
+    def rotation_vector(self) -> Array:
+        """Return the rotation as a vector (..., 3) in rad, as OpenCV's rvec; its length is the angle, <= pi."""
+        return so3.log(self.rotation)
+
+    @property
     def origin(self) -> Array:
         """Return the position of frame b's origin in frame a, (..., 3) mm: the camera centre of a camera_from_world."""
         return -_apply(np.swapaxes(self.rotation, -1, -2), self.translation)
@@ -111,8 +156,8 @@ class Rigid:
     @overload
     def __matmul__(self, other: Rigid) -> Rigid: ...
     @overload
-    def __matmul__(self, other: Array) -> Array: ...
-    def __matmul__(self, other: Rigid | Array) -> Rigid | Array:
+    def __matmul__(self, other: Floats) -> Array: ...
+    def __matmul__(self, other: Rigid | Floats) -> Rigid | Array:
         """Return c_from_a = c_from_b @ b_from_a, or the points p_b = b_from_a @ p_a of an array (..., 3).
 
         A single motion applies to any array of points; a batch of motions broadcasts against the points' leading
@@ -121,7 +166,18 @@ class Rigid:
         if isinstance(other, Rigid):
             t = _apply(self.rotation, other.translation) + self.translation
             return Rigid._made(self.rotation @ other.rotation, t)
-        return _apply(self.rotation, np.asarray(other, dtype=np.float64)) + self.translation
+        try:
+            p = np.asarray(other, dtype=np.float64)
+        except (TypeError, ValueError):
+            raise BadValue("right of @", said(other), "a Rigid, or points (..., 3) in mm") from None
+        if p.shape[-1:] != (3,):
+            way = "a Rigid: cadcam.Rigid.from_matrix(matrix)" if p.shape[-2:] == (4, 4) else "points (..., 3) in mm"
+            raise BadValue("right of @", said(other), way)
+        return _apply(self.rotation, p) + self.translation
+
+    def __rmatmul__(self, other: object) -> NoReturn:
+        """Refuse an array on the left, which numpy would multiply with the motion element by element."""
+        raise BadValue("left of @", said(other), "a Rigid: cadcam.Rigid.from_matrix(matrix)")
 
     def __getitem__(self, index: int | np.integer[Any] | slice | list[int] | Index) -> Rigid:
         """Return some motions of a batch (N, ...), or one of them, by an index of its first axis."""
@@ -140,6 +196,13 @@ class Rigid:
         t = np.array2string(self.translation, precision=4)
         w = np.array2string(np.degrees(so3.log(self.rotation)), precision=4)
         return f"Rigid(translation {t} mm, rotation vector {w} deg)"
+
+
+def expect_motion(motion: object, what: str, *, optional: bool = False) -> None:
+    """Raise `BadValue` naming `what` unless it is a single motion; None passes where it is optional."""
+    expect(motion, what, Rigid, optional=optional)
+    if isinstance(motion, Rigid) and (motion.rotation.ndim > 2 or motion.translation.ndim > 1):
+        raise BadValue(what, repr(motion), "a single motion: take one, such as [0]")
 
 
 def by_twist(p: Array, by_point: Array) -> Array:

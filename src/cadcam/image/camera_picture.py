@@ -13,16 +13,12 @@ import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-import numpy as np
-
 from cadcam.arrays import Picture
 from cadcam.image.decode import Decoded, Stored, finished, stored
-from cadcam.image.picture import MAX_PIXELS, PictureInfo, check_full_scale, file_bytes, with_info
+from cadcam.image.picture import MAX_PIXELS, PictureInfo, check_full_scale, file_bytes, filled_from_top, with_info
 
 DEPTHS = (10, 12, 14)  # bits that cameras store in 16, apart from 8 and 16
 _WHOLE = 65535
-_STEP = 16  # samples that are all multiples of it fill their 16 bits from the top (12 bits: by 16; 10 bits: by 64)
-_DOUBLED = 257  # ... or were bytes, each written twice
 _PNG = b"\x89PNG\r\n\x1a\n"
 
 
@@ -81,7 +77,7 @@ def full_scale_of(paths: Iterable[str | os.PathLike[str]]) -> FullScale | None:
                 return None
             continue
         brightest = max(brightest, int(held.samples.max()))
-        from_top = from_top and _from_top(held)
+        from_top = from_top and filled_from_top(held.samples)
         if brightest >= 1 << DEPTHS[-1]:
             break
     return FullScale(_white(brightest, from_top), brightest)
@@ -98,7 +94,7 @@ def _decoded(path: str | os.PathLike[str], data: bytes, max_pixels: int, full_sc
     if held.bits > 8 and full_scale is not None:
         white = full_scale
     elif _is_open(held, data):
-        white = _white(int(held.samples.max()), _from_top(held))
+        white = _white(int(held.samples.max()), filled_from_top(held.samples))
     return finished(path, held, white)
 
 
@@ -113,12 +109,6 @@ def _says_sixteen(data: bytes) -> bool:
     """Return whether a PNG states that all 16 bits are significant (ISO/IEC 15948, sBIT)."""
     at = data.find(b"sBIT", 0, max(0, data.find(b"IDAT"))) if data.startswith(_PNG) else -1
     return at >= 4 and set(data[at + 4 : at + 4 + int.from_bytes(data[at - 4 : at], "big")]) == {16}
-
-
-def _from_top(held: Stored) -> bool:
-    """Return whether all samples are multiples of 16, or bytes written twice."""
-    used = int(np.bitwise_or.reduce(held.samples, axis=None))
-    return used % _STEP == 0 or not (held.samples % _DOUBLED).any()
 
 
 def _white(brightest: int, from_top: bool) -> float:

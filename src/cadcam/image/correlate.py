@@ -15,10 +15,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, Picture, frozen
+from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import to_gray
 from cadcam.image.template import Template
+from cadcam.kinds import expect
 from cadcam.native.correlate import registered, searched, shrunken
 
 _FULL_TURN = (-math.pi, math.pi)
@@ -70,8 +71,8 @@ class CorrelateOptions:
 ANY_ANGLE = CorrelateOptions()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Peaks:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Peaks(Brief):
     """Peaks of the normalised correlation, best first.
 
     q (N, 2) px: the template's centre; angle (N,) rad from the picture's x towards its y axis; scale (N,); score (N,)
@@ -118,6 +119,7 @@ def correlate(gray: npt.ArrayLike, template: Template, *, options: CorrelateOpti
     The template must lie in the picture, to one pixel. Where nothing reaches least_score, the search is repeated once
     with finer pixels. Raises `BadValue`, and `MissingCore` where cadcam was installed without its C core.
     """
+    expect(template, "template", Template)
     picture = _Pyramid(gray)
     factor = template.coarsest()
     peaks = _search(picture, template, factor, options)

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, Picture, frozen
+from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import checked
 
@@ -30,8 +30,8 @@ _TOGETHER = 2_000_000  # neighbours examined at a time: bounds the memory
 _SECTORS = 16  # of direction: edges are searched in one tree per sector
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EdgePoints:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class EdgePoints(Brief):
     """Edge points of a picture: `q` (N, 2) pixel positions (x, y), pixel centres at integers.
 
     `normal` (N, 2) is the unit gradient, from dark to bright; `strength` (N,) the gradient's magnitude in grey value

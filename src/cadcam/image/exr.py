@@ -16,6 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.errors import BadValue
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 _MAGIC, _VERSION, _ZIPS, _FLOAT = 20000630, 2, 2, 2
@@ -26,6 +27,8 @@ def write_exr(path: str | os.PathLike[str], channels: Mapping[str, npt.ArrayLike
 
     Usual names: R, G, B, A; Z for depth. Raises `BadValue` on shapes, `UnwritableFile` where the system refuses.
     """
+    expect_path(path)
+    expect(channels, "channels", Mapping)
     layers = {name: np.ascontiguousarray(channels[name], "<f4") for name in sorted(channels)}
     shapes = {layer.shape for layer in layers.values()}
     if len(shapes) != 1 or len(shape := shapes.pop()) != 2 or 0 in shape:

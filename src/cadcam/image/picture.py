@@ -20,11 +20,15 @@ from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.decode import Decoded, finished, first_pixel, stored
 from cadcam.image.suffixes import FORMS
+from cadcam.kinds import expect_path, said
 from cadcam.whole import write_whole
 
 MAX_PIXELS = 500_000_000
 LUMA = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
 
+_FOURTEEN_BITS = 1 << 14  # 16-bit numbers below it may be a camera's 10, 12 or 14 bits
+_STEP = 16  # samples that are all multiples of it fill their 16 bits from the top (12 bits: by 16; 10 bits: by 64)
+_DOUBLED = 257  # ... or were bytes, each written twice
 _BRIGHTEST = 100.0  # times white: no lamp in view is brighter, every photo in bytes is
 _LONGEST_JPEG = 65500  # px: libjpeg's own limit, a little below that of the format
 
@@ -95,6 +99,7 @@ def write_picture(
     (so that a dark one is not taken for 12 bits in 16); `quality` for JPEG. Raises `UnknownName` for
     another suffix, `BadValue` for NaN or a wrong shape, `UnwritableFile` where the system refuses.
     """
+    expect_path(path)
     suffix = Path(path).suffix.lower()
     if suffix not in FORMS:
         raise UnknownName("picture suffix", suffix, FORMS)
@@ -154,24 +159,48 @@ def decoded_jpeg(data: bytes) -> Picture:
 def checked(picture: npt.ArrayLike) -> Picture:
     """Return the picture as a float32 array in [0, 1] (not copied if it is one); raise `BadValue` on shape or NaN.
 
-    Bytes and 16-bit numbers, as cameras and OpenCV give them, are divided by 255 and 65535. Floats may exceed 1, as
-    bright light does; those that can only be such numbers made floats are refused.
+    Bytes and 16-bit numbers, as cameras and OpenCV give them, are divided by 255 and 65535; 16-bit numbers of which
+    none needs more than 14 bits are refused, as white may be 1023, 4095 or 16383. Floats may exceed 1, as bright light
+    does; those that can only be such numbers made floats are refused.
     """
     try:
         given = np.asarray(picture)
+        if given.dtype.kind not in "biuf":
+            raise TypeError("neither numbers nor truth values")
         values = np.asarray(given, np.float32)
     except (TypeError, ValueError) as error:
-        raise BadValue("picture", repr(picture)[:80], "numbers of shape (H, W) or (H, W, 3)") from error
+        raise BadValue("picture", said(picture), "numbers of shape (H, W) or (H, W, 3)") from error
     if not (values.ndim == 2 or (values.ndim == 3 and values.shape[2] == 3)) or 0 in values.shape:
         raise BadValue("picture", f"of shape {values.shape}", "shape (H, W) or (H, W, 3), none of them zero")
+    if given.dtype == np.uint16:
+        _refuse_unknown_white(given)
     if given.dtype in (np.uint8, np.uint16):
         return values / np.float32(np.iinfo(given.dtype).max)
     darkest, brightest = values.min(), values.max()  # NaN where any number is
     if not (np.isfinite(darkest) and np.isfinite(brightest)):
         raise BadValue("picture", "not finite at " + first_pixel(~np.isfinite(values)), "finite values")
-    if brightest > _BRIGHTEST:
-        raise BadValue("picture", f"as bright as {brightest:g}", "values in [0, 1]: divide by 255, or give uint8")
+    if brightest > (1 if given.dtype.kind in "iu" else _BRIGHTEST):
+        white = "255, or give uint8" if brightest <= 255 else "255, 4095 (12 bits) or 65535, whichever is its white"
+        raise BadValue("picture", f"as bright as {brightest:g}", f"values in [0, 1]: divide by {white}")
     return values
+
+
+def _refuse_unknown_white(given: npt.NDArray[np.uint16]) -> None:
+    """Raise `BadValue` for 16-bit numbers of which it cannot be told what white is; black ones are black anyway."""
+    brightest = int(given.max())
+    if 0 < brightest < _FOURTEEN_BITS and not filled_from_top(given):
+        white = next(w for w in (1023, 4095, 16383) if brightest <= w)
+        raise BadValue(
+            "picture",
+            f"of 16-bit numbers of which none exceeds {brightest}",
+            f"it divided by its white: picture / {white} if that is a camera's, picture / 65535 if it is dark",
+        )
+
+
+def filled_from_top(samples: npt.NDArray[np.unsignedinteger[Any]]) -> bool:
+    """Return whether 16-bit samples fill their bits from the top: multiples of 16, or bytes written twice."""
+    used = int(np.bitwise_or.reduce(samples, axis=None))
+    return used % _STEP == 0 or not (samples % _DOUBLED).any()
 
 
 def to_gray(picture: npt.ArrayLike) -> Picture:
@@ -220,6 +249,7 @@ def _with_alpha(picture: Picture, alpha: npt.ArrayLike, form: str) -> Picture:
 
 def file_bytes(path: str | os.PathLike[str]) -> bytes:
     """Return the content of a picture file. Raises `UnreadableFile` where there is none."""
+    expect_path(path)
     try:
         data = Path(path).read_bytes()
     except FileNotFoundError:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid, by_twist
 from cadcam.locate.photo import Photo
@@ -15,8 +15,8 @@ from cadcam.locate.photo import Photo
 _NEVER_FREE = 1e-9  # share of the largest variance below which a direction was not free
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PointEvidence:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PointEvidence(Brief):
     """N points p (N, 3) mm of the part seen at q (N, 2) px in photo number `photo`, each coordinate to sigma_px."""
 
     p: Array
@@ -35,8 +35,8 @@ class PointEvidence:
         return (self.q - q).ravel(), J.reshape(-1, 6)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LineEvidence:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LineEvidence(Brief):
     """A straight edge of the part through p (2, 3) mm, seen to pass through q (N, 2) px, each to sigma_px across it.
 
     With lens distortion the points must be near the images of p: the line between these is treated as straight.
@@ -62,8 +62,8 @@ class LineEvidence:
         return (self.q - ends[0]) @ normal, (1 - t) * (normal @ J[0]) + t * (normal @ J[1])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PoseEvidence:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PoseEvidence(Brief):
     """A pose world_from_part known by other means, with covariance (6, 6) in part axes, zero along directions not free.
 
     radius (mm): of the part; it makes rotations comparable with translations.

@@ -11,7 +11,8 @@ import numpy as np
 
 from cadcam.arrays import quantile
 from cadcam.errors import BadValue, NothingInView
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect, expect_each
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
@@ -86,6 +87,13 @@ def locate_part(
     photos allow nearly as well (symmetry, a flip of a flat part) are in `alternatives`. Raises `BadValue` on photos
     without contrast and `NothingInView` where the start puts the part outside of all photos.
     """
+    expect(reach, "reach", Reach)
+    expect(options, "options", EdgeOptions)
+    expect(part, "part", Part)
+    photos = expect_each(photos, "photos", Photo)
+    expect_motion(start, "start", optional=True)
+    expect(views, "views", ViewRange)
+    expect(freedom, "freedom", Freedom)
     _check(photos)
     if start is None and freedom is not FREE:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")

@@ -34,7 +34,7 @@ class Disagreement:
         return f"{said}, and was left out" if self.left_out else said
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Location:
     """Where the part is, or the best pose that was tried.
 
@@ -76,3 +76,7 @@ class Location:
     def disputed(self) -> bool:
         """Return whether the pose rests on photos that disagree."""
         return not all(one.left_out for one in self.disagreements)
+
+    def __repr__(self) -> str:
+        said = "found" if self.found else "not found"
+        return f"Location({said}, quality {self.quality:.2f}, {self.pose}, {self.reason!r})"

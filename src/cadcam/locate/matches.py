@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, frozen
+from cadcam.arrays import Array, Brief, Ids, frozen
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EdgeMatches:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class EdgeMatches(Brief):
     """N samples of visible edges with the photo's edge along their normal.
 
     q (N, 2) px where the model puts the sample and normal (N, 2) its unit normal in the photo; offset (N,) px, the

@@ -7,6 +7,7 @@ from functools import cached_property
 from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect
 from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.likeness import Likeness, likenesses, mirror_image
 from cadcam.locate.views.symmetry import spins_of, symmetries
@@ -22,6 +23,7 @@ class Part:
     """
 
     def __init__(self, scene: Scene) -> None:
+        expect(scene, "scene", Scene)
         self.scene = scene
 
     @classmethod
@@ -63,3 +65,6 @@ class Part:
     def likenesses(self) -> list[Likeness]:
         """Near-symmetries: motions that lay the part, or its mirror image, nearly on itself."""
         return likenesses(self.scene.mesh, self.scene.edges, self.mirrored.scene.mesh)
+
+    def __repr__(self) -> str:
+        return f"Part({self.scene!r})"

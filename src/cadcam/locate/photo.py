@@ -12,15 +12,16 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import SizeMismatch
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.chroma import chroma_of
 from cadcam.image.picture import checked, to_gray
 from cadcam.image.profile import calming, noise_of
+from cadcam.kinds import expect
 
 _EDGE_PX = 0.1  # sigma of a viewpoint made here; not used for edges, whose noise is measured
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Photo:
     """A grey picture (H, W) float32 in [0, 1] taken from `viewpoint` (camera, pose in the world, error sources).
 
@@ -35,6 +36,7 @@ class Photo:
     spread: float = 0.0
 
     def __post_init__(self) -> None:
+        expect(self.viewpoint, "viewpoint", Viewpoint)
         if self.chroma is None and np.ndim(self.gray) == 3:
             object.__setattr__(self, "chroma", chroma_of(self.gray))
         gray = frozen(to_gray(self.gray), f"photo {self.viewpoint.name!r}", (None, None), "float32")
@@ -59,8 +61,10 @@ class Photo:
 
         A `Camera` counts as exactly known; with a `CameraEstimate` (`CameraFile.calibrated`) the errors of internals
         and lens reach every pose and deviation that the photo gives. The pose of the estimate is not used.
-        Of whole numbers white is 255 or 65535; divide 12 bits in 16, as cameras give them, by 4095 first.
+        Of bytes white is 255, of 16-bit numbers 65535; divide 12 bits in 16, as cameras give them, by 4095 first.
         """
+        expect(camera, "camera", Camera, CameraEstimate)
+        expect_motion(camera_from_world, "camera_from_world", optional=True)
         pose = Rigid() if camera_from_world is None else camera_from_world
         if isinstance(camera, CameraEstimate):
             return cls(checked(picture), Viewpoint.placed(name, camera, pose, sigma_px=_EDGE_PX))
@@ -85,3 +89,6 @@ class Photo:
     def camera(self) -> Camera:
         """Return the camera that took it."""
         return self.viewpoint.camera
+
+    def __repr__(self) -> str:
+        return f"Photo({self.viewpoint.name!r}, {self.camera})"

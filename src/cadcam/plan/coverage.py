@@ -11,7 +11,7 @@ from statistics import mode
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs, Mask
+from cadcam.arrays import Array, Brief, Longs, Mask
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
@@ -40,8 +40,8 @@ COLORS = np.array(
 _STEPS = np.outer(10.0 ** np.arange(-4, 4), [1.0, 2.0, 5.0]).ravel()  # mm, boundaries between the colours of U
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Painting:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Painting(Brief):
     """A colour for each piece of the part: level (F,) is its index in colors (C, 3); words (C): their meaning."""
 
     title: str
@@ -65,8 +65,8 @@ class Painting:
         return Scene(self.mesh, edges, colors, (parts + self.level).astype(np.int32))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class SurfaceCoverage:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class SurfaceCoverage(Brief):
     """Pieces of the part's surface (its own frame), each in the pose in which it is seen or measured worst.
 
     cameras (F,): how many see it. U (F,) mm: k sigma of a point there in its worst direction; NaN where it cannot be

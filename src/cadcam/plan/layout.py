@@ -8,9 +8,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Brief, Mask
 from cadcam.errors import BadValue, UnknownName, UnseenFeatures, listed
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_each, expect_names
 from cadcam.plan.assessment.asked import Asked, asked_of
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informations
 from cadcam.plan.choice.problem import MEASURED, Score, SelectionProblem, as_targets
@@ -28,8 +29,8 @@ def nothing() -> None:
     """Do nothing: the default progress step."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class CandidateSurvey:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class CandidateSurvey(Brief):
     """All candidates of a scene with what each sees: computed once, queried many times.
 
     left_out: candidates of zones that would stand inside of something, with what that is.
@@ -80,8 +81,8 @@ class Role:
     only_it: int
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Layout:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Layout(Brief):
     """The chosen cameras of a scene, what they measure, and how they were found.
 
     chosen: indices of candidates, the fixed ones first. all_of_them: the score with every candidate at once, an upper
@@ -157,6 +158,9 @@ def plan_layout(
     over all poses. The search treats each camera's errors as its own; the statement about the chosen set accounts for
     shared ones. Raises as `survey`.
     """
+    expect(scene, "scene", LayoutScene, CandidateSurvey)
+    expect(k, "number of cameras", int, np.integer, optional=True)
+    keep = expect_names(keep, "keep")
     seen = survey(scene, step=step) if isinstance(scene, LayoutScene) else scene
     fixed, problem = seen.kept(keep), seen.problem
     k = min(seen.scene.choose, problem.candidates - len(fixed)) if k is None else k
@@ -183,6 +187,8 @@ def plan_layout(
 
 def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candidate, Score]]:
     """Return the other candidates with the score that each would bring when added to the cameras `have`, best first."""
+    expect(seen, "seen", CandidateSurvey)
+    have = expect_each(have, "have", int, np.integer)
     order = ranked(seen.problem, have, range(len(seen.candidates)))
     return [(seen.candidates[i], score) for i, score in order]
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from cadcam.camera.optics import STANDARD_MM
 from cadcam.errors import CadcamError
+from cadcam.kinds import expect
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess
 from cadcam.plan.layout import Layout
 from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
@@ -34,6 +35,7 @@ class WhatIf:
 
 def what_if(layout: Layout, *, step: Callable[[], None] = lambda: None) -> tuple[WhatIf, ...]:
     """Return the table, the layout as planned first. The cameras stay in place unless the distance is changed."""
+    expect(layout, "layout", Layout)
     scene = layout.survey.scene
     out = [_said(layout, "as planned", layout.assessment)]
     if len(layout.chosen) > 1:

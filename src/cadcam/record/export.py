@@ -24,6 +24,7 @@ from cadcam.errors import UnknownName, UnreadableFile
 from cadcam.files.jsontext import Place, as_json, parsed, parsed_line
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
+from cadcam.kinds import expect_each, expect_path
 from cadcam.record.record import UNITS, Deviation, Record, Source
 from cadcam.whole import write_whole
 
@@ -38,6 +39,8 @@ _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_d
 
 def write_records(path: str | os.PathLike[str], records: Sequence[Record]) -> None:
     """Write records as .csv, .json or .jsonl, whole or not at all. Raises `UnknownName` for another suffix."""
+    expect_path(path)
+    records = expect_each(records, "records", Record)
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise UnknownName("suffix of a file of records", suffix, SUFFIXES)

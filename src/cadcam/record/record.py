@@ -10,8 +10,10 @@ from uuid import uuid4
 import numpy as np
 
 from cadcam import __version__
+from cadcam.arrays import Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect_number
 
 VERDICTS = ("PASS", "FAIL", "UNDECIDED")
 UNITS = ("mm", "deg")
@@ -42,6 +44,8 @@ class Deviation:
         _check_verdict(self.verdict, self.feature)
         for name in ("deviation", "expanded_uncertainty", "k", "lower", "upper"):
             value = getattr(self, name)
+            if value is not None or name not in ("lower", "upper"):
+                expect_number(value, f"{name} of {self.feature!r}")
             if value is not None and not np.isfinite(value):
                 raise BadValue(f"{name} of {self.feature!r}", value, "a finite number")
             if name in ("expanded_uncertainty", "k") and value < 0:
@@ -61,8 +65,8 @@ class Source:
             raise BadValue(f"sha256 of {self.path}", repr(self.sha256), "64 hexadecimal digits")
 
 
-@dataclass(frozen=True, slots=True)
-class Record:
+@dataclass(frozen=True, slots=True, repr=False)
+class Record(Brief):
     """One measurement of one part.
 
     part: the kind of part; serial: the individual; station: where it was measured; time: when, with its zone. pose:

@@ -22,6 +22,7 @@ from sqlalchemy import event, exc
 
 import cadcam
 from cadcam.errors import BadValue, MissingExtra, UnknownName, UnusableStore
+from cadcam.kinds import expect, expect_each, expect_path
 from cadcam.record import schema
 from cadcam.record.record import VERDICTS, Record
 from cadcam.record.rows import deviation_rows, measurement_row, record_of, source_rows
@@ -38,6 +39,7 @@ def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
     there is none, unless `create` is False. Raises `UnusableStore` where it cannot be opened, is not a store, or has
     another version's tables, `MissingExtra` without a driver. Use it in a `with` block, or `close` it.
     """
+    expect_path(where, "store")
     url = _url(os.fspath(where))
     if url.get_backend_name() == "sqlite":
         _check_file(str(url.database), create)
@@ -84,6 +86,7 @@ class Store:
 
         Raises `UnusableStore` if a record of the same id exists already.
         """
+        expect_each(records, "records", Record)
         with self._transaction(self._writing) as connection:
             for record in records:
                 try:
@@ -252,6 +255,7 @@ def _explained(error: exc.DBAPIError) -> tuple[str, str]:
 
 
 def _utc(what: str, time: datetime) -> datetime:
+    expect(time, what, datetime)
     if time.tzinfo is None:
         raise BadValue(what, time.isoformat(), "a time with its zone")
     return time.astimezone(UTC).replace(tzinfo=None)

@@ -7,12 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from cadcam.arrays import Brief
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect_each
 from cadcam.record.record import Deviation, Record
 
 
-@dataclass(frozen=True, slots=True)
-class Trend:
+@dataclass(frozen=True, slots=True, repr=False)
+class Trend(Brief):
     """The deviations of one feature, oldest first, each with its record; all in `unit`."""
 
     feature: str
@@ -48,6 +50,7 @@ def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -
     Raises `UnknownName` where no record has the feature or kind, `BadValue` where the feature has several kinds and
     none was named, or where lengths and angles would be mixed.
     """
+    records = expect_each(records, "records", Record)
     named = [(r, d) for r in records for d in r.deviations if d.feature == feature]
     if not named:
         raise UnknownName("feature", feature, {d.feature for r in records for d in r.deviations})

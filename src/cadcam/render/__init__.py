@@ -30,6 +30,10 @@ def open_renderer(scene: Scene, name: str = "auto", *, threads: int | None = Non
     default one per core. Raises `MissingCore`, `MissingExtra` or `MissingOpenGL` if a renderer requested by name is not
     available.
     """
+    from cadcam.kinds import expect
+    from cadcam.render.view import Scene
+
+    expect(scene, "scene", Scene)
     if name not in ("auto", *RENDERERS):
         raise UnknownName("renderer", name, ("auto", *RENDERERS))
     if threads is not None and threads < 1:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Picture
+from cadcam.arrays import Brief, Picture
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.image.picture import to_rgb
@@ -20,8 +20,8 @@ SOFT = LineStyle(color_by="one", color=(0.05, 0.08, 0.12), width=1.2, opacity=0.
 _WHITE: Color = (1.0, 1.0, 1.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Cutout:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Cutout(Brief):
     """A shaded model without a background: `alpha` (H, W) is its share of each pixel, `color` (H, W, 3) its light.
 
     `color` is premultiplied by alpha, so that compositing is color + (1 - alpha) * background.

@@ -10,6 +10,7 @@ from types import MappingProxyType
 import numpy as np
 
 from cadcam.errors import UnknownName
+from cadcam.kinds import expect
 from cadcam.render.view import PLAIN, Look, Scene
 
 Color = tuple[float, float, float]
@@ -37,6 +38,7 @@ def repaint(scene: Scene, chosen: Iterable[tuple[str, Color]]) -> Scene:
 
     A name may be a pattern as for file names (`bolt*`, `rib_[0-9]`); one that matches no part is `UnknownName`.
     """
+    expect(scene, "scene", Scene)
     colors, paint = scene.colors.copy(), scene.paint.copy()
     names = scene.mesh.part_names
     for pattern, color in chosen:

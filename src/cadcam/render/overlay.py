@@ -18,6 +18,7 @@ from cadcam.image.draw import draw_polylines
 from cadcam.image.edges import EdgePoints, canny, distance_to_edges
 from cadcam.image.picture import checked, equalized, to_gray, to_rgb
 from cadcam.image.svg import SvgLayer, write_svg
+from cadcam.kinds import expect, expect_number, expect_path
 from cadcam.render.lines.wireframe import Polylines, Wireframe
 from cadcam.render.view import View
 
@@ -77,6 +78,7 @@ def overlay(photo: npt.ArrayLike, wireframe: Wireframe, *, style: LineStyle = PL
 
     Raises `SizeMismatch` unless the photo has the camera's size.
     """
+    expect(wireframe, "wireframe", Wireframe)
     picture = to_rgb(fitting(photo, wireframe.camera))
     for layer in _layers(wireframe, style):
         picture = draw_polylines(
@@ -94,12 +96,16 @@ def write_overlay_svg(
     title: str = "",
 ) -> None:
     """Write the wireframe as SVG, one group per colour, over the embedded photo (of the camera's size) if given."""
+    expect_path(path)
+    expect(wireframe, "wireframe", Wireframe)
     embedded = None if photo is None else fitting(photo, wireframe.camera)
     write_svg(path, wireframe.camera.size, list(_layers(wireframe, style)), photo=embedded, title=title)
 
 
 def blend_pictures(photo: npt.ArrayLike, view: View, *, opacity: float = 0.5) -> Picture:
     """Return the photo (H, W, 3) with the shaded model over it, the background unchanged."""
+    expect(view, "view", View)
+    expect_number(opacity, "opacity")
     if not 0 <= opacity <= 1:
         raise BadValue("opacity", opacity, "0 (nothing) to 1 (opaque)")
     picture = to_rgb(fitting(photo, view.camera))
@@ -109,6 +115,7 @@ def blend_pictures(photo: npt.ArrayLike, view: View, *, opacity: float = 0.5) ->
 
 def add_pictures(photo: npt.ArrayLike, view: View) -> Picture:
     """Return photo and shaded model (on black) added and histogram-equalised, (H, W): the thesis' Fig. 3-4."""
+    expect(view, "view", View)
     return equalized((to_gray(fitting(photo, view.camera)) + to_gray(model_alone(view))) / 2)
 
 
@@ -119,6 +126,7 @@ def overlay_on_edges(
 
     `edges` default to `canny` of the photo; `style` to the thesis' black lines.
     """
+    expect(wireframe, "wireframe", Wireframe)
     gray = to_gray(fitting(photo, wireframe.camera))
     edges = canny(gray) if edges is None else edges
     picture = to_rgb(0.25 + 0.35 * gray)
@@ -154,6 +162,7 @@ def edge_distances(
     about 1 px apart: for each step the nearest of `_PARTS` samples counts, so that the distance is measured across the
     line and not along it. Only samples inside the picture are used. `edges` default to `canny` of the photo.
     """
+    expect(wireframe, "wireframe", Wireframe)
     gray = to_gray(fitting(photo, wireframe.camera))
     edges = canny(gray) if edges is None else edges
     q, normal, line = wireframe.visible.points_along(step_px / _PARTS)

@@ -22,13 +22,13 @@ from cadcam.arrays import Array, Mask
 from cadcam.cad.topology import is_solid
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, DegenerateGeometry
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.native.core import LONGEST, NativeLens, NativeScene, RasterFrame, Request, Workers
 from cadcam.render.lens_tables import TABLES
 from cadcam.render.memory import Buffers, check_memory
 from cadcam.render.shade import unit
 from cadcam.render.strips import Grids
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View, expect_view, layers_of
 
 _BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they fit in the second-level cache
 _MANY = 1 << 18  # faces from which threads cull them together, and finer bands are worth their duplicate work
@@ -86,6 +86,7 @@ class RasterRenderer:
         look: Look = PLAIN,
     ) -> View:
         """Return the view; see `Renderer.render`."""
+        expect_view(camera, [camera_from_world], channels, look)
         self._prepare(camera, channels, look, 1)
         return self._view(camera, camera_from_world, channels, look, threads=self._threads)
 
@@ -98,9 +99,11 @@ class RasterRenderer:
         look: Look = PLAIN,
     ) -> Iterator[View]:
         """Yield a view for each camera_from_world; one thread per picture, a few pictures ahead."""
+        expect_view(camera, (), channels, look)
         self._prepare(camera, channels, look, self._threads + 1)
         under_way: deque[Future[View]] = deque()
         for pose in poses:
+            expect_motion(pose, "camera_from_world")
             under_way.append(self._pool.submit(self._view, camera, pose, channels, look, threads=1))
             if len(under_way) > self._threads:
                 yield under_way.popleft().result()

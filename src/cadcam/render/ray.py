@@ -21,7 +21,7 @@ from cadcam.render.embree import Caster
 from cadcam.render.lens_tables import slopes
 from cadcam.render.memory import check_memory
 from cadcam.render.shade import shade
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of, with_image, with_rgb
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View, expect_view, layers_of, with_image, with_rgb
 
 _BAND = 1 << 17  # rays at a time: about 20 MB of temporaries per core, whatever the picture's size
 _CACHED = 1 << 14  # pixels unprojected at a time
@@ -55,6 +55,7 @@ class RayRenderer:
         look: Look = PLAIN,
     ) -> View:
         """Return the view; see `Renderer.render`."""
+        expect_view(camera, [camera_from_world], channels, look)
         pixels, wanted = camera.width * camera.height, layers_of(with_image(channels))
         pixel_bytes = sum(layer.pixel_bytes for layer in wanted.values()) + _RAY_BYTES * (pixels <= _KEPT)
         check_memory(pixels * pixel_bytes, f"a view of {camera.width} x {camera.height} px")

@@ -5,9 +5,10 @@ from __future__ import annotations
 import numpy as np
 
 from cadcam.cad.mesh import Mesh
-from cadcam.camera.camera import Camera
+from cadcam.camera.camera import Camera, checked_size
 from cadcam.errors import UnknownName
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect
 
 # from the model's middle towards the camera, and the up direction of the picture
 DIRECTIONS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
@@ -28,6 +29,8 @@ def standard_view(mesh: Mesh, name: str = "iso", *, size: tuple[int, int] = (128
 
     name: iso, front, back, left, right, top or bottom; front looks along +Y, Z is up. Raises `UnknownName`.
     """
+    expect(mesh, "mesh", Mesh)
+    size = checked_size(size)
     if name not in DIRECTIONS:
         raise UnknownName("view", name, DIRECTIONS)
     towards, up = DIRECTIONS[name]

@@ -16,8 +16,9 @@ from cadcam.cad.edges import FeatureEdges, feature_edges
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.picture import to_gray
+from cadcam.kinds import expect, expect_number
 
 # Muted, and distinct for people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
 PALETTE = np.array(
@@ -79,7 +80,7 @@ def layers_of(channels: Channel) -> dict[str, Layer]:
     return {name: layer for channel, layers in _LAYERS.items() if channel in channels for name, layer in layers.items()}
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Scene:
     """A mesh in the world frame (mm), its feature edges and its paint.
 
@@ -105,6 +106,7 @@ class Scene:
     @classmethod
     def of(cls, mesh: Mesh, *, edges: FeatureEdges | None = None, colors: npt.ArrayLike | None = None) -> Scene:
         """Return the scene of a mesh; edges default to `feature_edges(mesh)`, colours to the file's or a palette."""
+        expect(mesh, "mesh", Mesh)
         edges = feature_edges(mesh) if edges is None else edges
         if colors is not None:
             return cls(mesh, edges, np.asarray(colors, np.float32))
@@ -116,6 +118,9 @@ class Scene:
         paint = mesh.part.copy()
         paint[own] = len(of_parts) + np.arange(own.sum())
         return cls(mesh, edges, np.concatenate([of_parts, mesh.face_colors[own]]), paint)
+
+    def __repr__(self) -> str:
+        return f"Scene({self.mesh!r}, {len(self.edges.vertices)} edges)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,6 +144,8 @@ class Look:
     supersampling: int = 1
 
     def __post_init__(self) -> None:
+        for what in ("head", "fill", "back", "ambient", "supersampling"):
+            expect_number(getattr(self, what), what)
         if not 1 <= self.supersampling <= 16 or self.supersampling != int(self.supersampling):
             raise BadValue("supersampling", self.supersampling, "a whole number from 1 to 16")
         strengths = (self.head, self.fill, self.back, self.ambient)
@@ -152,7 +159,7 @@ class Look:
 PLAIN = Look()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class View:
     """A rendered picture of a scene: arrays of shape (H, W, ...) that `camera` saw from `camera_from_world`.
 
@@ -221,6 +228,18 @@ class View:
             channel = "IMAGE" if name == "coverage" else name.upper()
             raise BadValue(f"channel {name}", "not rendered", f"Channel.{channel} among the channels asked for")
         return self.layers[name]
+
+    def __repr__(self) -> str:
+        return f"View({self.camera.width} x {self.camera.height} px: {', '.join(self.layers)})"
+
+
+def expect_view(camera: object, poses: Iterable[object], channels: object, look: object) -> None:
+    """Raise `BadValue` naming what a renderer cannot draw: no camera, no single pose, no channels, no look."""
+    expect(camera, "camera", Camera)
+    for pose in poses:
+        expect_motion(pose, "camera_from_world")
+    expect(channels, "channels", Channel)
+    expect(look, "look", Look)
 
 
 class Renderer(Protocol):

@@ -13,13 +13,12 @@ from cadcam.camera import opengl
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
+from cadcam.camera.fitted import freedom_words
 from cadcam.geometry.rigid import Rigid
 from cadcam.report.table import Table, matrix_rows, plain, with_sigma
 
 ANGLES = ("a", "b", "c", "skew")
 STRONG = 0.9  # correlations above it are named
-WEAK = 2.0  # factor by which the noise may exceed its estimate: 5 degrees of freedom and fewer
-SMALL_MM = 1.0  # points with a smaller extent are hardly in mm
 
 MEANING = {
     "X": ("mm", "focal centre in the world"),
@@ -100,11 +99,11 @@ def quality_notes(estimate: CameraEstimate) -> tuple[str, ...]:
     size = " x ".join(f"{v:.4g}" for v in np.ptp(estimate.observations.p_world, axis=0))
     return (
         f"residual {estimate.thesis_residual:.3g} px a point (RMS {estimate.rms_px:.3g} px a coordinate), "
-        f"{_freedom(estimate.dof)}; worst point {worst}: {distance:.3g} px",
+        f"{freedom_words(estimate.dof)}; worst point {worst}: {distance:.3g} px",
         _noise_note(estimate),
         f"the points span {size} mm in X, Y, Z",
         *((f"method: {estimate.method}",) if estimate.method else ()),
-        *_doubts(estimate),
+        *estimate.doubts,
     )
 
 
@@ -116,39 +115,6 @@ def _noise_note(estimate: CameraEstimate) -> str:
     if estimate.sigma0 is None:
         return "sigmas unknown: as many equations as unknowns, and no sigma_px stated"
     return f"sigmas for a noise of {estimate.sigma0:.3g} px a coordinate, as the residuals say"
-
-
-def _doubts(estimate: CameraEstimate) -> list[str]:
-    """Return warnings: too few equations to know the noise, points too small for mm, points outside the picture."""
-    doubts = []
-    times = _noise_may_be_times(estimate.dof)
-    if estimate.observations.sigma_px is None and estimate.dof > 0 and times > WEAK:
-        doubts.append(
-            f"warning: with {_freedom(estimate.dof)} the noise, and every sigma with it, may be {times:.2g} times what "
-            "the residuals say (95 %); add points, or state the noise (sigma_px)"
-        )
-    extent = float(np.ptp(estimate.observations.p_world, axis=0).max())
-    if extent < SMALL_MM:
-        doubts.append(
-            f"warning: the points span {extent:.3g} mm: is their unit right? X_m, Y_m, Z_m in the header if not"
-        )
-    outside = int((~estimate.camera.sees(estimate.observations.q)).sum())
-    if outside:
-        width, height = estimate.camera.size
-        count = f"{outside} of {len(estimate.observations)} pixels lie"
-        doubts.append(f"warning: {count} outside the picture of {width} x {height} px: is it the right one?")
-    return doubts
-
-
-def _noise_may_be_times(dof: int) -> float:
-    """Return by what factor the true noise may exceed sigma0: its 95 % bound, from chi-square with `dof` degrees."""
-    from scipy.special import chdtri
-
-    return float(np.sqrt(dof / chdtri(dof, 0.95))) if dof > 0 else np.inf
-
-
-def _freedom(dof: int) -> str:
-    return f"{dof} degree{'s' * (dof != 1)} of freedom"
 
 
 def camera_words(camera: Camera) -> str:
@@ -303,7 +269,7 @@ def against_truth(
         error = f"{(value - truth[name]) / sigma:+.1f}"
         true = f"{scale * truth[name]:.{decimals}f}"
         rows.append((name, shown, f"+- {spread}", true, error, MEANING.get(name, ("",))[0]))
-    notes = (f"residual {estimate.thesis_residual:.3g} px a point, {_freedom(estimate.dof)}", *notes)
+    notes = (f"residual {estimate.thesis_residual:.3g} px a point, {freedom_words(estimate.dof)}", *notes)
     columns = ("parameter", "estimate", "sigma", "truth", "error/sigma", "unit")
     return Table(title, columns, tuple(rows), ("parameter", "sigma", "unit"), notes)
 

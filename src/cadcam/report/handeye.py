@@ -1,34 +1,25 @@
-"""A hand-eye calibration as tables and as a JSON document: mm and degrees, sigmas, suspicious poses marked."""
+"""A hand-eye calibration as tables: mm and degrees, sigmas, suspicious poses marked."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.calibrate.handeye.conventions import ConventionFit
+from cadcam.calibrate.handeye.document import NAMES
 from cadcam.calibrate.handeye.estimate import HandEyeEstimate
-from cadcam.files.jsontext import head_as_json, or_null, or_nulls
-from cadcam.files.matrix import pose_as_json
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.report.table import Table, matrix_rows, with_sigma
 
-FORMAT, VERSION = "cadcam hand-eye", 1
-_SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more than both is reported
-_FEW = 6  # poses
 _FEW_FREEDOM = 2.1  # coverage factor: 20 degrees of freedom
-_NAMES = {
-    "eye-in-hand": ("flange_from_camera", "base_from_target"),
-    "eye-to-hand": ("base_from_camera", "flange_from_target"),
-}
 
 
 def hand_eye_tables(estimate: HandEyeEstimate) -> list[Table]:
     """Return all results of a hand-eye calibration: both motions with sigmas, noise and held-out error, every pose."""
-    camera, target = _NAMES[estimate.mounting]
+    camera, target = NAMES[estimate.mounting]
     return [
         _motion_table(camera, _camera_pose(estimate), estimate.covariance_of_camera, "camera", quality_notes(estimate)),
         Table(f"{camera} (last column mm)", ("",) * 4, matrix_rows(_camera_pose(estimate).matrix[:3])),
@@ -58,7 +49,7 @@ def quality_notes(estimate: HandEyeEstimate) -> tuple[str, ...]:
         f"held out, each pose predicted by the others: {px}{_rms(held.mm):.3g} mm, "
         f"{np.degrees(_rms(held.rotation)):.2g} deg (rms)",
         *(few if factor > _FEW_FREEDOM else ()),
-        *_doubts(estimate),
+        *estimate.doubts,
     )
 
 
@@ -112,62 +103,6 @@ def convention_table(fits: Sequence[ConventionFit], units: Mapping[str, str]) ->
     )
 
 
-def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
-    """Return the JSON document of a calibration; poses are read back by `cadcam.files.matrix.pose_at`."""
-    camera, target = _NAMES[estimate.mounting]
-    noise = estimate.robot_noise
-    return {
-        **head_as_json(FORMAT, VERSION),
-        "mounting": estimate.mounting,
-        camera: pose_as_json(_camera_pose(estimate)),
-        f"{camera}_sigma": _sigmas(estimate.covariance_of_camera),
-        target: pose_as_json(_target_pose(estimate)),
-        f"{target}_sigma": _sigmas(estimate.covariance_of_target),
-        "covariance_of": [camera, target] if estimate.mounting == "eye-in-hand" else [target, camera],
-        "covariance_mm_rad": estimate.covariance.tolist(),
-        "degrees_of_freedom": or_nulls(estimate.degrees_of_freedom),
-        "robot_noise": {
-            "translation_mm": noise.translation,
-            "translation_sigma_mm": noise.translation_sigma,
-            "rotation_rad": noise.rotation,
-            "rotation_sigma_rad": noise.rotation_sigma,
-        },
-        "noise_px": estimate.noise_px,
-        "held_out_rms": {
-            "px": None if estimate.noise_px is None else _rms(estimate.held_out.px),
-            "mm": _rms(estimate.held_out.mm),
-            "rotation_rad": _rms(estimate.held_out.rotation),
-        },
-        "scale": {"value": estimate.scale, "sigma": or_null(estimate.scale_sigma)},
-        "poses": [_pose_json(estimate, i) for i in range(len(estimate.names))],
-    }
-
-
-def _pose_json(estimate: HandEyeEstimate, i: int) -> dict[str, Any]:
-    held, pixels = estimate.held_out, estimate.noise_px is not None
-    out: dict[str, Any] = {
-        "name": estimate.names[i],
-        "base_from_flange": pose_as_json(estimate.base_from_flange[i]),
-        "offset_mm_rad": estimate.offsets[i].tolist(),
-        "held_out_mm": float(held.mm[i]),
-        "held_out_rotation_rad": float(held.rotation[i]),
-        "chance": float(held.chance[i]),
-        "suspicious": bool(estimate.suspicious[i]),
-    }
-    if pixels:
-        seen = estimate.observations[i]
-        out |= {
-            "residual_px": float(estimate.residuals_px[i]),
-            "held_out_px": or_null(held.px[i]),
-            "second_pose": bool(estimate.second_pose[i]),
-            "source": seen.source,
-            "sha256": seen.sha256,
-            "p_target_mm": seen.p_world.tolist(),
-            "q_px": seen.q.tolist(),
-        }
-    return out
-
-
 def _motion_table(name: str, pose: Rigid, covariance: Array, axes: str, notes: tuple[str, ...]) -> Table:
     """Return position in the outer frame and rotation vector with sigmas, both sigmas in the outer frame's axes."""
     R = pose.rotation
@@ -191,42 +126,12 @@ def _noise(sigma: float, own: float) -> str:
     return f"{sigma:.2g} +- {own:.1g}" if sigma > own else f"not seen (below {2 * max(own, sigma):.1g})"
 
 
-def _doubts(estimate: HandEyeEstimate) -> list[str]:
-    doubts = []
-    off, sigma = estimate.scale - 1, estimate.scale_sigma
-    if abs(off) > max(_SCALE_SIGMAS * sigma, _SCALE_SHARE):
-        doubts.append(
-            f"warning: by the robot's lengths the target is {estimate.scale:.3f} +- {sigma:.3f} times as large as "
-            "stated: check its size (the length of a square), the robot's unit and tool, the camera's focal length; "
-            "else the camera's place is wrong by as much"
-        )
-    names = [repr(n) for n, s in zip(estimate.names, estimate.suspicious, strict=True) if s]
-    if names:
-        doubts.append(f"warning: pose {', '.join(names)} contradicts the others; look at it, or leave it out")
-    if estimate.second_pose.any():
-        seconds = [repr(n) for n, s in zip(estimate.names, estimate.second_pose, strict=True) if s]
-        doubts.append(
-            f"in {', '.join(seconds)} the flat target's second pose was taken: the picture allows both, the robot one"
-        )
-    n = len(estimate.names)
-    if n < _FEW:
-        doubts.append(
-            f"warning: the robot's noise comes from {n} poses, and every sigma with it; 10 or more are better"
-        )
-    return doubts
-
-
 def _camera_pose(estimate: HandEyeEstimate) -> Rigid:
     return estimate.flange_from_held if estimate.mounting == "eye-in-hand" else estimate.base_from_fixed
 
 
 def _target_pose(estimate: HandEyeEstimate) -> Rigid:
     return estimate.base_from_fixed if estimate.mounting == "eye-in-hand" else estimate.flange_from_held
-
-
-def _sigmas(covariance: Array) -> dict[str, list[float]]:
-    sigma = np.sqrt(np.diag(covariance))
-    return {"translation_mm": sigma[:3].tolist(), "rotation_rad": sigma[3:].tolist()}
 
 
 def _rms(values: Array) -> float:

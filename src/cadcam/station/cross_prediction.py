@@ -13,14 +13,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, TooFewPoints
 from cadcam.station.plane import PlaneCalibration
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Split:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Split(Brief):
     """Cross-predictions d (N, N, 2) mm split: d_ij = m_i - m_j + e_ij; row i predicts column j.
 
     mechanics (N, 2): m, where the view really is minus where the controller puts it, less the mean over all positions.
@@ -51,8 +51,8 @@ class Split:
         return float(np.linalg.norm(m[:, None] - m[None], axis=2).max())
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DeviationMap:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DeviationMap(Brief):
     """The mechanics' deviation (N, 2) mm at positions (N, 2), its covariance (2 N, 2 N) from survey and vision.
 
     deviation: relative to `reference`, the index of a position; None: to the mean of all (Fig 6-17, 6-18).

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 
 _AMPLITUDES, _LENGTHS = np.geomspace(0.1, 6.0, 7), np.geomspace(0.2, 3.0, 7)  # by the deviations' range; by the extent
 _SMOOTHNESS = (2.5, np.inf)
@@ -24,8 +24,8 @@ _USUAL, _FACTOR = 0.4, 2.0  # prior of the length: median over the extent, facto
 _LEAST_PROBABLE = 1e-3
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class DeviationField:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class DeviationField(Brief):
     """The field at N positions (N, 2): for each axis its hypotheses and their probabilities.
 
     hypotheses: two arrays (H, 4) of amplitude, length x, length y in mm, and smoothness; probability: two arrays (H,);

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewPoints
 from cadcam.station.cross_prediction import DeviationMap, deviation_map, view_covariance
@@ -15,8 +15,8 @@ from cadcam.station.field import DeviationField, fit_field
 from cadcam.station.plane import PlaneCalibration
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Repeatability:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Repeatability(Brief):
     """How well the camera returns to a position: covariance (2, 2) mm^2 of the view on the floor, for one visit.
 
     Backlash, vibration, and whatever else differs from visit to visit. dof: its degrees of freedom, inf if stated.
@@ -42,8 +42,8 @@ class Repeatability:
         return np.sqrt(np.diag(self.covariance))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Sighting:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Sighting(Brief):
     """A mark seen once: by which camera, at which position (2,) of its controller, at which pixel q (2,).
 
     name: of the mark. covariance (2, 2) px^2: of the pixel. picture: in which it was seen.
@@ -83,8 +83,8 @@ class Recalibration:
             raise BadValue("sigma_mm of the known mark", self.sigma_mm, "mm, from 0 on")
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GantryCalibration:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class GantryCalibration(Brief):
     """All calibrated positions of a camera, and the field of its mechanics' deviation inferred from them."""
 
     camera: str

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Picture, frozen
+from cadcam.arrays import Array, Brief, Ids, Picture, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewMarks
 from cadcam.station.plate import Plate
 
@@ -27,8 +27,8 @@ _ORDER_PX = 0.3  # px: residual of a plate's marks due to noise and lens
 _TWO_PLATES = 0.6  # share of the plate's marks that, found a second time, make a second plate
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlatePicture:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PlatePicture(Brief):
     """Pixels q (K, 2) of the plate's marks in its order, NaN where one was not found, and covariances (K, 2, 2) px^2.
 
     radius_px: of a mark's outermost border, the mean of both axes. false: how many detections are not marks of the

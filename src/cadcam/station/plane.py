@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.calibrate.points.flat import calibrate_plane
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
@@ -42,8 +42,8 @@ class LocalScale:
         return self.scale_x / self.scale_y
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PlaneCalibration:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class PlaneCalibration(Brief):
     """The calibration at one position (x, y) of the controller, mm.
 
     placement: where the plate lay. estimate: the camera of the plane relative to `position`, with its covariance from

@@ -13,7 +13,7 @@ from itertools import permutations
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
 
 _MOST_ORDERS = 6  # reflectors of which all orders are tried, to name a wrong one
@@ -25,8 +25,8 @@ _B4_MARK = "dot-ring:40mm:80mm:120mm"  # the outer diameter is the thesis' (6.3.
 _B4_REFLECTORS = ((160, 0), (0, 140), (160, 280), (460, 140))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Plate:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Plate(Brief):
     """Marks (K, 2) and reflectors (M, 2) in the plate's axes, mm, x to y counter-clockwise as in the world.
 
     sigma_mm: standard deviation of each coordinate of each point. mark: the marks' pattern, as read by
@@ -68,8 +68,8 @@ class Plate:
         return np.concatenate([self.marks, self.reflectors])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Placement:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Placement(Brief):
     """Where a plate lies: p = R(angle) local + shift, from its surveyed reflectors (M, 2) mm.
 
     gain (3, 2 M): derivative of (shift x, shift y, angle) by the surveyed coordinates. sigma_mm: of one of those.

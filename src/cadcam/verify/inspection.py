@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, quantile
+from cadcam.arrays import Array, Brief, quantile
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
@@ -66,8 +66,8 @@ class InspectionOptions:
 PLAIN_OPTIONS = InspectionOptions()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Inspection:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Inspection(Brief):
     """What the photos show of a part at a pose.
 
     pose: fitted to the datum's edges. datum: names of the bodies it was fitted to; left_out: those that disagree with

@@ -9,7 +9,9 @@ from functools import partial
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_each
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
@@ -26,6 +28,7 @@ from cadcam.verify.reasons import (
     explained,
     not_found,
     summary,
+    unjudged,
     vector_words,
     with_remedy,
 )
@@ -38,7 +41,7 @@ _OTHER_SIDE = "add a photo from another side"
 _ALONG = f"judge a direction, or {_OTHER_SIDE}"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Verification:
     """The verdict on a part, what it follows from, and all that was measured; reason: one line of text."""
 
@@ -48,6 +51,9 @@ class Verification:
     inspection: Inspection | None
     tolerances: Tolerances
     located: Location
+
+    def __repr__(self) -> str:
+        return f"Verification({self.verdict.value}, {len(self.judgements)} judgements, {self.reason!r})"
 
 
 def verify_part(
@@ -64,8 +70,15 @@ def verify_part(
     The pose is fitted again, to the datum that the tolerances name, and every feature is judged relative to a pose
     fitted without it. A part that was not found gets no verdict but NOT FOUND, and why. Photos that `located` left out
     are not used; where it rests on photos that disagree, no place is judged, because a wrong camera displaces bodies of
-    a good part. How far cameras are off that disagree by less is part of U. Raises as `inspect`.
+    a good part. How far cameras are off that disagree by less is part of U. Of a part without limits the reason says
+    what is displaced or missing. Raises as `inspect`.
     """
+    expect(part, "part", Part)
+    photos = expect_each(photos, "photos", Photo)
+    if not photos:
+        raise BadValue("photos", "none", "at least one photo")
+    expect(located, "located", Location)
+    expect(tolerances, "tolerances", Tolerances)
     tolerances.check(part.scene)
     if not located.found:
         return _nothing(not_found(located, photos), tolerances, located, None)
@@ -78,7 +91,8 @@ def verify_part(
     seen = _in_agreement(seen, kept, disputed=located.disputed)
     judgements = tuple(j for f in tolerances.features for j in judged(f, seen))
     verdict = overall(j.verdict for j in judgements)
-    reason = "; ".join([summary(verdict, judgements), *map(str, located.disagreements)])
+    beside = [] if judgements else [said for said in [unjudged(seen.features)] if said]
+    reason = "; ".join([summary(verdict, judgements), *beside, *map(str, located.disagreements)])
     return Verification(verdict, reason, judgements, seen, tolerances, located)
 
 

@@ -11,6 +11,7 @@ from cadcam.image.faults import faults_of
 from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
+from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
@@ -74,6 +75,18 @@ def summary(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
         said, also = _undecided(undecided), []
     more = [f"and {len(said) - _NAMED} more"] if len(said) > _NAMED else []
     return "; ".join([*said[:_NAMED], *more, *also])
+
+
+def unjudged(features: Sequence[FeatureDeviation]) -> str:
+    """Return in one line what stands out of a part without limits: displaced, by how much +- 2 sigma, or missing.
+
+    At most three features are named; "" where nothing stands out.
+    """
+    off = [f for f in features if f.state is State.DISPLACED]
+    said = [f"{f.name} is {f.size:.2f} +- {2 * f.sigma:.2f} mm off its place" for f in off]
+    said += [f"{f.name} is missing" for f in features if f.state is State.MISSING]
+    more = [f"and {len(said) - _NAMED} more"] if len(said) > _NAMED else []
+    return "; ".join([*said[:_NAMED], *more])
 
 
 def not_found(located: Location, photos: Sequence[Photo]) -> str:

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cadcam.arrays import Array, Picture, frozen
+from cadcam.arrays import Array, Brief, Picture, frozen
 from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_of
@@ -23,8 +23,8 @@ _HUES = (
 )  # fmt: skip
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class BoardCoverage:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class BoardCoverage(Brief):
     """Counts of points in the picture's cells (6, 8), upper left first; each view's tilts and distance.
 
     tilt_deg (k, 2): how far the right side of the board, as seen, is turned away from the camera, and its lower side.

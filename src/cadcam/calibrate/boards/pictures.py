@@ -6,6 +6,7 @@ do not fit.
 
 from __future__ import annotations
 
+import hashlib
 import os
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
@@ -20,9 +21,11 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.camera.observations import Observations
-from cadcam.errors import CadcamError, NoBoard, TooFewPoints, listed
+from cadcam.errors import BadValue, CadcamError, NoBoard, TooFewPoints, listed
 from cadcam.fit.many_poses import PaddedViews, poses_of_views
 from cadcam.image.camera_picture import read_camera_picture_with_info
+from cadcam.image.picture import checked
+from cadcam.kinds import expect, expect_each, expect_names
 from cadcam.target.boards.board import Pattern
 from cadcam.target.boards.circles import disc_shift
 from cadcam.target.boards.detect import Detection, detect
@@ -41,7 +44,7 @@ class BoardsDisagree(CadcamError):
     """The pictures do not belong to one calibration: another board than the given one, or several picture sizes."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BoardPicture:
     """A picture and the board in it: `detection`, or None and why not in `problem`.
 
@@ -55,8 +58,23 @@ class BoardPicture:
     problem: str = ""
     seen: tuple[int, int] | None = None
 
+    @property
+    def observations(self) -> Observations:
+        """Return the board's points and their pixels. Raises `NoBoard` where none was found.
 
-@dataclass(frozen=True, slots=True, eq=False)
+        Centres of discs are those of their images, which perspective shifts: `board_views` removes that.
+        """
+        found = self.detection
+        if found is None:
+            raise NoBoard(f"board in {self.name}", self.problem, self.seen)
+        return Observations(found.p_board, found.q, found.names, source=self.name, sha256=self.sha256)
+
+    def __repr__(self) -> str:
+        said = self.problem if self.detection is None else f"{len(self.detection.q)} points of {self.detection.pattern}"
+        return f"BoardPicture({self.name!r}, {self.size[0]} x {self.size[1]} px, {said})"
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class BoardCalibration:
     """A camera from pictures of a board, and the outcome for each picture.
 
@@ -92,14 +110,30 @@ class BoardCalibration:
         middle = self.pattern.points.mean(axis=0)
         return np.asarray(np.linalg.norm(self.estimate.poses @ middle, axis=-1))
 
+    def __repr__(self) -> str:
+        return f"BoardCalibration({len(self.used)} of {len(self.pictures)} pictures of {self.pattern}, {self.estimate})"
 
-def find_board(path: str | os.PathLike[str], pattern: Pattern, *, full_scale: float | None = None) -> BoardPicture:
-    """Return the board in a picture file, or why it was not found. Raises `UnreadableFile`.
 
-    full_scale: the stored value of white, as for `read_camera_picture`; by default found from this file.
+def find_board(
+    picture: str | os.PathLike[str] | npt.ArrayLike,
+    pattern: Pattern,
+    *,
+    full_scale: float | None = None,
+    name: str = "",
+) -> BoardPicture:
+    """Return the board in a picture, or why it was not found: that in a file, or an array (H, W) or (H, W, 3).
+
+    full_scale: the stored value of white in a file, as for `read_camera_picture`; by default found from it. name: of
+    the picture in messages and reports; by default the file's, or "picture". Raises `UnreadableFile`, `BadValue`.
     """
-    picture, info = read_camera_picture_with_info(path, full_scale=full_scale)
-    return found_in(picture, pattern, name=info.path, sha256=info.sha256)
+    expect(pattern, "pattern", Pattern)
+    if isinstance(picture, (str, os.PathLike)):
+        read, info = read_camera_picture_with_info(picture, full_scale=full_scale)
+        return found_in(read, pattern, name=name or info.path, sha256=info.sha256)
+    if full_scale is not None:
+        raise BadValue("full_scale", full_scale, "none for an array: divide it by its white")
+    values = checked(picture)
+    return found_in(values, pattern, name=name or "picture", sha256=hashlib.sha256(values.tobytes()).hexdigest())
 
 
 def found_in(picture: npt.ArrayLike, pattern: Pattern, *, name: str, sha256: str = "") -> BoardPicture:
@@ -130,6 +164,9 @@ def calibrate_boards(
     removed, and the camera is estimated again, until convergence. Raises `BoardsDisagree` for pictures of several sizes
     or of another board, `TooFewPoints` for fewer than three views, and what `calibrate_jointly` raises.
     """
+    expect(fixed, "fixed", Mapping, optional=True)
+    pictures = expect_each(pictures, "pictures", BoardPicture)
+    expect(lens, "lens", Lens, optional=True)
     refuse_disagreeing(pictures)
     pictures = _without_copies(pictures)
     shown = [i for i, p in enumerate(pictures) if p.detection is not None]
@@ -139,7 +176,9 @@ def calibrate_boards(
         )
     if lens is None:
         lens, free_lens = BrownConrady(), USUAL_TERMS if free_lens is None else free_lens
-    solver = _Solver({"skew": 0.0} if fixed is None else dict(fixed), lens, tuple(free_lens or ()), bend)
+    solver = _Solver(
+        {"skew": 0.0} if fixed is None else dict(fixed), lens, expect_names(free_lens or (), "free_lens"), bend
+    )
     return _without_outliers(pictures, shown, solver, keep_all=keep_all)
 
 
@@ -159,7 +198,7 @@ def board_views(pictures: Sequence[BoardPicture], camera: Camera) -> list[Observ
     shown = [i for i, p in enumerate(pictures) if p.detection is not None]
     if not shown:
         raise TooFewPoints("poses of a board", 0, 1, of="views", why=_losses(pictures))
-    views = [_observations(pictures[i]) for i in shown]
+    views = [pictures[i].observations for i in shown]
     radius = _radius([_detection(pictures[i]) for i in shown])
     seen: list[Observations | None] = [None] * len(pictures)
     for i, view in zip(shown, views if radius is None else _unshifted(views, camera, radius), strict=True):
@@ -230,7 +269,7 @@ def _without_outliers(
 ) -> BoardCalibration:
     """Return the calibration without outliers, or with them if `keep_all`: single points first, then whole views."""
     size = pictures[shown[0]].size
-    views = {i: _observations(pictures[i]) for i in shown}
+    views = {i: pictures[i].observations for i in shown}
     radius = _radius([_detection(pictures[i]) for i in shown])
     used, left_out = list(shown), {i: p.problem for i, p in enumerate(pictures) if p.detection is None}
 
@@ -297,11 +336,6 @@ def _kept_points(estimate: JointEstimate) -> list[npt.NDArray[np.bool_]]:
     typical = [np.median(np.abs(r)) for r in residuals]  # by view: bad views must neither hide outliers nor lose all
     limit = [max(_STRAY_PX, _STRAY_POINT * 1.4826 * float(t)) for t in typical]
     return [np.abs(r).max(axis=1) <= most for r, most in zip(residuals, limit, strict=True)]
-
-
-def _observations(picture: BoardPicture) -> Observations:
-    found = _detection(picture)
-    return Observations(found.p_board, found.q, found.names, source=picture.name, sha256=picture.sha256)
 
 
 def _subset(view: Observations, which: npt.NDArray[np.bool_]) -> Observations:

@@ -32,6 +32,7 @@ from cadcam.fit.square_root import factorise
 from cadcam.fit.variance_components import variance_components
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_each
 
 LEAST_POSES = 3
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
@@ -68,6 +69,9 @@ def calibrate_hand_eye(
     Raises `TooFewPoints` below three poses, `InconsistentPoses` where robot and pictures contradict each other (order,
     direction, unit, single poses: named), `DegenerateMotions` where the motions leave a direction undetermined (named).
     """
+    expect(base_from_flange, "base_from_flange", Rigid)
+    observations = expect_each(observations, "observations", Observations)
+    expect(camera, "camera", Camera, CameraEstimate)
     labels = _checked(base_from_flange, len(observations), mounting, names)
     seen, both, dof = _seen(
         tuple(observations), camera.camera if isinstance(camera, CameraEstimate) else camera, labels
@@ -94,6 +98,8 @@ def calibrate_hand_eye_from_poses(
     covariance (n, 6, 6) or (6, 6): of camera_from_target @ exp(xi), mm and rad, if it is known; else all noise is
     attributed to the robot. Pixels carry more information (`calibrate_hand_eye`). Raises as that does.
     """
+    expect(base_from_flange, "base_from_flange", Rigid)
+    expect(camera_from_target, "camera_from_target", Rigid)
     labels = _checked(base_from_flange, _count(camera_from_target, "camera_from_target"), mounting, names)
     held = mounting == "eye-in-hand"
     poses = _as_held(base_from_flange, camera_from_target, _covariances(covariance, len(labels)), held)

@@ -2,25 +2,33 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal, get_args
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask, frozen
+from cadcam.arrays import Array, Brief, Mask, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.fitted import doubted
 from cadcam.camera.observations import Observations
+from cadcam.camera.sensitivity import twist_by_local
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.errors import BadValue
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect
 
 Mounting = Literal["eye-in-hand", "eye-to-hand"]
 MOUNTINGS: tuple[Mounting, ...] = get_args(Mounting)
 
+_SCALE_SIGMAS, _SCALE_SHARE = 4.0, 0.005  # a target's size off by more than both is reported
+_FEW = 6  # poses
+_SMALL_MM = 10.0  # a robot that moved by less was hardly read in mm
 SUSPICIOUS = 0.01  # chance that any pose of a clean set is marked
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class HeldOut:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class HeldOut(Brief):
     """Each pose (n,) predicted from all the others and the robot's stated pose.
 
     px: rms distance between predicted and measured pixels (nan without pixels); mm: rms distance of the target's points
@@ -146,6 +154,32 @@ class HandEyeEstimate:
         """Return which poses (n,) are farther off than chance allows among so many."""
         return np.asarray(self.held_out.chance * len(self.names) < SUSPICIOUS)
 
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Return what speaks against it, one sentence each: units, the target's size, single poses, too few of them."""
+        off, sigma, said = self.scale - 1, self.scale_sigma, []
+        span = float(np.ptp(self.base_from_flange.translation, axis=0).max())
+        if span < _SMALL_MM:
+            said.append(f"warning: the robot moved by {span:.3g} mm only: are its positions, and the target's, in mm?")
+        if abs(off) > max(_SCALE_SIGMAS * sigma, _SCALE_SHARE):
+            said.append(
+                f"warning: by the robot's lengths the target is {self.scale:.3f} +- {sigma:.3f} times as large as "
+                "stated: check its size (the length of a square), the robot's unit and tool, the camera's focal "
+                "length; else the camera's place is wrong by as much"
+            )
+        names = [repr(n) for n, s in zip(self.names, self.suspicious, strict=True) if s]
+        if names:
+            said.append(f"warning: pose {', '.join(names)} contradicts the others; look at it, or leave it out")
+        if self.second_pose.any():
+            seconds = ", ".join(repr(n) for n, s in zip(self.names, self.second_pose, strict=True) if s)
+            said.append(f"in {seconds} the flat target's second pose was taken: the picture allows both, the robot one")
+        n = len(self.names)
+        if n < _FEW:
+            said.append(
+                f"warning: the robot's noise comes from {n} poses, and every sigma with it; 10 or more are better"
+            )
+        return tuple(said)
+
     def base_from_camera_at(self, base_from_flange: Rigid) -> tuple[Rigid, Array]:
         """Return the pose of the camera when the robot reports base_from_flange, and its covariance (6, 6).
 
@@ -154,9 +188,45 @@ class HandEyeEstimate:
         """
         if self.mounting == "eye-to-hand":
             return self.base_from_fixed, self.covariance_of_camera
-        noise = np.repeat([self.robot_noise.translation**2, self.robot_noise.rotation**2], 3)
         Ad = self.flange_from_held.inv.adjoint()
-        return base_from_flange @ self.flange_from_held, self.covariance_of_camera + Ad @ np.diag(noise) @ Ad.T
+        covariance = self.covariance_of_camera + Ad @ self._flange_covariance @ Ad.T
+        return base_from_flange @ self.flange_from_held, covariance
+
+    def viewpoint(
+        self,
+        name: str,
+        camera: Camera | CameraEstimate,
+        base_from_flange: Rigid | None = None,
+        *,
+        sigma_px: float | None = None,
+    ) -> Viewpoint:
+        """Return where the camera takes a picture, in the robot's base, for `Photo` and `measure_points`.
+
+        base_from_flange: as the robot reports it then; eye-in-hand only. camera: with the errors of its internals, if
+        it is an estimate. Viewpoints of one calibration share its error; the robot's noise is each one's own. sigma_px:
+        of a pixel coordinate, by default that of the camera's estimate or of this calibration.
+        """
+        expect(camera, "camera", Camera, CameraEstimate)
+        in_hand = self.mounting == "eye-in-hand"
+        expect_motion(base_from_flange, "base_from_flange", optional=not in_hand)
+        flange = Rigid() if base_from_flange is None else base_from_flange
+        place = self.base_from_camera_at(flange)[0]
+        if isinstance(camera, CameraEstimate):
+            view = Viewpoint.placed(name, camera, place.inv, sigma_px=sigma_px)
+        else:
+            view = Viewpoint.exact(name, camera, place.inv, sigma_px=sigma_px or self.noise_px or np.nan)
+        of_camera = np.zeros((11 + len(view.camera.lens.parameters), 6))
+        of_camera[:6] = -twist_by_local(view.camera_from_world.origin) @ place.adjoint()
+        errors = [(ErrorSource("hand-eye calibration", self.covariance_of_camera, self), of_camera)]
+        if in_hand:
+            noise = ErrorSource(f"robot at {name}", self._flange_covariance, object())
+            errors.append((noise, of_camera @ self.flange_from_held.inv.adjoint()))
+        return replace(view, errors=(*view.errors, *errors))
+
+    @property
+    def _flange_covariance(self) -> Array:
+        noise = self.robot_noise
+        return np.diag(np.repeat([noise.translation**2, noise.rotation**2], 3))
 
     def _block(self, *, camera: bool) -> Array:
         held = camera == (self.mounting == "eye-in-hand")
@@ -169,4 +239,8 @@ class HandEyeEstimate:
     def __repr__(self) -> str:
         what = "flange_from_camera" if self.mounting == "eye-in-hand" else "base_from_camera"
         pose = self.flange_from_held if self.mounting == "eye-in-hand" else self.base_from_fixed
-        return f"HandEyeEstimate({self.mounting}, {len(self.names)} poses, {what} {pose})"
+        noise, rotation = self.robot_noise.translation, np.degrees(self.robot_noise.rotation)
+        robot = f"robot's noise {noise:.2g} mm, {rotation:.2g} deg"
+        return (
+            f"HandEyeEstimate({self.mounting}, {len(self.names)} poses, {what} {pose}, {robot}{doubted(self.doubts)})"
+        )

@@ -11,14 +11,14 @@ from typing import TypedDict, Unpack
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs
+from cadcam.arrays import Array, Brief, Longs
 from cadcam.calibrate.joint import start as joint_start
 from cadcam.calibrate.points.free import estimated_names
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import Ideal, Lens
-from cadcam.camera.observations import Observations
+from cadcam.camera.observations import Observations, picture_size
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.extents import COLLINEAR, distinct
@@ -29,14 +29,15 @@ from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_each, expect_names
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-14)  # of the cost: the remaining error is about 1e-5 sigma
 _VIEWS = 4  # with fewer, their scatter is not meaningful
 _USELESS = 1 / 3  # relative sigma of the focal length
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class JointFit:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class JointFit(Brief):
     """A joint calibration in the raw form for further analysis: the model, its minimum, and the origin.
 
     origin (3,) mm: subtracted from all points. known: the cofactors there.
@@ -105,9 +106,13 @@ def fit_jointly(
     loss: Loss | None = None,
 ) -> JointFit:
     """Return the joint calibration of `calibrate_jointly` in its raw form."""
+    expect(fixed, "fixed", Mapping, optional=True)
+    views = expect_each(views, "views", Observations)
+    expect(lens, "lens", Lens, optional=True)
+    size = picture_size(size, views)
     lens, fixed = lens or Ideal(), dict(fixed or {})
-    free = estimated_names(fixed, lens, tuple(free_lens), of=INTERNALS, what="shared parameter")
-    free += BEND if bend else ()
+    names = expect_names(free_lens, "free_lens")
+    free = estimated_names(fixed, lens, names, of=INTERNALS, what="shared parameter") + (BEND if bend else ())
     _refuse_few(views, free)
     _refuse_copies(views)
     model, origin = _model(views, free, lens, bend=bend)

@@ -22,6 +22,7 @@ from cadcam.errors import CadcamError, TooFewPoints
 from cadcam.fit.block_least_squares import minimise_blocks
 from cadcam.fit.joint_model import BEND, JointModel, JointState
 from cadcam.fit.levenberg_marquardt import Options
+from cadcam.kinds import expect
 
 _LEVEL = 0.01  # significance level
 _WORSE = 1.01  # ratio of held-out errors that is not an improvement
@@ -104,6 +105,7 @@ def nested_advice(fit: JointFit) -> Advice:
     Tested are aspect (1), skew (0), the principal point (the centre), bend, the last free lens coefficients and the
     next ones; for an ideal lens its first radial term. Models that the views do not determine are left out.
     """
+    expect(fit, "fit", JointFit)
     fit = _with_lens(fit)
     error = _held_out(fit, 0.0)
     questions = [ask(fit, names, held_out=error) for names in _groups(fit)]

@@ -28,6 +28,7 @@ from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
 from cadcam.geometry.plane import Plane
+from cadcam.kinds import expect, expect_each
 
 Method = Literal["reprojection", "rays"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -54,7 +55,16 @@ def measure_points(
     Raises `BadValue`; `DegenerateGeometry` if no point can be measured; `InconsistentViews` if the rays miss each other
     and a swapped, mirrored, inverted or wrongly scaled input explains it.
     """
-    job = _job(viewpoints, q, tuple(names), plane, plane_sigma_mm, method)
+    viewpoints = expect_each(viewpoints, "viewpoints", Viewpoint)
+    expect(plane, "plane", Plane, optional=True)
+    job = _job(
+        viewpoints,
+        q,
+        expect_each(list(names) if isinstance(names, str) else names, "names", str),
+        plane,
+        plane_sigma_mm,
+        method,
+    )
     measured = job.run()
     refuse_if_explained(measured, job.viewpoints, job.q, plane, job.again)
     if not len(measured):

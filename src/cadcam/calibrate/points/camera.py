@@ -16,13 +16,14 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_by_name, internals_of
 from cadcam.camera.lens import Ideal, Lens
-from cadcam.camera.observations import Observations
+from cadcam.camera.observations import Observations, picture_size
 from cadcam.camera.sensitivity import rotation_by_angles
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.extents import distinct, flatness, refuse_flat
 from cadcam.fit.global_search import Effort, minima, polished
 from cadcam.fit.least_squares import Solution, Stalled, cofactor
+from cadcam.kinds import expect, expect_names
 
 Method = Literal["reprojection", "dlt", "dlt-c23"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -54,8 +55,12 @@ def calibrate_camera(
     parameters that the points do not determine (named); `MirroredPoints`; `BadValue` and `UnknownName` for bad
     arguments.
     """
+    expect(fixed, "fixed", Mapping, optional=True)
+    expect(observations, "observations", Observations)
+    expect(lens, "lens", Lens, optional=True)
+    size = picture_size(size, [observations])
     lens, fixed = lens or Ideal(), dict(fixed or {})
-    free = estimated_names(fixed, lens, tuple(free_lens), of=NAMES, what="parameter")
+    free = estimated_names(fixed, lens, expect_names(free_lens, "free_lens"), of=NAMES, what="parameter")
     _refuse_few(observations, free)
     refuse_flat(observations.p_world, unknowns=len(free))
     if method not in METHODS:
@@ -84,6 +89,8 @@ def locate_camera(observations: Observations, camera: Camera) -> CameraEstimate:
     that fits nearly as well. Raises `TooFewPoints`, `DegenerateGeometry` for points on a line, `MirroredPoints`, and
     `BadValue` naming a point that lies where the lens images nothing.
     """
+    expect(observations, "observations", Observations)
+    expect(camera, "camera", Camera)
     _refuse_few(observations, EXTERNALS)
     refuse_flat(observations.p_world, unknowns=len(EXTERNALS))
     _refuse_blind_pixels(observations, camera)

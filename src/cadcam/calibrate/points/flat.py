@@ -20,6 +20,7 @@ from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.dlt import dlt
 from cadcam.fit.least_squares import cofactor, minimise
+from cadcam.kinds import expect
 
 _ONE_HEIGHT = 1e-6  # range of Z over the plane's size: 1 um over a metre
 
@@ -29,6 +30,7 @@ def calibrate_plane(observations: Observations) -> PlaneEstimate:
 
     Raises `TooFewPoints`; `DegenerateGeometry` for points at different heights, or with all but one of them on a line.
     """
+    expect(observations, "observations", Observations)
     p, q = observations.p_world[:, :2], observations.q
     spread, size = float(np.ptp(observations.p_world[:, 2])), float(np.ptp(p, axis=0).max())
     if spread > _ONE_HEIGHT * size:
@@ -55,6 +57,7 @@ def calibrate_line(observations: LineObservations) -> LineEstimate:
 
     Raises `TooFewPoints`; `DegenerateGeometry` for points on a line, or on a conic through the focal centre.
     """
+    expect(observations, "observations", LineObservations)
     p, U = observations.p_world, observations.U
     seed = LineCamera.from_matrix(dlt(p, U[:, None])).facing(p)
     found = minimise(_LineProblem(p, U), seed.vector)

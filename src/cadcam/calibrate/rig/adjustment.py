@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs
+from cadcam.arrays import Array, Brief, Longs
 from cadcam.calibrate.joint.adjustment import JointFit, covariance_by_view, fit_jointly
 from cadcam.calibrate.rig import start as rig_start
 from cadcam.camera.camera import Camera
@@ -24,13 +24,14 @@ from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_each
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-16)
 _LEAST_NOISE = 1e-6  # px, of a camera by itself: pixels that fit exactly do not get infinite weight
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RigCamera:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RigCamera(Brief):
     """The data of one camera of a rig: its observations frame by frame, None where there are none.
 
     size: its picture's (width, height), px. fixed, lens, free_lens: as in `calibrate_jointly`. known: a calibrated
@@ -76,6 +77,8 @@ def calibrate_rig(
     Raises `BadValue`, `InconsistentViews` naming frames that were not taken together, `DegenerateGeometry` naming a
     camera without a link or what the frames do not determine, and what `calibrate_jointly` raises for one camera.
     """
+    expect(cameras, "cameras", Mapping)
+    expect_each(cameras.values(), "cameras", RigCamera)
     _refuse_unlike(cameras, frames)
     _refuse_the_same_twice(cameras)
     count = len(next(iter(cameras.values())).views)

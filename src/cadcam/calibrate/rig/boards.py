@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
+from cadcam.arrays import Brief
 from cadcam.calibrate.boards.pictures import BoardCalibration, BoardPicture, calibrate_boards
 from cadcam.calibrate.rig.adjustment import RigCamera, by_camera, calibrate_rig
 from cadcam.camera.camera import Camera
@@ -13,10 +14,11 @@ from cadcam.camera.lens import Lens
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import RigEstimate
 from cadcam.errors import BadValue
+from cadcam.kinds import expect
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class RigBoards:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class RigBoards(Brief):
     """A rig from pictures of a board, and the outcome for each camera's pictures in its calibration by itself."""
 
     estimate: RigEstimate
@@ -39,6 +41,7 @@ def calibrate_rig_boards(
     pictures are those of each camera by itself; a frame may lose the pictures of some cameras. Raises what
     `calibrate_boards` and `calibrate_rig` raise.
     """
+    expect(pictures, "pictures", Mapping)
     counts = {name: len(taken) for name, taken in pictures.items()}
     if len(set(counts.values())) > 1:
         raise BadValue(

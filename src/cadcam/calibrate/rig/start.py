@@ -99,8 +99,7 @@ def mounts(cameras: Sequence[Alone], labels: Sequence[str]) -> Rigid:
             _refuse_unlinked(cameras, found)
         _, i, j = max(links)
         found[j] = shared[i, j][0] @ found[i]
-    motions = [found[c] for c in range(len(cameras))]
-    return Rigid(np.stack([m.rotation for m in motions]), np.stack([m.translation for m in motions]))
+    return Rigid.stack([found[c] for c in range(len(cameras))])
 
 
 def rig_poses(cameras: Sequence[Alone], camera_from_rig: Rigid, count: int) -> Rigid:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask, frozen
+from cadcam.arrays import Array, Brief, Mask, frozen
 from cadcam.calibrate.points.camera import Method
 from cadcam.calibrate.variability.methods import Variability, blocks, independent, noise_of
 from cadcam.calibrate.variability.repeated import estimates, free_of, model_of, refuse_method, unwrapped
@@ -15,12 +15,13 @@ from cadcam.camera.extended_pinhole import EXTERNALS, NAMES
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.sampling import Progress
+from cadcam.kinds import expect
 
 _TRIES = 100  # sets of poses drawn per set of visible ones
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Alternating:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Alternating(Brief):
     """Estimates of a camera with another pose in every draw.
 
     errors: estimated minus drawn, added to the values of the estimate that was varied: those of the internals are the
@@ -64,6 +65,8 @@ def alternating_externals(
     `monte_carlo_variability`. Raises `DegenerateGeometry` for a spread that leaves hardly a visible pose, `BadValue`
     unless exactly the eleven parameters are free.
     """
+    expect(estimate, "estimate", CameraEstimate)
+    expect(rng, "rng", np.random.Generator)
     _refuse(estimate, method, visible, spread_mm, spread_deg)
     noise = noise_of(estimate, sigma_px)
     model, state = model_of(estimate)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, frozen
+from cadcam.arrays import Array, Brief, frozen
 from cadcam.calibrate.points.camera import Method
 from cadcam.calibrate.variability.repeated import (
     estimates,
@@ -30,6 +30,7 @@ from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.global_search import polished
 from cadcam.fit.least_squares import cofactor
 from cadcam.fit.sampling import LogDensity, Progress, Walk, metropolis, refuse_unmixed
+from cadcam.kinds import expect
 
 BLOCK = 256  # draws per block; each block's noise is drawn whole, so that longer runs begin with the same draws
 CHAINS = 64
@@ -38,8 +39,8 @@ _LONG = 10_000  # steps of a chain: hundreds of autocorrelation times, or R-hat 
 _SPREAD = 2.0  # sigmas of the chains' starts: wider than the distribution, so that R-hat detects poor mixing
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FirstOrder:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FirstOrder(Brief):
     """The covariance (n, n) of the free parameters `names` to first order in the noise, about `exact` (n,)."""
 
     names: tuple[str, ...]
@@ -62,8 +63,8 @@ class FirstOrder:
         return _correlation(self.covariance)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Variability:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Variability(Brief):
     """Draws (C, M, n) of the free parameters `names` in C chains (one, where they are independent), mm, rad, px.
 
     exact: the values (n,) about which they were made. sigma_px, sigma_mm: noise of one coordinate of pixels and of
@@ -141,6 +142,7 @@ def first_order_variability(
     world points; without the second term this is `CameraEstimate.covariance`. The weights stay equal, as in the
     estimators. sigma_px: default the estimate's `noise_px`. Raises `BadValue` where that is unknown.
     """
+    expect(estimate, "estimate", CameraEstimate)
     refuse_method(method, estimate)
     noise = noise_of(estimate, sigma_px, sigma_mm)
     model, state = model_of(estimate)
@@ -167,6 +169,8 @@ def monte_carlo_variability(
     `progress` is called after each of ceil(draws/256) blocks. Raises `BadValue` for unknown noise, `DegenerateGeometry`
     if more than half of the draws have no solution.
     """
+    expect(estimate, "estimate", CameraEstimate)
+    expect(rng, "rng", np.random.Generator)
     refuse_method(method, estimate)
     noise = noise_of(estimate, sigma_px, sigma_mm)
     model, state = model_of(estimate)
@@ -200,6 +204,8 @@ def markov_chain_variability(
     in burn-in only. `exact` is the least-squares optimum. `progress` is called after each of walk.steps/walk.thin kept
     states of all chains. Raises `NotMixed` if the chains do not agree, `BadValue` for unknown noise.
     """
+    expect(estimate, "estimate", CameraEstimate)
+    expect(rng, "rng", np.random.Generator)
     noise = noise_of(estimate, sigma_px)
     if chains < 2:
         raise BadValue("number of chains", chains, "2 at least: one alone cannot show that it has not mixed")

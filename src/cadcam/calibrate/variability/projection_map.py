@@ -6,15 +6,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.kinds import expect
 
 NODES = 65  # along the longer side of the picture
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ProjectionMap:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ProjectionMap(Brief):
     """Standard deviations sigma (h, w) px of projections at the pixels (x[j], y[i]), due to the camera's error alone.
 
     sigma is that along the worst direction: the root of the covariance's larger eigenvalue. NaN where the camera images
@@ -42,6 +43,7 @@ def projection_map(
     (nx, ny, nz, d) instead, those with n . p_world = d mm, n of any length. nodes: along the picture's longer side.
     Raises `BadValue` for a depth that is not positive or both, `DegenerateGeometry` for a plane out of sight.
     """
+    expect(estimate, "estimate", CameraEstimate)
     if depth_mm is not None and plane is not None:
         raise BadValue("surface", "a depth and a plane", "one of them")
     camera = estimate.camera

@@ -12,6 +12,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, Mask, in_parts
 from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 from cadcam.errors import BadValue
+from cadcam.kinds import said
 
 
 @dataclass(frozen=True)
@@ -22,14 +23,22 @@ class Lens(ABC):
     start: ClassVar[Mapping[str, float]] = {}  # initial values where the derivative vanishes at zero
 
     def __post_init__(self) -> None:
-        for name, value in self.parameters.items():
+        for field in fields(self):
+            name, value = field.name, getattr(self, field.name)
+            if not isinstance(value, (float, int, np.floating, np.integer)):
+                raise BadValue(f"lens coefficient {name}", said(value), "a number; a list of them is given as *list")
             if not np.isfinite(value):
                 raise BadValue(f"lens coefficient {name}", value, "a finite number")
+            object.__setattr__(self, name, float(value))
 
     @property
     def parameters(self) -> dict[str, float]:
         """Return the coefficients by name, in the order of the Jacobian's columns."""
         return {f.name: float(getattr(self, f.name)) for f in fields(self)}
+
+    def __repr__(self) -> str:
+        told = ", ".join(f"{name}={value:.6g}" for name, value in self.parameters.items() if value)
+        return f"{type(self).__name__}({told})"
 
     @property
     @abstractmethod

@@ -14,6 +14,7 @@ from cadcam.camera import radial
 from cadcam.camera.lens.base import Lens, PlanarLens
 from cadcam.camera.lens.ideal import Ideal
 from cadcam.errors import BadValue
+from cadcam.kinds import said
 
 
 class _Place(NamedTuple):
@@ -31,7 +32,7 @@ class _Place(NamedTuple):
     over: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class BrownConrady(PlanarLens):
     """Radial, tangential, rational and thin-prism distortion in OpenCV's order k1 k2 p1 p2 k3 k4 k5 k6 s1 s2 s3 s4.
 
@@ -182,7 +183,7 @@ class BrownConrady(PlanarLens):
         return radial.newton_plane(self._distort, self._linearised, m, u) if self._decentred else u
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class TiltedBrownConrady(BrownConrady):
     """Brown-Conrady behind a tilted sensor (Scheimpflug): OpenCV's 14 coefficients, tau_x and tau_y in rad at the end.
 
@@ -197,7 +198,7 @@ class TiltedBrownConrady(BrownConrady):
     name: ClassVar[str] = "tilted-brown-conrady"
 
     def __post_init__(self) -> None:
-        self._untilted.__post_init__()
+        super().__post_init__()
         if not max(abs(self.tau_x), abs(self.tau_y)) < np.pi / 2:
             raise BadValue("tilt (tau_x, tau_y)", (self.tau_x, self.tau_y), "less than pi/2 each, rad")
 
@@ -257,7 +258,10 @@ class TiltedBrownConrady(BrownConrady):
 
 def lens_from_opencv(coefficients: Floats) -> Lens:
     """Return the lens of OpenCV's distortion vector of 0, 4, 5, 8, 12 or 14 numbers, of the simplest class."""
-    c = np.asarray(coefficients, dtype=np.float64).ravel()
+    try:
+        c = np.asarray(coefficients, dtype=np.float64).ravel()
+    except (TypeError, ValueError):
+        raise BadValue("distortion coefficients", said(coefficients), "0, 4, 5, 8, 12 or 14 numbers") from None
     if c.size == 14 and c[12:].any():
         return TiltedBrownConrady.from_opencv(c)
     lens = BrownConrady.from_opencv(c)

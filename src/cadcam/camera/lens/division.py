@@ -13,7 +13,7 @@ from cadcam.camera import radial
 from cadcam.camera.lens.base import PlanarLens
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Division(PlanarLens):
     """One-parameter division: the ideal point is u = m / (1 + k |m|^2). Source: Fitzgibbon (CVPR 2001), EQ 8."""
 

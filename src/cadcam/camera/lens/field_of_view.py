@@ -13,7 +13,7 @@ from cadcam.camera.lens.axial import AxialLens
 from cadcam.errors import BadValue
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class FieldOfView(AxialLens):
     """|m| = arctan(2 tan(t) tan(w/2)) / w for the angle t off the axis; w in rad, 0 is the ideal lens.
 

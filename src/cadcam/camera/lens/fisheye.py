@@ -13,7 +13,7 @@ from cadcam.camera import radial
 from cadcam.camera.lens.axial import AxialLens
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Fisheye(AxialLens):
     """Kannala-Brandt: |m| = t + k1 t^3 + k2 t^5 + k3 t^7 + k4 t^9 for the angle t off the axis (below 90 deg).
 

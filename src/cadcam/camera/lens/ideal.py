@@ -13,7 +13,7 @@ from cadcam.camera.lens.base import Lens
 from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Ideal(Lens):
     """The pinhole without distortion: m = (x, y)/z."""
 

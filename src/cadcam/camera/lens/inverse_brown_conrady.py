@@ -14,7 +14,7 @@ from cadcam.camera.lens.base import PlanarLens
 from cadcam.camera.lens.brown_conrady import BrownConrady
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class InverseBrownConrady(PlanarLens):
     """Distorted to ideal, with r2 = mx^2 + my^2 and g = 1 + k1 r2 + k2 r2^2 + k3 r2^3.
 

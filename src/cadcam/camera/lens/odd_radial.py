@@ -15,7 +15,7 @@ from cadcam.camera.lens.base import PlanarLens
 from cadcam.errors import BadValue
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class OddRadial(PlanarLens):
     """The thesis' EQ 2.5: a direction at radius r is imaged at r + dr, dr = a1 r + a3 r^3 + a5 r^5 + a7 r^7.
 

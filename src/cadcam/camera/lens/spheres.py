@@ -17,7 +17,7 @@ from cadcam.camera.lens.axial import AxialLens
 from cadcam.errors import BadValue
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ExtendedUnified(AxialLens):
     """m = (x, y)/(alpha d + (1 - alpha) z) with d = sqrt(beta (x^2 + y^2) + z^2).
 
@@ -55,7 +55,7 @@ class ExtendedUnified(AxialLens):
         return np.asarray(-np.stack([by_alpha, by_beta], axis=-1) * (s / (below * below))[..., None])
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class DoubleSphere(AxialLens):
     """m = (x, y)/(alpha d2 + (1 - alpha)(xi d1 + z)), d1 = |p|, d2 = sqrt(x^2 + y^2 + (xi d1 + z)^2).
 

@@ -113,18 +113,16 @@ def _add_camera(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> None:
     """Calibrate, print, write."""
-    from cadcam.files.jsontext import as_json
-    from cadcam.report.handeye import hand_eye_as_json, hand_eye_tables
-    from cadcam.whole import write_whole
+    from cadcam.calibrate.handeye.document import hand_eye_as_json, write_hand_eye
+    from cadcam.report.handeye import hand_eye_tables
 
     if arguments.output:
         check_target(arguments.output, (".json",))
     estimate = _estimate(arguments)
-    document = hand_eye_as_json(estimate)
     if arguments.output:
-        write_whole(arguments.output, as_json(document))
+        write_hand_eye(arguments.output, estimate)
     if arguments.json:
-        print_json(document)
+        print_json(hand_eye_as_json(estimate))
     else:
         print_tables(hand_eye_tables(estimate))
     if arguments.output:
@@ -186,7 +184,7 @@ def _base_from_flange(arguments: argparse.Namespace, robot: RobotNumbers, seen: 
 
 def _readings(robot: RobotNumbers, stated: Mapping[str, str | None]) -> tuple[dict[str, Rigid], dict[str, str]]:
     """Return the poses by convention, and the unit of each: as stated, else the convention's own, else "" (for mm)."""
-    from cadcam.files.robot_poses import CONVENTIONS
+    from cadcam.files.robot_conventions import CONVENTIONS
 
     readings, units = {}, {}
     for name, unit in stated.items():
@@ -318,8 +316,6 @@ def _by_number(path: Path) -> tuple[int, str]:
 
 
 def _stacked(poses: Sequence[Rigid]) -> Rigid:
-    import numpy as np
-
     from cadcam.geometry.rigid import Rigid
 
-    return Rigid(np.stack([p.rotation for p in poses]), np.stack([p.translation for p in poses]))
+    return Rigid.stack(poses)

@@ -98,7 +98,7 @@ def _storage(source: ForeignFile) -> Place:
     if head.startswith("<"):
         root = parsed_xml(source.text())
         if root.tag != "opencv_storage":
-            raise root.error("is not <opencv_storage>", "name the format: --from")
+            raise root.error("is not <opencv_storage>", "name the format: --from (format_name=)")
         return Place(source.path, (), {child.tag: _xml_value(child) for child in root.all("*")})
     return parsed(source.text()) if head.startswith("{") else parsed_yaml(source.text())
 

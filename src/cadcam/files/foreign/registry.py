@@ -88,14 +88,14 @@ def format_of(source: ForeignFile) -> Format:
         if _guarded(source.path, partial(form.recognises, source)):
             return form
     what = "a folder without a known camera file" if source.is_folder else "no camera file known by its content"
-    raise UnreadableFile(source.path, f"is {what}", f"name its format: --from {', '.join(NAMES)}")
+    raise UnreadableFile(source.path, f"is {what}", f"name its format: --from {', '.join(NAMES)} (format_name=)")
 
 
 def format_for(path: str | os.PathLike[str]) -> Format:
     """Return the format that a new file's suffix alone decides; `BadValue` where several share it."""
     suffix = Path(path).suffix.lower()
     if suffix not in _SUFFIX:
-        raise BadValue("format of " + repr(os.fspath(path)), "not said", f"--to {', '.join(NAMES)}")
+        raise BadValue("format of " + repr(os.fspath(path)), "not said", f"--to {', '.join(NAMES)} (format_name=)")
     return format_named(_SUFFIX[suffix])
 
 
@@ -122,7 +122,7 @@ def read_cameras(
         raise BadValue("size", size, f"none, or that in the file: {found.cameras[0].camera.size}")
     posed = any(named.camera_from_world is not None for named in found.cameras)
     if form.unit is None and unit is None and posed:
-        note = f"lengths are taken as mm: {form.title} has no unit of its own (say it with --unit)"
+        note = f"lengths are taken as mm: {form.title} has no unit of its own (say it with --unit, or unit=)"
         return replace(found, notes=(*found.notes, note))
     return found
 

@@ -67,5 +67,5 @@ class ForeignFile:
     def needed_size(self, what: str) -> tuple[int, int]:
         """Return the picture's size given by the caller; an error if it is required and missing."""
         if self.size is None:
-            raise UnreadableFile(self.path, f"{what} has no picture size", "say it: --size WIDTHxHEIGHT")
+            raise UnreadableFile(self.path, f"{what} has no picture size", "say it: --size WIDTHxHEIGHT (size=)")
         return self.size

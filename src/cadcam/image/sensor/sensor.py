@@ -20,6 +20,7 @@ from cadcam.image.sensor.charge import Blooming, Exposure, Noise, Smear
 from cadcam.image.sensor.effect import Effect
 from cadcam.image.sensor.light import Blur, Interlace, Motion, PixelAspect, Vignetting
 from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+from cadcam.kinds import expect
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -55,6 +56,7 @@ class Sensor:
         Each effect draws from a stream of its own: one effect more or less leaves the others' noise as it is. Another
         picture size comes back only with `pixel_aspect`. Raises `BadValue` for what is no picture.
         """
+        expect(rng, "rng", np.random.Generator)
         streams = dict(zip(EFFECTS, rng.spawn(len(EFFECTS)), strict=True))
         picture = checked(radiance)
         for name, effect in self.effects.items():

@@ -14,10 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, frozen
+from cadcam.arrays import Array, Brief, Ids, frozen
 from cadcam.errors import BadValue
 from cadcam.image.edges import EdgePoints, canny
 from cadcam.image.picture import checked
+from cadcam.kinds import expect
 from cadcam.render.lines.wireframe import Wireframe
 
 _SHIFTED = (17.0, -17.0, 23.0, -23.0)  # px along the normal at which the chance level is measured
@@ -46,8 +47,8 @@ class ClosenessOptions:
 PLAIN_CLOSENESS = ClosenessOptions()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Closeness:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Closeness(Brief):
     """M visible CAD edges (chains of the wireframe) and how close the photo's edges are.
 
     chain (M,); length (M,) px that is visible; q (M, 2) px, the middle of what is visible. Direct: share (M,) of the
@@ -96,6 +97,7 @@ def edge_closeness(
 
     Samples outside the picture do not count.
     """
+    expect(wireframe, "wireframe", Wireframe)
     edges = photo if isinstance(photo, EdgePoints) else canny(checked(photo))
     q, normal, line = wireframe.visible.points_along(options.step)
     seen = wireframe.camera.sees(q)

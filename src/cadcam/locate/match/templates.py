@@ -15,12 +15,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Picture, frozen
+from cadcam.arrays import Array, Brief, Ids, Picture, frozen
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
+from cadcam.kinds import expect, expect_each
 from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
 from cadcam.locate.match.closeness import edge_closeness
 from cadcam.locate.match.consensus import LEAST_AGREEING, PlaceCandidates, consensus, pose_of_matches
@@ -101,8 +102,8 @@ class Features:
         return len(self.peaks)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class TemplateMatches:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class TemplateMatches(Brief):
     """The matches of a part's windows, and the pose that they give.
 
     Matches (K): q (K, 2) px, p_part (K, 3) mm, covariance (K, 2, 2) px^2, photo (K,). pose: the one that most features
@@ -145,6 +146,9 @@ def match_templates(
 
     rng: draws the triples that are tried; by default with a fixed seed. Raises `MissingCore`.
     """
+    expect(part, "part", Part)
+    photos = expect_each(photos, "photos", Photo)
+    expect_motion(start, "start")
     looks = [of_photo(photo.gray, options.appearance) for photo in photos]
     rng = np.random.default_rng(0) if rng is None else rng
     matching = _Matching(part, photos, looks, open_renderer(part.scene, threads=1), rng)

@@ -15,7 +15,8 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, DegenerateGeometry
-from cadcam.geometry.rigid import Rigid, by_twist
+from cadcam.geometry.rigid import Rigid, by_twist, expect_motion
+from cadcam.kinds import expect, expect_each
 from cadcam.locate.evidence import Evidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
@@ -70,6 +71,11 @@ def refine_pose(
     (`locate.refine.agreement`); and where colour supports a doubtful answer, which must then be approximately right,
     the result of a search near it.
     """
+    expect(options, "options", EdgeOptions)
+    expect(part, "part", Part)
+    photos = expect_each(photos, "photos", Photo)
+    expect_motion(start, "start")
+    expect(freedom, "freedom", Freedom)
 
     def found_in(photos: Sequence[Photo]) -> Location:
         return Refinement(part, photos, freedom, evidence, options, chosen, wider).around(start)[0]

@@ -14,18 +14,19 @@ from pathlib import Path
 
 import numpy as np
 
-from cadcam.arrays import Picture
+from cadcam.arrays import Brief, Picture
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, SizeMismatch, UnreadableFile
 from cadcam.image import video
 from cadcam.image.camera_picture import FullScale, full_scale_of, read_camera_picture_with_info
 from cadcam.image.picture import check_full_scale, to_gray
 from cadcam.image.suffixes import READABLE
+from cadcam.kinds import expect_each, said
 from cadcam.locate.photo import Photo
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Frame(Brief):
     """What the cameras saw at one moment: a photo each, the file or frame each came from, and its fingerprint."""
 
     index: int
@@ -57,6 +58,8 @@ class Frames:
         *,
         full_scale: float | None = None,
     ) -> None:
+        viewpoints = expect_each(viewpoints, "viewpoints", Viewpoint)
+        sources = _sources(sources)
         check_full_scale(full_scale)
         if len(sources) != len(viewpoints) or not sources:
             raise BadValue("number of sources", len(sources), f"one for each of {len(viewpoints)} cameras")
@@ -95,6 +98,20 @@ class Frames:
         if self._full_scale is not None:
             return [self._full_scale] * len(self.sources)
         return [None if found is None else found.white for found in self.full_scales]
+
+    def __repr__(self) -> str:
+        return f"Frames({self.count} of {', '.join(self.sources)})"
+
+
+def _sources(sources: Sequence[str | os.PathLike[str]]) -> tuple[str | os.PathLike[str], ...]:
+    """Return the sources; `BadValue` for one name in place of several, or pictures in place of names."""
+    if isinstance(sources, (str, os.PathLike)):
+        raise BadValue("sources", said(sources), "a list of them, one for each camera: [source]")
+    names = tuple(sources)
+    for i, name in enumerate(names):
+        if not isinstance(name, (str, os.PathLike)):
+            raise BadValue(f"sources[{i}]", said(name), "a folder, pattern or video; pictures in memory: Frame.of")
+    return names
 
 
 def picture_files(source: str) -> list[str]:

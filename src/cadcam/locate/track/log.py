@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypedDict
 
 import numpy as np
 
@@ -31,6 +31,7 @@ from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect, expect_path
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.track.frames import Frame, Frames
@@ -50,8 +51,14 @@ _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_d
 COLUMNS = ("frame", "files", "found", "quality", "how", *_POSE, *_SIGMAS)
 
 
+class _How(TypedDict):
+    freedom: Freedom
+    velocity: bool
+    texture: bool
+
+
 def track_part_to_log(
-    log: TrackLog,
+    log: TrackLog | str | os.PathLike[str],
     part: Part,
     frames: Frames,
     start: Rigid | None = None,
@@ -63,8 +70,16 @@ def track_part_to_log(
     """Yield each frame with its line in the log, once that is on disk; frames that the log already has come first.
 
     Those are read again, to check their fingerprints and to learn the texture that they show, but not located. The
-    log's first line states the inputs of its run (`TrackLog.open`). Raises `UnreadableFile` where a frame differs.
+    log's first line states the inputs of its run (`TrackLog.open`). log: an open one, or its path (.jsonl), which then
+    is open as long as this goes on. Raises `UnreadableFile` where a frame or the run differs.
     """
+    expect(frames, "frames", Frames)
+    if not isinstance(log, TrackLog):
+        expect_path(log, "log")
+        how: _How = {"freedom": freedom, "velocity": velocity, "texture": texture}
+        with TrackLog.open(log, head_of(part, frames.viewpoints, start, **how)) as opened:
+            yield from track_part_to_log(opened, part, frames, start, **how)
+        return
     rest, there, steps = iter(frames), list(log.entries), log.steps()
     tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
     for entry, step in zip(there, steps, strict=True):

@@ -12,10 +12,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, NothingInView
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect
 from cadcam.locate.evidence import Evidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.in_photos import locate_part
@@ -41,7 +42,7 @@ _BETTER = 0.2  # quality by which a fit to edges alone must be better to show th
 _HELD = 0.3  # least quality by its edges of a part that is held by its texture
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class TrackedFrame:
     """The pose of the part in one frame.
 
@@ -62,9 +63,12 @@ class TrackedFrame:
         """Return whether the part was found."""
         return self.location.found
 
+    def __repr__(self) -> str:
+        return f"TrackedFrame({self.frame.index}, {self.how}, {self.location})"
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LoggedFrame:
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LoggedFrame(Brief):
     """A frame of an earlier run: its index, the pose found (unfiltered; None where the part was lost), and how.
 
     photos: of the frame; without them the texture of the part is learned anew.
@@ -115,6 +119,8 @@ class Tracker:
         velocity: bool = True,
         texture: bool = True,
     ) -> None:
+        expect(part, "part", Part)
+        expect_motion(start, "start", optional=True)
         if freedom is not FREE and start is None:
             raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
         self._part, self._freedom = part, freedom
@@ -123,6 +129,7 @@ class Tracker:
 
     def next(self, frame: Frame) -> TrackedFrame:
         """Return the pose of the part in the next frame."""
+        expect(frame, "frame", Frame)
         followed = self._followed(frame.index, frame.photos)
         how, location = self._located(frame, followed)
         step = LoggedFrame(frame.index, location.pose if location.found else None, how, frame.photos)

@@ -7,12 +7,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.errors import BadValue
+from cadcam.kinds import expect, expect_number
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ViewRange:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ViewRange(Brief):
     """The viewpoints from which a part may be seen: directions, rolls in the picture, distances.
 
     axis (3,): from the part's centre to the camera, in the part frame; views within half_angle_deg of it are allowed.
@@ -34,8 +35,10 @@ class ViewRange:
                 raise BadValue(f"{name} of the views", vector.tolist(), "a direction, not zero")
             object.__setattr__(self, name, frozen(vector / np.linalg.norm(vector), name, (3,)))
         for name, value in (("half_angle_deg", self.half_angle_deg), ("roll_deg", self.roll_deg)):
+            expect_number(value, f"{name} of the views")
             if not 0 <= value <= 180:
                 raise BadValue(f"{name} of the views", value, "0 to 180 degrees")
+        expect(self.distance_mm, "distance_mm of the views", tuple, list, optional=True)
         if self.distance_mm is not None and not 0 < self.distance_mm[0] <= self.distance_mm[1] < math.inf:
             raise BadValue("distance_mm of the views", self.distance_mm, "(least, greatest), both positive")
 

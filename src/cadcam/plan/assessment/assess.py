@@ -9,7 +9,7 @@ from enum import Enum
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.geometry.rigid import Rigid
@@ -54,8 +54,8 @@ def outcome(ratio: float, limit: Limit, wanted: float) -> Outcome:
     return Outcome.SUITABLE if ratio >= wanted else Outcome.MARGINAL
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Assessment:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Assessment(Brief):
     """Of L limits in P poses: sigma (P, L) mm or rad, NaN if not measured; its direction (P, L, 3) in part axes.
 
     ratio (P, L): limit/U, 0 if not measured. cameras (P, L): how many see the feature. shares: by cause, the share

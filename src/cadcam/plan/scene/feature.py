@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from cadcam.arrays import Array, frozen
+from cadcam.arrays import Array, Brief, frozen
 from cadcam.errors import BadValue
 from cadcam.render.view import Scene
 from cadcam.verify.tolerances.tolerance import Limit, Quantity, Selection
@@ -23,8 +23,8 @@ class Kind(Enum):
     EDGE = "edge"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LayoutFeature:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LayoutFeature(Brief):
     """A feature in the part frame, mm, and what is asked of it.
 
     p (3,): the point, the circle's centre or the middle of the edges. normal (3,): unit vector out of the surface, from

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cadcam.arrays import Array, frozen
+from cadcam.arrays import Array, Brief, frozen
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
@@ -62,8 +62,8 @@ class CameraType:
         return optics.camera()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Mount:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Mount(Brief):
     """Where cameras can be: eyes (N, 3) mm in the world, each aimed at a point (N, 3), with these camera types.
 
     fixed: these cameras exist already and are always among the chosen. one_camera: the places are those of one camera
@@ -142,8 +142,8 @@ class Seeing:
     share: float = 0.6
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class LayoutScene:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class LayoutScene(Brief):
     """All that a layout is planned from; poses are world_from_part by name, obstacles a mesh in the world, or None.
 
     calibration: of every camera's pose and internals, as sigmas or as the points it is made from; motion: of a camera

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief
 from cadcam.camera.camera import Camera
 from cadcam.camera.optics import Optics
 from cadcam.camera.sensitivity import project_with_sensitivity
@@ -20,8 +20,8 @@ _FOUND_WITH_INTERNALS = [*range(6), 7, 9, 10]  # with focal length and principal
 _ALONG = 1e-6  # sine of the angle to "up" below which a view counts as vertical
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Candidate:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Candidate(Brief):
     """A camera that could be mounted: its viewpoint, with all the errors it will have, and its optics.
 
     aim (3,) mm: the point that it looks at. fixed: it exists already. shared: the name of the mount if its cameras are

@@ -13,18 +13,19 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
+from cadcam.kinds import expect_each
 from cadcam.plan.uncertainty.evidence import Evidence, symmetric, together
 
 HEIGHT = "height of the plane"
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Prediction:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Prediction(Brief):
     """Points (N, 3) mm and the covariance (N, 3, 3) mm^2 with which they would be measured, NaN where they cannot be.
 
     by_cause: the covariances that add up to it, by cause: pixels, each calibration, each motion, the plane's height.
@@ -74,6 +75,7 @@ def predict_points(
     viewpoint. seen (V, N): which viewpoint sees which point; default: where it lies in the picture. Nothing is hidden
     here: ask `cadcam.plan.sight.visibility`. plane, plane_sigma_mm: as in `measure_points`. Raises `BadValue`.
     """
+    viewpoints = expect_each(viewpoints, "viewpoints", Viewpoint)
     points = frozen(p, "points", (None, 3))
     if not viewpoints:
         raise BadValue("viewpoints", "none", "at least one")

@@ -22,7 +22,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.render.gl.context import GlInfo, open_gl
 from cadcam.render.gl.scene import GpuScene
 from cadcam.render.memory import Buffers, check_memory
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View, layers_of, with_image, with_rgb
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View, expect_view, layers_of, with_image, with_rgb
 
 
 class GlRenderer:
@@ -74,6 +74,7 @@ class GlRenderer:
         look: Look = PLAIN,
     ) -> View:
         """Return the view; see `Renderer.render`."""
+        expect_view(camera, [camera_from_world], channels, look)
         if not self._end.alive:
             raise BadValue("renderer", "closed", "one that is still open")
         wanted = layers_of(with_image(channels))

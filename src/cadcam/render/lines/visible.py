@@ -33,7 +33,8 @@ from cadcam.cad.contact import contact_tolerance
 from cadcam.cad.edges import EdgeKind
 from cadcam.cad.topology import corner_points
 from cadcam.camera.camera import Camera
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect
 from cadcam.render.embree import Caster
 from cadcam.render.lines.clip import FlatSegments, ViewVolume
 from cadcam.render.lines.crossing import crossings
@@ -56,6 +57,9 @@ def visible_wireframe(
 
     `MissingCore` without the compiled core. For many views of a scene use one `LineDrawer`.
     """
+    expect(scene, "scene", Scene)
+    expect(camera, "camera", Camera)
+    expect_motion(camera_from_world, "camera_from_world")
     wireframe = LineDrawer(scene).draw(camera, camera_from_world, options=options)
     if wireframe.empty:
         raise nothing_in_view(scene.mesh, camera, camera_from_world)

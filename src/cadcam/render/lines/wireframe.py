@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Longs, Mask, frozen
+from cadcam.arrays import Array, Brief, Ids, Longs, Mask, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
@@ -39,8 +39,8 @@ class LineOptions:
 PLAIN_LINES = LineOptions()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Polylines:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Polylines(Brief):
     """M polylines, each point in the picture and in space.
 
     `q` (N, 2) distorted px and `p` (N, 3) mm in the world frame: q is the exact image of p. `segment` (N,) is the
@@ -115,7 +115,7 @@ _NONE = np.zeros(0, np.int32)
 NO_LINES = Polylines(np.zeros((0, 2)), np.zeros((0, 3)), _NONE, np.zeros(1, np.int32), _NONE, _NONE, _NONE)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Wireframe:
     """The lines of a scene as `camera` sees them from `camera_from_world`; `hidden` is empty unless requested."""
 
@@ -128,6 +128,10 @@ class Wireframe:
     def empty(self) -> bool:
         """Return whether no visible line runs through the picture."""
         return not self.camera.sees(self.visible.q).any() and not _crosses_picture(self)
+
+    def __repr__(self) -> str:
+        size = f"{self.camera.width} x {self.camera.height} px"
+        return f"Wireframe({size}: {len(self.visible)} visible lines, {len(self.hidden)} hidden)"
 
 
 def _crosses_picture(wireframe: Wireframe) -> bool:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.files.jsontext import or_null, or_nulls
+from cadcam.kinds import expect
 from cadcam.record.export import record_as_json
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.report.locate import disagreements_as_json
@@ -36,6 +37,8 @@ class VerificationOrigin:
 
 def record_of(found: Verification, origin: VerificationOrigin) -> Record:
     """Return the record of a verification for a store of measured parts."""
+    expect(found, "found", Verification)
+    expect(origin, "origin", VerificationOrigin)
     return Record(
         part=origin.part,
         serial=origin.serial,

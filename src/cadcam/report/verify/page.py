@@ -9,6 +9,7 @@ from html import escape
 import numpy as np
 
 from cadcam import __version__
+from cadcam.kinds import expect, expect_each, expect_path
 from cadcam.locate.photo import Photo
 from cadcam.report.page import cards, page, row, section
 from cadcam.report.verify.json import VerificationOrigin
@@ -47,6 +48,10 @@ def write_verification_page(
     path: str | os.PathLike[str], found: Verification, photos: Sequence[Photo], origin: VerificationOrigin
 ) -> None:
     """Write the report, whole or not at all."""
+    expect_path(path)
+    expect(found, "found", Verification)
+    photos = expect_each(photos, "photos", Photo)
+    expect(origin, "origin", VerificationOrigin)
     write_whole(path, verification_page(found, photos, origin).encode())
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Picture, frozen
+from cadcam.arrays import Array, Brief, Picture, frozen
 from cadcam.errors import NoBoard
 from cadcam.image.picture import to_gray
 from cadcam.target.boards import opencv
@@ -30,8 +30,8 @@ _CLEAR, _AGREE = 12, 3  # points and tries: after so many tries with the same gr
 _STRAY = 0.5  # of a row: so many marks beyond the board's outline make it another board
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Detection:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Detection(Brief):
     """The points of a board in a picture: their numbers (N,), pixels q (N, 2), covariance (N, 2, 2) px^2 each.
 
     For discs, q is the centre of the disc's image, and `radius_mm` the radius estimated from the picture; else None.

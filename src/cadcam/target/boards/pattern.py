@@ -10,6 +10,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Floats, Ids, Mask
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect
 from cadcam.target.boards.board import Ink, Pattern, check_counts, check_length, grid, length_mm, length_text
 
 
@@ -252,6 +253,7 @@ def parse_pattern(text: str) -> Pattern:
 
     Raises `UnknownName` for another kind of board, `BadValue` with an example of the right form.
     """
+    expect(text, "board", str)
     kind, *parts = text.strip().split(":")
     kind = {"asymmetric-circles": "staggered-circles", "acircles": "staggered-circles"}.get(kind, kind)
     if kind not in FORMS:

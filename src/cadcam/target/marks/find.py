@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, Picture, frozen
+from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
+from cadcam.kinds import expect
 from cadcam.target.marks.candidates import METHODS, MarkCandidates, approached, mark_candidates, screened
 from cadcam.target.marks.cross import surface, taps, template
 from cadcam.target.marks.fit import MarkFit, fit_marks
@@ -39,8 +40,8 @@ _GRID = 0.02  # px: the dissertation's step
 _MOST, _SPARE, _FITTED = 5000, 6, 2  # most candidates; screened beyond twice the count; fitted beyond the count
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class FoundMark:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class FoundMark(Brief):
     """A mark in a picture.
 
     pixel (2,): its position, px; covariance (2, 2) px^2 from the grey values' residuals (NaN for the methods without
@@ -131,6 +132,8 @@ def find_marks(
     mark's pose, so that perspective and lens do not bias it; normal (3,): of the marks' plane in the camera frame,
     known to normal_sd rad, which decides between the two tilts. Raises `BadValue`, `UnknownName`.
     """
+    expect(mark, "mark", Mark)
+    expect(camera, "camera", Camera, optional=True)
     if count is not None and count < 1:
         raise BadValue("count", count, "1 or more, or none where it is not known")
     gray = to_gray(picture)

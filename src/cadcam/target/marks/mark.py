@@ -14,8 +14,9 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect
 from cadcam.target.boards.board import Ink, length_mm, length_text
 
 Sector: TypeAlias = tuple[float, float, float, float]  # inner and outer radius, mm; from and to, rad
@@ -25,8 +26,8 @@ _QUARTER = math.pi / 2
 CODE_BITS = 12
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Mark:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Mark(Brief):
     """One mark: `sectors` (K, 4) of rings are its ink, inner and outer radius in mm, from and to in rad.
 
     They do not overlap; a full turn is a ring, one from radius 0 a disc. name: the text that `parse_mark` reads.
@@ -206,6 +207,7 @@ def parse_mark(text: str) -> Mark:
 
     Lengths are diameters with a unit. Raises `UnknownName` for another kind, `BadValue` with an example.
     """
+    expect(text, "mark", str)
     stripped = text.strip()
     if stripped.startswith("light-"):
         return inverted(parse_mark(stripped.removeprefix("light-")))
@@ -236,8 +238,8 @@ def _parsed_code(parts: list[str], text: str) -> Mark:
     return coded_ring(int(parts[0]), disc, inner, outer, bits=int(parts[4]) if len(parts) == 5 else CODE_BITS)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MarkSheet:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class MarkSheet(Brief):
     """Marks at `places` (N, 2) mm in one plane: a calibration plate, or a sheet of marks to cut out.
 
     Its frame: z = 0, x to the right, y down the print. It can be drawn by `ideal.board_picture` and printed by

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Ids, frozen
+from cadcam.arrays import Array, Brief, Floats, Ids, frozen
 from cadcam.errors import BadValue, NoOrder, TooFewPoints, UnknownName
 from cadcam.fit.plane_maps import mapped
 from cadcam.target.order.grow import grown, without_strays
@@ -35,8 +35,8 @@ _SECOND = 0.7  # of the marks of the first plate: a second one with so many make
 _FEWER = 7  # marks fewer than the best that an equally good order may explain, at most a quarter of them
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Ordering:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Ordering(Brief):
     """Which mark of a plan each of N found marks is, and the confidence in it.
 
     plan_index: (N,) the plan's marks, -1 for false ones. pixel_from_plan: (3, 3), (q, 1) ~ H (p, 1), the simplest of

@@ -14,7 +14,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Brief, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment.scatter import EdgeNoise
 
@@ -28,8 +28,8 @@ CAUSE_WORDS = {
 _BLIND = 1e-12  # of the largest: information below it is rounding
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Estimate:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Estimate(Brief):
     """Values (m,) with the covariance (m, m) due to each cause, in the unit of their design.
 
     noise: the photos', in these edges; edges: their common errors, and whatever else may have moved them; pose: noise

@@ -7,7 +7,7 @@ from enum import Enum
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Brief, brief
 from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.edges.presence import Presence
 
@@ -46,8 +46,8 @@ class Unclear(Enum):
         return self.value.rpartition(": ")[2]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EdgeDeviation:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class EdgeDeviation(Brief):
     """How far an edge lies from its place in the CAD, in one photo, with the pose fitted without it.
 
     value: signed mm along `direction` (3,), a unit vector in the part frame perpendicular to the edge and to the line
@@ -74,7 +74,7 @@ class EdgeDeviation:
     station: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FeatureDeviation:
     """A feature as a rigid body: whether it is there, and its displacement relative to the datum.
 
@@ -138,9 +138,13 @@ class FeatureDeviation:
             why=Unclear.DISPUTED,
         )
 
+    def __repr__(self) -> str:
+        off = f", {brief(self.vector)} mm, sigma {self.sigma:.2g} mm" if self.seen.size else ""
+        return f"FeatureDeviation({self.name!r}, {self.state.value}{off})"
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Extra:
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Extra(Brief):
     """A curve in a photo, within the part's outline, that no edge of the model explains.
 
     q (n, 2) px; length_px; p (3,) mm: its middle projected onto the model's surface, nan beside it; near: the part

@@ -14,9 +14,10 @@ from types import MappingProxyType
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
+from cadcam.kinds import expect
 from cadcam.render.view import Scene
 
 _LARGEST_K = 30.0  # sigmas: beyond them numbers hold no probability
@@ -48,8 +49,8 @@ class Quantity(Enum):
         return float(np.degrees(1.0)) if self is Quantity.ANGLE else 1.0
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Selection:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Selection(Brief):
     """A selection of a part's edges: those of the bodies whose names fit `part`, narrowed by all other entries.
 
     part: a name or a pattern as for file names (`bar *`). chains: numbers of feature chains. box (2, 3) mm: lowest and
@@ -123,8 +124,8 @@ class Selection:
         return out if self.box is None else out & _inside(p, self.box)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Limit:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Limit(Brief):
     """The largest deviation of one quantity (mm; rad for an angle; unused for presence), and the decision rule.
 
     direction: unit vector in the part frame along which alone a position counts; None: all that the photos show.
@@ -159,8 +160,8 @@ class Feature:
     limits: tuple[Limit, ...] = ()
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Tolerances:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Tolerances(Brief):
     """Features with their limits, and the datum that the pose is fitted to (empty: everything that is not judged)."""
 
     features: tuple[Feature, ...] = ()
@@ -204,6 +205,7 @@ class Tolerances:
 
 def whole_parts(scene: Scene) -> Tolerances:
     """Return every part of the scene as a feature without limits, so that displaced or missing ones are reported."""
+    expect(scene, "scene", Scene)
     return Tolerances(tuple(Feature(name, Selection(_literal(name))) for name in scene.mesh.part_names))
 
 

@@ -12,8 +12,8 @@ from enum import Enum
 
 import numpy as np
 
-from cadcam.arrays import Array
-from cadcam.verify.tolerances.tolerance import Limit, Rule
+from cadcam.arrays import Array, Brief
+from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule
 
 SIMPLE_SHARE = 1 / 3  # largest U relative to the limit with which simple acceptance decides (JCGM 106:2012, 8.2)
 
@@ -106,11 +106,12 @@ def overall(verdicts: Iterable[Verdict]) -> Verdict:
     return Verdict.PASS if said == {Verdict.PASS} else Verdict.UNDECIDED
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Judgement:
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class Judgement(Brief):
     """A limit of a feature, the measured value (mm; rad for angles; nan where nothing was measured), and the verdict.
 
-    reason: one line of text; remedy: where it could not be decided, what would help.
+    reason: one line of text; remedy: where it could not be decided, what would help. str() has degrees for angles, as
+    the tolerance file; `limit.quantity.per_unit` is the factor from rad.
     """
 
     feature: str
@@ -125,3 +126,12 @@ class Judgement:
     def U(self) -> float:
         """Return the expanded uncertainty k sigma."""
         return self.limit.k * self.sigma
+
+    def __str__(self) -> str:
+        """Return it in words, in the unit of the tolerance file."""
+        quantity = self.limit.quantity
+        what = f"{self.feature}, {quantity.value.partition('_')[0]}"
+        if quantity is Quantity.PRESENCE:
+            return f"{what}: {self.verdict.value}"
+        value, U, limit = (x * quantity.per_unit for x in (self.deviation, self.U, self.limit.value))
+        return f"{what}: {value:.3g} +- {U:.2g} {quantity.unit}, limit {limit:g} {quantity.unit}: {self.verdict.value}"

@@ -1,0 +1,162 @@
+"""The gate for arguments that are no arrays: one error that says what was given, what is asked for, and the way there.
+
+Types are for editors and type checkers; a script meets its mistakes when it runs. Public functions pass what they are
+given through here first, so that a mesh in place of a part is not found out by the inner loop that it breaks.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterable, Mapping
+from typing import Any, SupportsFloat, TypeVar
+
+from cadcam.errors import BadValue
+
+_Value = TypeVar("_Value")
+
+# (given, wanted): how to come from the one to the other; a path is a "str", any array, list or tuple a "list"
+_WAYS: Mapping[tuple[str, str], str] = {
+    ("BoardCalibration", "Camera"): "its .estimate.camera, or .estimate.view(0) with its covariance",
+    ("BoardCalibration", "CameraEstimate"): "its .estimate.view(0)",
+    ("BoardPicture", "Observations"): "cadcam.board_views(pictures, camera), or its .observations",
+    ("Camera", "Viewpoint"): "cadcam.Viewpoint.exact(name, camera, camera_from_world, sigma_px=...)",
+    ("BoardCalibration", "JointFit"): "its .fit",
+    ("CameraEstimate", "Camera"): "its .camera",
+    ("CameraEstimate", "Rigid"): "its .camera_from_world",
+    ("CameraEstimate", "Viewpoint"): "cadcam.Viewpoint.fixed(name, estimate)",
+    ("CameraFile", "Camera"): "its .camera, or .calibrated with its covariance",
+    ("CameraFile", "CameraEstimate"): "its .estimate",
+    ("CameraFile", "Rigid"): "its .camera_from_world",
+    ("CameraFile", "Viewpoint"): "cadcam.Viewpoint.fixed(name, its .estimate)",
+    ("HandEyeEstimate", "Rigid"): "its .flange_from_camera or .base_from_camera",
+    ("JointEstimate", "Camera"): "its .camera, or .view(0) with its covariance",
+    ("JointEstimate", "JointFit"): "what cadcam.fit_jointly returns",
+    ("Layout", "CandidateSurvey"): "its .survey",
+    ("JointEstimate", "CameraEstimate"): "its .view(0)",
+    ("Location", "PoseEstimate"): "its .pose",
+    ("Location", "Rigid"): "its .pose.world_from_part",
+    ("Mesh", "Part"): "cadcam.Part.of(mesh)",
+    ("Mesh", "Scene"): "cadcam.Scene.of(mesh)",
+    ("Observations", "Observations"): "a list of them: [points]",
+    ("Part", "Mesh"): "its .scene.mesh",
+    ("Part", "Scene"): "its .scene",
+    ("Photo", "Viewpoint"): "its .viewpoint",
+    ("PoseEstimate", "Rigid"): "its .world_from_part",
+    ("RigBoards", "RigEstimate"): "its .estimate",
+    ("RigEstimate", "Camera"): "one of its .cameras",
+    ("Scene", "Mesh"): "its .mesh",
+    ("Scene", "Part"): "cadcam.Part(scene)",
+    ("Verification", "Record"): "cadcam.record_of(found, cadcam.VerificationOrigin(part))",
+    ("Verification", "Location"): "its .located",
+    ("View", "Wireframe"): "cadcam.visible_wireframe(scene, camera, camera_from_world)",
+    ("Viewpoint", "Camera"): "its .camera",
+    ("Camera", "RigCamera"): "cadcam.RigCamera(views, known=camera)",
+    ("float", "Reach"): "such as cadcam.Reach(shift_px=60)",
+    ("int", "Reach"): "such as cadcam.Reach(shift_px=60)",
+    ("dict", "EdgeOptions"): "cadcam.EdgeOptions(search_px=...)",
+    ("list", "Mapping"): "by name: {'left': ..., 'right': ...}",
+    ("list", "Camera"): "cadcam.Camera(size, K, lens) or cadcam.Camera.from_opencv(size, K, coefficients)",
+    ("list", "Lens"): "such as cadcam.BrownConrady(k1, k2, p1, p2); OpenCV's by cadcam.Camera.from_opencv",
+    ("list", "Observations"): "cadcam.Observations(p_world, q)",
+    ("list", "Photo"): "cadcam.Photo.of(picture, camera)",
+    ("list", "Rigid"): "cadcam.Rigid.from_matrix(matrix) in mm; of several motions cadcam.Rigid.stack(motions)",
+    ("list", "View"): "what a renderer's .render returns",
+    ("int", "Generator"): "numpy.random.default_rng(seed)",
+    ("str", "BoardPicture"): "cadcam.find_board(path, pattern)",
+    ("str", "Camera"): "cadcam.read_camera(path).camera",
+    ("str", "Lens"): "such as cadcam.BrownConrady()",
+    ("str", "LayoutScene"): "cadcam.read_layout_scene(path)",
+    ("str", "Light"): "cadcam.named_light(name)",
+    ("str", "SensorFormat"): "cadcam.sensor_format(name)",
+    ("str", "VerificationOrigin"): "cadcam.VerificationOrigin(part)",
+    ("str", "datetime"): "datetime.fromisoformat(text), with its zone",
+    ("str", "Look"): "cadcam.named_look(name)",
+    ("str", "Mesh"): "cadcam.read_model(path)",
+    ("str", "Observations"): "cadcam.read_points(path)",
+    ("str", "Part"): "cadcam.Part.of(cadcam.read_model(path))",
+    ("str", "Pattern"): "cadcam.parse_pattern(text)",
+    ("str", "Mark"): "cadcam.parse_mark(text)",
+    ("str", "Photo"): "cadcam.Photo.of(cadcam.read_camera_picture(path), camera)",
+    ("str", "Rigid"): "cadcam.read_pose(path)",
+    ("str", "Scene"): "cadcam.Scene.of(cadcam.read_model(path))",
+    ("str", "Tolerances"): "cadcam.read_tolerances(path)",
+    ("str", "ViewRange"): "such as cadcam.ViewRange.above()",
+    ("type", "Lens"): "an instance, such as cadcam.BrownConrady()",
+}
+
+
+def expect(value: object, what: str, *kinds: type, optional: bool = False) -> None:
+    """Raise `BadValue` naming `what` unless value is of one of these classes; None passes where it is optional."""
+    if isinstance(value, kinds) or (optional and value is None):
+        return
+    raise BadValue(what, said(value), _expected(value, kinds))
+
+
+def expect_number(value: object, what: str) -> None:
+    """Raise `BadValue` naming `what` unless value is one real number: Python's or numpy's; NaN and inf pass."""
+    if isinstance(value, str) or not isinstance(value, SupportsFloat) or getattr(value, "shape", ()) != ():
+        raise BadValue(what, said(value), "a number")
+
+
+def expect_names(values: Iterable[str], what: str) -> tuple[str, ...]:
+    """Return names as a tuple; raise `BadValue` for one text in place of several, whose letters are no names."""
+    if isinstance(values, str):
+        raise BadValue(what, said(values), f"a list of names: [{values!r}]")
+    return expect_each(values, what, str)
+
+
+def expect_each(values: Iterable[_Value], what: str, *kinds: type, optional: bool = False) -> tuple[_Value, ...]:
+    """Return the values as a tuple; raise `BadValue` naming the first that is of none of these classes.
+
+    optional: values may be None. One value in place of several is refused, too.
+    """
+    if isinstance(values, (*kinds, str, Mapping)) or not isinstance(values, Iterable):
+        wanted = _names(kinds)
+        one = isinstance(values, kinds)
+        raise BadValue(what, said(values), f"a list of them: [{what}]" if one else f"a list, each {wanted}")
+    several = tuple(values)
+    for i, value in enumerate(several):
+        expect(value, f"{what}[{i}]", *kinds, optional=optional)
+    return several
+
+
+def expect_path(path: object, what: str = "path") -> None:
+    """Raise `BadValue` naming `what` unless it is the name of a file or folder: a str or a pathlib.Path."""
+    if not isinstance(path, (str, os.PathLike)):
+        raise BadValue(what, said(path), "the name of a file, a str or a pathlib.Path")
+
+
+def said(value: Any) -> str:
+    """Return what a value is, in words: its class, of arrays the shape, of lists the length, of small things itself."""
+    if value is None or isinstance(value, (bool, int, float, complex)):
+        return repr(value)
+    if isinstance(value, (str, os.PathLike)):
+        return f"the text {str(value)[:60]!r}" if isinstance(value, str) else f"the path {str(value)[:60]!r}"
+    if isinstance(value, type):
+        return f"the class {value.__name__}"
+    name = type(value).__name__
+    if hasattr(value, "shape"):
+        return f"an array of shape {tuple(value.shape)}"
+    if isinstance(value, (list, tuple, dict, set)):
+        return f"a {name} of {len(value)}"
+    return _with_article(name)
+
+
+def _expected(value: object, kinds: tuple[type, ...]) -> str:
+    given = type(value).__name__
+    if isinstance(value, (str, os.PathLike)):
+        given = "str"
+    elif isinstance(value, type):
+        given = "type"
+    elif isinstance(value, (list, tuple)) or hasattr(value, "shape"):
+        given = "list"
+    way = next((_WAYS[given, k.__name__] for k in kinds if (given, k.__name__) in _WAYS), "")
+    return _names(kinds) + (f": {way}" if way else "")
+
+
+def _names(kinds: tuple[type, ...]) -> str:
+    return " or ".join(_with_article(k.__name__) for k in kinds)
+
+
+def _with_article(name: str) -> str:
+    return f"an {name}" if name[:1].upper() in "AEIO" else f"a {name}"
