@@ -155,33 +155,41 @@ class GltfDocument:
     def shapes(self) -> Iterator[Shape]:
         """Yield every node that has triangles, with its pose in the world."""
         try:
-            nodes = self.json.get("nodes", [])
-            scenes = self.json.get("scenes", [])
-            if scenes:
-                roots = scenes[self.json.get("scene", 0)].get("nodes", [])
-            else:
-                below = {child for node in nodes for child in node.get("children", [])}
-                roots = [i for i in range(len(nodes)) if i not in below]
-            stack: list[tuple[int, Array, tuple[str, ...]]] = [(root, np.eye(4), ()) for root in reversed(roots)]
-            visited: set[int] = set()
-            while stack:
-                number, world, names = stack.pop()
-                if number in visited:
-                    raise UnreadableFile(self.path, f"node {number} stands twice in the tree", _AGAIN)
-                visited.add(number)
-                node = nodes[number]
-                world = world @ _placement(node)
-                here = (*names, str(node.get("name", "")))
-                stack.extend((child, world, here) for child in reversed(node.get("children", [])))
+            for node, world, names in self._nodes():
                 if "mesh" in node:
                     mesh = self.json["meshes"][node["mesh"]]
                     primitives = [p for raw in mesh["primitives"] if (p := self._primitive(raw)) is not None]
                     if primitives:
-                        yield Shape(here, world, str(mesh.get("name", "")), primitives)
+                        yield Shape(names, world, str(mesh.get("name", "")), primitives)
         except (KeyError, IndexError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise UnreadableFile(
                 self.path, f"its JSON is inconsistent ({type(error).__name__}: {error})", _AGAIN
             ) from None
+
+    def _nodes(self) -> Iterator[tuple[dict[str, Any], Array, tuple[str, ...]]]:
+        """Yield the nodes of the tree, each with its pose in the world, its own name and those above it."""
+        nodes = self.json.get("nodes", [])
+        stack: list[tuple[int, Array, tuple[str, ...]]] = [(root, np.eye(4), ()) for root in reversed(self._roots())]
+        visited: set[int] = set()
+        while stack:
+            number, world, names = stack.pop()
+            if number in visited:
+                raise UnreadableFile(self.path, f"node {number} stands twice in the tree", _AGAIN)
+            visited.add(number)
+            node = nodes[number]
+            world = world @ _placement(node)
+            names = (*names, str(node.get("name", "")))
+            stack.extend((child, world, names) for child in reversed(node.get("children", [])))
+            yield node, world, names
+
+    def _roots(self) -> list[int]:
+        """Return the nodes of the default scene, or those that no other node has as a child."""
+        scenes, nodes = self.json.get("scenes", []), self.json.get("nodes", [])
+        if scenes:
+            roots: list[int] = scenes[self.json.get("scene", 0)].get("nodes", [])
+            return roots
+        below = {child for node in nodes for child in node.get("children", [])}
+        return [i for i in range(len(nodes)) if i not in below]
 
     def _primitive(self, raw: dict[str, Any]) -> Primitive | None:
         mode = raw.get("mode", _TRIANGLES)

@@ -33,27 +33,33 @@ def recognises(source: ForeignFile) -> bool:
 
 def read(source: ForeignFile) -> Foreign:
     """Return the cameras of scene_camera.json if it is there, else that of camera.json."""
-    if source.is_folder:
-        one = parsed(source.text(_ONE)) if source.has(_ONE) else None
-        scene = parsed(source.text(_SCENE)) if source.has(_SCENE) else None
-    else:
-        root = parsed(source.text())
-        one, scene = (root, None) if "fx" in root.object else (None, root)
-        if scene is not None and source.has(_ONE):
-            one = parsed(source.text(_ONE))
+    one, scene = _places(source)
     if scene is None:
         if one is None:
             raise Place(source.path, (), {}).error("holds neither camera.json nor scene_camera.json")
         fx, fy, cx, cy = (one.at(name).number() for name in ("fx", "fy", "cx", "cy"))
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]])
-        camera = one.build(lambda: Camera((one.at("width").whole(), one.at("height").whole()), K))
-        return Foreign("bop", (NamedCamera("camera", camera),))
-    size = (one.at("width").whole(), one.at("height").whole()) if one is not None else None
-    shape = size or source.needed_size("scene_camera.json without camera.json beside it")
+        return Foreign("bop", (NamedCamera("camera", one.build(lambda: Camera(_size(one), K))),))
+    size = source.needed_size("scene_camera.json without camera.json beside it") if one is None else _size(one)
     names = [name for name, value in scene.object.items() if isinstance(value, dict)]
     if not names:
         raise scene.error("holds no camera", "is it the right file?")
-    return Foreign("bop", tuple(_of_image(name, scene.at(name), shape) for name in names))
+    return Foreign("bop", tuple(_of_image(name, scene.at(name), size) for name in names))
+
+
+def _places(source: ForeignFile) -> tuple[Place | None, Place | None]:
+    """Return the content of camera.json and of scene_camera.json, each None where it is not there."""
+    if source.is_folder:
+        one, scene = (parsed(source.text(name)) if source.has(name) else None for name in (_ONE, _SCENE))
+        return one, scene
+    root = parsed(source.text())
+    if "fx" in root.object:
+        return root, None
+    return parsed(source.text(_ONE)) if source.has(_ONE) else None, root
+
+
+def _size(one: Place) -> tuple[int, int]:
+    return one.at("width").whole(), one.at("height").whole()
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
