@@ -1,4 +1,4 @@
-"""The closed form of hand-eye calibration, screws, and what motions leave open."""
+"""Closed forms of hand-eye calibration, screws, and what motions leave open."""
 
 from __future__ import annotations
 
@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 
 from cadcam.errors import DegenerateGeometry, TooFewPoints
-from cadcam.fit.hand_eye import fixed_in_base, motions, park_martin
+from cadcam.fit.hand_eye import daniilidis, fixed_in_base, kronecker, motions, park_martin, tsai_lenz
 from cadcam.fit.screw import angles_and_slides, freedom, line_of
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
+ON_MOTIONS = {"tsai_lenz": tsai_lenz, "park_martin": park_martin, "daniilidis": daniilidis}
 HALF_TURNS = [np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])]
 
 
@@ -29,37 +30,58 @@ def apart(one, other):
     return np.abs((one.inv @ other).log()).max()
 
 
+@pytest.mark.parametrize("solve", ON_MOTIONS.values(), ids=ON_MOTIONS)
 @pytest.mark.parametrize("n", [3, 4, 12])
-def test_the_closed_form_is_exact_on_exact_motions(rng, n):
+def test_a_closed_form_is_exact_on_exact_motions(rng, solve, n):
     """1e-7 mm: a thousand roundings of 1000 mm, for three poses that happen to turn alike."""
     for _ in range(20):
         B, S, X, _ = exact(rng, n)
-        assert apart(park_martin(*motions(B, S)), X) < 1e-7
+        assert apart(solve(*motions(B, S)), X) < 1e-7
 
 
+@pytest.mark.parametrize("solve", ON_MOTIONS.values(), ids=ON_MOTIONS)
 @pytest.mark.parametrize("R", HALF_TURNS)
-def test_half_a_turn_is_no_singularity(rng, R):
+def test_half_a_turn_is_no_singularity(rng, solve, R):
     B, S, X, _ = exact(rng, 8, Rigid(R, [10.0, -20, 30]))
-    assert apart(park_martin(*motions(B, S)), X) < 1e-7
+    assert apart(solve(*motions(B, S)), X) < 1e-7
 
 
-def test_the_fixed_thing_is_where_exact_poses_say(rng):
+def test_poses_without_pairs_give_both_motions_exactly(rng):
     for _ in range(20):
         B, S, X, Z = exact(rng, 6)
+        found = kronecker(B, S)
+        assert apart(found[0], X) < 1e-7
+        assert apart(found[1], Z) < 1e-7
         assert apart(fixed_in_base(B, X, S), Z) < 1e-9
 
 
-def test_parallel_axes_are_refused(rng):
+@pytest.mark.parametrize("solve", ON_MOTIONS.values(), ids=ON_MOTIONS)
+def test_weights_silence_a_motion_that_is_wrong(rng, solve):
+    B, S, X, _ = exact(rng, 6)
+    A, C = motions(B, S)
+    wrong = Rigid(np.concatenate([A.rotation[:1].swapaxes(1, 2), A.rotation[1:]]), A.translation)
+    weights = np.ones(len(A.rotation))
+    assert apart(solve(wrong, C, weights=weights), X) > 1e-3
+    weights[0] = 1e-24
+    assert apart(solve(wrong, C, weights=weights), X) < 1e-6
+
+
+@pytest.mark.parametrize("solve", ON_MOTIONS.values(), ids=ON_MOTIONS)
+def test_parallel_axes_are_refused(rng, solve):
     B = Rigid(so3.exp(np.outer(rng.normal(size=8), [0.6, 0.0, 0.8])), rng.normal(size=(8, 3)))
     S = Rigid().inv @ (B.inv @ Rigid())
     with pytest.raises(DegenerateGeometry, match="parallel"):
-        park_martin(*motions(B, S))
+        solve(*motions(B, S))
+    with pytest.raises(DegenerateGeometry, match="parallel"):
+        kronecker(B, S)
 
 
 def test_too_few_poses_are_refused(rng):
     B, S, *_ = exact(rng, 2)
     with pytest.raises(TooFewPoints):
         park_martin(*motions(B, S))
+    with pytest.raises(TooFewPoints):
+        kronecker(B, S)
 
 
 def test_angle_and_slide_of_a_motion_do_not_depend_on_the_frame(rng):
@@ -83,9 +105,9 @@ def test_no_pair_of_poses_shows_that_they_are_inverted_but_the_axes_together_do(
 def test_inverted_robot_poses_with_the_other_mounting_are_the_same_data(rng, n):
     """B X S = Z for all is inv(B) Z inv(S) = X for all: nothing in the data can tell the two apart."""
     B, S, X, Z = exact(rng, n)
-    other = park_martin(*motions(B.inv, S.inv))
-    assert apart(other, Z) < 1e-6
-    assert apart(fixed_in_base(B.inv, other, S.inv), X) < 1e-6
+    other = kronecker(B.inv, S.inv)
+    assert apart(other[0], Z) < 1e-6
+    assert apart(other[1], X) < 1e-6
 
 
 def unit(rng):

@@ -48,6 +48,11 @@ class Aspect:
     telling: npt.NDArray[np.void]
     length: float
 
+    def recoverable(self, n_chains: int) -> Array:
+        """Return the share (n_chains,) of this aspect's visible length that each edge of the part has."""
+        own = self.chain[self.chain >= 0]
+        return np.bincount(own, minlength=n_chains) / max(len(self.chain), 1)
+
 
 class Aspects:
     """The aspects of one part over an even net of directions, computed on first use and kept.
