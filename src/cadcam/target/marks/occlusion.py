@@ -13,6 +13,7 @@ from dataclasses import replace
 import numpy as np
 
 from cadcam.arrays import Array, Mask
+from cadcam.target.boards.cores import on_cores
 from cadcam.target.boards.photometric import CONTRAST, Fit, Model, fitted
 from cadcam.target.marks.lines import shared_by_lines
 from cadcam.target.marks.mark import Mark
@@ -44,15 +45,22 @@ def clear_fit(
     odd, seen = _odd(mark, geometry, fit, window, noise)
     suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
     plain = _also_plain(odd, seen, window)
-    for i in np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist():
-        one, there = window.only(i)
-        at = slice(i, i + 1)
-        begun, gain, loose[i] = _told_apart(mark, geometry, int(loose[i]), start[at], fit.subset(at), one, q[at], noise)
-        if plain[i] or gain < _BETTER:
-            model = mark_model(mark, geometry, loose=int(loose[i]))
-            part, clear = _cleared(mark, geometry, model, begun, one, q[at], noise)
-            fit, weight = fit.replaced(part, np.array([i])), weight.copy()
-            weight[i, there] = clear
+    suspects = np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist()
+
+    def treated(i: int) -> tuple[int, tuple[Fit, Array] | None]:
+        """Return how many of b dx dy the i-th mark has, and its fit with the weights of its pixels if any is hidden."""
+        one, at = window.only(i)[0], slice(i, i + 1)
+        begun, gain, count = _told_apart(mark, geometry, int(loose[i]), start[at], fit.subset(at), one, q[at], noise)
+        if not plain[i] and gain >= _BETTER:
+            return count, None
+        model = mark_model(mark, geometry, loose=count)
+        return count, _cleared(mark, geometry, model, begun, one, q[at], noise)
+
+    for i, (count, answer) in zip(suspects, on_cores(treated, suspects), strict=True):
+        loose[i] = count
+        if answer is not None:
+            fit, weight = fit.replaced(answer[0], np.array([i])), weight.copy() if weight is window.weight else weight
+            weight[i, window.weight[i] > 0] = answer[1]
     model = mark_model(mark, geometry, loose=max(BENT, int(loose.max(initial=0))))
     return _together(model, fit, window, weight), weight
 
