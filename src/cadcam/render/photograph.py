@@ -8,7 +8,8 @@ thing before a sharp one, or behind it, covers just what it does through a real 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -33,7 +34,10 @@ SAMPLES = 64
 _SEEN = Channel.DEPTH | Channel.NORMAL | Channel.FACE
 _BLACK = (0.0, 0.0, 0.0)
 _PIXEL = 1 / 12  # px^2, the variance of a pixel's own area
+_TOGETHER = 1 << 20  # pixels that are lit at a time
 _CLEAR = 1e-5  # of the depth or the model's size: how far above its face a shadow's ray starts
+
+_At: TypeAlias = tuple[npt.NDArray[np.intp], ...]
 
 
 class Photographer:
@@ -69,6 +73,7 @@ class Photographer:
         blur = blur_before(sensor, camera, aperture)
         cutout = self.radiance(camera, camera_from_world, light=light, aperture=aperture, blur_px=blur, samples=samples)
         over = cutout.over(background) if isinstance(background, tuple) else cutout.over_photo(background)
+        del cutout  # before the sensor needs as much memory
         return behind(sensor, camera).apply(over, rng=rng)
 
     def radiance(
@@ -98,46 +103,56 @@ class Photographer:
             seen = lens.pinhole(camera_from_world, pixel, opening)
             self._add(color, alpha, seen, light, [to[k ^ pairs] for to in towards])
             step()
-        n = np.float32(len(points))
-        return Cutout(camera, np.divide(color, n, dtype=np.float32), np.divide(alpha, n, dtype=np.float32))
+        for total in (color, alpha):
+            total /= np.float32(len(points))
+        return Cutout(camera, color, alpha)
 
     def _add(self, color: Picture, alpha: Picture, seen: Pinhole, light: Light, towards: Sequence[Array]) -> None:
-        """Add what one pinhole sees; towards: of each lamp the directions (h, w, 3) in a tile of pixels."""
+        """Add what one pinhole sees; towards: of each lamp the directions (h, w, 3) in a tile of pixels.
+
+        Row by row of blocks, so that next to nothing but the view is held of the whole picture.
+        """
         view = self._renderer.render(seen.camera, seen.camera_from_world, channels=_SEEN)
-        at = np.nonzero(view.mask)
-        to = [tile[at[0] % tile.shape[0], at[1] % tile.shape[1]] for tile in towards]
-        irradiance = self._irradiance(view, seen, at, light, to)
-        color[at] += self._reflectance[view.face[at]] * irradiance[:, None]
-        alpha[at] += 1
+        R = seen.camera_from_world.rotation
+        parts = [_Part.of(view, rows, towards, R) for rows in blocks(len(alpha), max(1, _TOGETHER // alpha.shape[1]))]
+        farthest = [max(part.farthest[i] for part in parts) for i in range(len(towards))]
+        for part in parts:
+            there, at = part.rows, part.at(view)
+            irradiance = self._irradiance(view, seen, part, at, light, towards, farthest)
+            color[there][at] += self._reflectance[view.face[there][at]] * irradiance[:, None]
+            alpha[there][at] += 1
 
     def _irradiance(
-        self, view: View, seen: Pinhole, at: tuple[npt.NDArray[np.intp], ...], light: Light, towards: Sequence[Array]
+        self,
+        view: View,
+        seen: Pinhole,
+        part: _Part,
+        at: _At,
+        light: Light,
+        towards: Sequence[Array],
+        farthest: list[float],
     ) -> Picture:
-        """Return the light (N,) on the surface points that the pixels `at` see, as the radiance of white.
+        """Return the light (N,) on the surface points that the pixels `at` of a part see, as the radiance of white.
 
-        towards: of each lamp the direction (N, 3) of its point, for each of them.
+        farthest: of each lamp the largest depth of a point that faces it.
         """
-        normal = view.normal[at]
+        rows, R = part.rows, seen.camera_from_world.rotation
+        normal, plane, depth = view.normal[rows][at], seen.beside.points(rows), view.depth[rows]
         total = np.full(len(normal), light.ambient, np.float32)
         if light.flash:
-            total += light.flash * np.clip(-np.einsum("ij,ij->i", normal, seen.directions[at].astype(np.float32)), 0, 1)
-        R = seen.camera_from_world.rotation
-        for lamp, to in zip(light.lamps, towards, strict=True):
-            cosine = np.clip(np.einsum("ij,ij->i", normal, (to @ R.T).astype(np.float32)), 0, 1)
+            directions = seen.directions(rows)[at].astype(np.float32)
+            total += light.flash * np.clip(-np.einsum("ij,ij->i", normal, directions), 0, 1)
+        for i, lamp in enumerate(light.lamps):
+            cosine = part.cosines[i].copy()
             lit = np.flatnonzero(cosine > 0)
-            where = tuple(i[lit] for i in at)
-            points = self._points(view, seen, where)
-            dark = self._shaded(
-                points, normal[lit] @ R.astype(np.float32), to[lit], float(view.depth[where].max(initial=0))
-            )
+            where = tuple(k[lit] for k in at)
+            z = depth[where].astype(np.float64)[:, None]
+            points = seen.camera_from_world.inv @ np.concatenate([plane[where] * z, z], axis=1)
+            to = part.towards(towards[i], where)
+            dark = self._shaded(points, normal[lit] @ R.astype(np.float32), to, farthest[i])
             cosine[lit[dark]] = 0
             total += lamp.strength * cosine
         return total
-
-    def _points(self, view: View, seen: Pinhole, at: tuple[npt.NDArray[np.intp], ...]) -> Array:
-        """Return the surface points (N, 3) in the world that pixels see."""
-        z = view.depth[at].astype(np.float64)[:, None]
-        return seen.camera_from_world.inv @ np.concatenate([seen.plane[at] * z, z], axis=1)
 
     def _shaded(self, points: Array, normals: Picture, towards: Array, farthest: float) -> Mask:
         """Return which points (N, 3) with normals (N, 3) in the world have the model between them and a lamp.
@@ -157,6 +172,37 @@ class Photographer:
             return np.asarray(caster.first_hit(start, towards[part], reach) >= 0)
 
         return np.concatenate(on_all_cores(cast, blocks(len(points))))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Some rows of a view: of each lamp the cosines (N,) at the points seen there, and the depth of the last lit."""
+
+    rows: slice
+    cosines: tuple[Picture, ...]
+    farthest: tuple[float, ...]
+
+    @classmethod
+    def of(cls, view: View, rows: slice, towards: Sequence[Array], R: Array) -> _Part:
+        """Return a part; towards: of each lamp a tile (h, w, 3) of directions in the world; R: camera from world."""
+        part = cls(rows, (), ())
+        at = part.at(view)
+        normal, depth = view.normal[rows][at], view.depth[rows][at]
+        cosines, farthest = [], []
+        for tile in towards:
+            to = (part.towards(tile, at) @ R.T).astype(np.float32)
+            cosines.append(np.clip(np.einsum("ij,ij->i", normal, to), 0, 1))
+            farthest.append(float(depth[cosines[-1] > 0].max(initial=0)))
+        return cls(rows, tuple(cosines), tuple(farthest))
+
+    def at(self, view: View) -> _At:
+        """Return the rows, from the first of the part, and columns of the pixels that see anything."""
+        return np.nonzero(view.face[self.rows] >= 0)
+
+    def towards(self, tile: Array, at: _At) -> Array:
+        """Return the direction (N, 3) to a lamp's point for each of these pixels."""
+        row = at[0] + self.rows.start
+        return np.asarray(tile[row % tile.shape[0], at[1] % tile.shape[1]])
 
 
 def blur_before(sensor: Sensor, camera: Camera, aperture: Aperture | None) -> float:
