@@ -8,14 +8,18 @@ import numpy as np
 import pytest
 
 from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.calibrate.rig.adjustment import RigCamera, calibrate_rig
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
-from cadcam.camera.resampled import PictureMap
+from cadcam.camera.resampled import PictureMap, resampled_rig
+from cadcam.camera.rig_estimate import RigEstimate
 from cadcam.camera.viewpoint import Viewpoint
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
+
+from ..calibrate.rigs import rig
 
 CAMERA = Camera.from_focal((801, 600), 700.0, fy=695.0, cx=410.0, cy=290.0, skew=1.5, lens=BrownConrady(k1=-0.1))
 MAPS = {
@@ -106,6 +110,51 @@ def test_what_is_measured_has_the_same_covariance_in_mm(
     np.testing.assert_allclose(
         moved.projection_covariance(p), D @ estimate.projection_covariance(p) @ D, rtol=1e-6, atol=1e-15
     )
+
+
+@pytest.fixture(scope="module")
+def mounted() -> RigEstimate:
+    """Three cameras on a mount; the pictures of the third are of another size."""
+    rng = np.random.default_rng(3)
+    return calibrate_rig(rig(rng, 3, 5).seen(rng, {"left": 0.1, "right": 0.3, "top": 0.2}))
+
+
+def test_a_resampled_rig_is_that_of_resampled_pictures(mounted: RigEstimate) -> None:
+    """Calibrated with the points in the new pictures: the same cameras, mounts and covariances."""
+    maps = {"left": PictureMap.binned((1280, 960), (2, 2)), "top": PictureMap.cut((1024, 1024), (30, 40), (900, 800))}
+    moved = resampled_rig(mounted, maps)
+    assert [camera.size for camera in moved.cameras] == [(640, 480), (1280, 960), (900, 800)]
+    again = calibrate_rig(
+        {
+            name: RigCamera(views, camera.size, {"skew": 0.0}, BrownConrady(), ("k1", "k2"))
+            for name, views, camera in zip(moved.names, moved.views, moved.cameras, strict=True)
+        }
+    )
+    sd = np.sqrt(np.diag(again.covariance))
+    np.testing.assert_allclose(moved.covariance / np.outer(sd, sd), again.covariance / np.outer(sd, sd), atol=2e-2)
+    np.testing.assert_allclose(moved.by_frame / np.outer(sd, sd), again.by_frame / np.outer(sd, sd), atol=5e-2)
+    np.testing.assert_allclose(moved.noise_px, again.noise_px, rtol=2e-2)
+    for name in moved.names:
+        for parameter, value in moved.values(name).items():
+            assert value == pytest.approx(again.values(name)[parameter], abs=0.05 * moved.sigma(name, parameter) + 1e-9)
+    np.testing.assert_allclose(moved.residuals[0][0], mounted.residuals[0][0] / 2, atol=1e-9)
+
+
+def test_a_resampled_rig_measures_as_surely_as_before(mounted: RigEstimate) -> None:
+    q = {"left": (600.0, 400.0), "right": (500.0, 480.0), "top": (512.0, 500.0)}
+    maps = {"right": PictureMap.resized((1280, 960), (320, 480), stretched=True)}
+    moved = resampled_rig(mounted, maps)
+    there = {**q, "right": ((500.5) / 4 - 0.5, (480.5) / 2 - 0.5)}
+    for views, pixels in zip(
+        zip(mounted.viewpoints(sigma_px=1e-6), moved.viewpoints(sigma_px=1e-6), strict=True), q, strict=True
+    ):
+        of_old, of_new = (
+            view.ray_covariance(np.array([at[pixels]])) for view, at in zip(views, (q, there), strict=True)
+        )
+        np.testing.assert_allclose(of_new, of_old, rtol=1e-6, atol=1e-9 * np.abs(of_old).max())
+    assert moved.relative("left", "right").baseline_sigma() == mounted.relative("left", "right").baseline_sigma()
+    with pytest.raises(UnknownName, match=r"'lef'.*did you mean 'left'"):
+        resampled_rig(mounted, {"lef": maps["right"]})
 
 
 def test_as_many_equations_as_unknowns_stay_without_noise(rng: np.random.Generator) -> None:

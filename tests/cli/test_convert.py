@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -10,14 +11,17 @@ import numpy as np
 import pytest
 
 from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.calibrate.rig.adjustment import calibrate_rig
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
 from cadcam.files.camera import read_camera, write_camera
 from cadcam.files.foreign.registry import NAMES
+from cadcam.files.rig import read_rig, write_rig
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
 
+from ..calibrate.rigs import rig
 from .job import POSE, Ran
 
 Run = Callable[..., Ran]
@@ -112,6 +116,7 @@ def test_one_camera_of_many_is_chosen_by_name_or_number(cadcam: Run, tmp_path: P
     [
         (["none.json", "o.json"], "no such file"),
         (["plain.json", "o.yaml"], "format of"),
+        (["plain.json", "o.json", "--camera", "a", "--camera", "b"], "--camera is given 2 times; expected once"),
         (["plain.json", "o.yaml", "--to", "opencw"], "did you mean 'opencv'"),
         (["plain.json", "o.dat", "--allow-loss", "lenz"], "unknown loss 'lenz'; did you mean 'lens'"),
         (["plain.json", "o.dat", "--from", "ros"], "is not YAML|has no|is refused"),
@@ -180,6 +185,61 @@ def test_a_camera_is_made_one_of_other_pictures_with_its_covariance(cadcam: Run,
     assert cut["K_px"][1][2] == pytest.approx(estimate.camera.K[1, 2] - 50)
     stretched = cadcam("convert", tmp_path / "full.json", "-", "--resize", "320x480", "--stretched", "--json")
     assert stretched.json["cameras"][0]["size_px"] == [320, 480]
+
+
+@pytest.fixture(scope="module")
+def rig_file(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A rig of two cameras of 1280 x 960 px, left and right, and one of 1024 x 1024, top."""
+    rng = np.random.default_rng(3)
+    path = tmp_path_factory.mktemp("rig") / "rig.json"
+    write_rig(path, calibrate_rig(rig(rng, 3, 4).seen(rng, 0.1)))
+    return path
+
+
+def test_a_rig_is_made_one_of_other_pictures_of_all_cameras_or_of_those_named(
+    cadcam: Run, tmp_path: Path, rig_file: Path
+) -> None:
+    full, small = read_rig(rig_file), tmp_path / "small.json"
+    ran = cadcam("convert", rig_file, small, "--binning", "2")
+    assert ran.code == 0, ran.err
+    assert "top: for pictures of 512 x 512 px instead of 1024 x 1024 px" in ran.err
+    half = read_rig(small)
+    for name in full.names:
+        for parameter, scale in (("focal", 0.5), ("V0", 0.5), ("aspect", 1.0), ("tx", 1.0)):
+            assert half.sigma(name, parameter) == scale * full.sigma(name, parameter)
+    np.testing.assert_array_equal(half.camera_from_rig.matrix, full.camera_from_rig.matrix)
+    two = ("--camera", "left", "--camera", "right")
+    assert cadcam("convert", rig_file, small, "--resize", "640x480", *two).code == 0
+    assert [camera.size for camera in read_rig(small).cameras] == [(640, 480), (640, 480), (1024, 1024)]
+    told = cadcam("convert", rig_file, "-", "--crop", "10,20,600x500", "--camera", "top", "--json").json
+    assert [camera["size_px"] for camera in told["cameras"]] == [[1280, 960], [1280, 960], [600, 500]]
+    listed = cadcam("convert", rig_file, "-")
+    assert "rig: 3 cameras" in listed.out
+    assert "1024 x 1024" in listed.out
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("o.json", "--resize", "640x480"), r"cameras of several sizes .left 1280 x 960, .* --camera NAME"),
+        (("o.json", "--crop", "0,0,640x480"), r"--crop is given for cameras of several sizes"),
+        (("o.json", "--resize", "640x400", "--camera", "left"), "in another ratio"),
+        (("o.json", "--binning", "2", "--camera", "lef"), "did you mean 'left'"),
+        (("o.json",), "rig.json is a rig file; expected --resize, --binning, --crop, or - in place of o.json"),
+        (("-", "--camera", "left"), "--camera is given for a rig whose pictures stay"),
+        (("o.yml", "--binning", "2"), r"'.yml' .known: .json"),
+        (("o.json", "--binning", "2", "--to", "opencv"), "--to is given for a rig file"),
+        (("o.json", "--binning", "2", "--fit"), "--fit is given for a rig file"),
+    ],
+)
+def test_what_does_not_suit_a_rig_is_refused(
+    cadcam: Run, rig_file: Path, words: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(rig_file.parent)
+    ran = cadcam("convert", "rig.json", *words)
+    assert ran.code == 2
+    assert re.search(message, ran.err), ran.err
+    assert not Path("o.json").exists()
 
 
 def test_compare_prints_draws_and_agrees_with_its_json(cadcam: Run, tmp_path: Path, plain: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
+from cadcam.cad.write import write_model
 from cadcam.camera.observations import Observations
 from cadcam.cli.photos import file_of
 from cadcam.files.camera import write_camera
@@ -22,6 +23,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
 from cadcam.locate.views.drawing import Drawer
 
+from ..cad.solids import prism
 from .job import Ran
 from .locating import CAMERA, MIDDLE, MODELS, POSE, make_photo_job, photo, seen, write_start
 
@@ -242,3 +244,21 @@ def test_a_photo_with_an_equals_sign_in_its_own_name_is_a_file_and_no_camera(her
     assert file_of("left=run=3/left.png") == "run=3/left.png"
     assert file_of("left=photo.png") == "photo.png"
     assert file_of("photo.png") == "photo.png"
+
+
+def test_of_a_round_bar_free_to_turn_about_its_axis_nothing_is_said_to_be_known(cadcam: Cadcam, here: Path) -> None:
+    """It was said to be "within 0 mm in any direction", and turned to within half a degree."""
+    write_model("bar.stl", prism(64, radius=10.0, height=40.0))
+    camera_from_bar = Rigid.look_at([60, -70, 90], [0, 0, 20])
+    write_picture("photo.png", seen(CAMERA, camera_from_bar, model=str(here / "bar.stl")), bits=16)
+    write_start(here / "start.txt", camera_from_bar)
+    line = ("locate", "photo.png", "bar.stl", "--camera", "camera.json", "--start", "start.txt")
+    line += ("--freedom", "axis:0,0,0,0,0,1@part", "--pose-out", "pose.json")
+    turn = "the turn about the axis (0, 0, 1) through (0, 0, 0) mm of the part"
+    ran = cadcam(*line)
+    assert ran.code == 0, ran.err
+    assert f"not determined: {turn}" in ran.out
+    assert "in any direction" not in ran.out
+    said = cadcam(*line, "--json").json
+    assert said["pose"]["undetermined"]["in_words"] == turn
+    assert pose_estimate_at(parsed(read_text("pose.json"))).undetermined_words == turn

@@ -168,4 +168,5 @@ def test_a_log_without_frames_is_begun_anew(cadcam: Cadcam, here: Path) -> None:
 def test_the_log_s_lines_are_json_for_other_programs(cadcam: Cadcam, here: Path) -> None:
     cadcam(*TRACK)
     lines = [json.loads(line) for line in (here / "track.jsonl").read_text().splitlines()]
-    assert set(lines[1]) == {"frame", "files", "sha256", "found", "quality", "how", "reason", "pose", "filtered"}
+    keys = {"frame", "files", "sha256", "white", "found", "quality", "how", "reason", "pose", "filtered"}
+    assert set(lines[1]) == keys

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 from collections.abc import Callable
 from pathlib import Path
 
@@ -48,6 +50,56 @@ def test_full_scale_says_otherwise(cadcam: Cadcam, here: Path) -> None:
     assert wrong.code == 2
     assert "outside 0 to 1023" in wrong.err
     assert cadcam("locate", "raw.tif", *PART, "--full-scale", "-1").code == 2
+
+
+def test_each_result_says_with_which_white_its_photos_were_read(cadcam: Cadcam, here: Path) -> None:
+    """What was measured in raw.tif can be measured again though the same file may be read otherwise."""
+    digest = hashlib.sha256(Path("raw.tif").read_bytes()).hexdigest()
+    twelve = {"path": "raw.tif", "sha256": digest, "white": 4095.0, "bits": 12}
+    pose = ("--pose", "start.txt", "--camera", "camera.json")
+    for line in (
+        ("locate", "raw.tif", *PART),
+        ("verify", "raw.tif", *PART),
+        ("match", "raw.tif", PART[0], *pose),
+        ("match", "raw.tif", "raw.tif", "--angles", "0", "0"),
+    ):
+        ran = cadcam(*line, "--json")
+        assert ran.json["photos"] == [twelve], line
+    odd = cadcam("locate", "raw.tif", *PART, "--json", "--full-scale", "5000").json["photos"]
+    assert odd == [twelve | {"white": 5000.0, "bits": None}]
+    write_picture("bytes.png", photo())
+    (eight,) = cadcam("locate", "bytes.png", *PART, "--json").json["photos"]
+    assert (eight["white"], eight["bits"]) == (255.0, 8)
+
+
+def test_a_track_goes_on_with_the_white_that_it_was_begun_with_or_not_at_all(cadcam: Cadcam, here: Path) -> None:
+    """Another white makes other pictures of the same files: a brighter frame that is added would do it unseen."""
+    film, raw = here / "film", np.round(np.clip(photo(), 0, 1) * 4095)
+    film.mkdir()
+    tifffile.imwrite(film / "0.tif", np.round(raw * 0.24).astype(np.uint16))
+    assert cadcam("track", "film", *PART, "-o", "log.jsonl").code == 0
+    assert json.loads(Path("log.jsonl").read_text().splitlines()[1])["white"] == [1023.0]
+    tifffile.imwrite(film / "1.tif", raw.astype(np.uint16))
+    ran = cadcam("track", "film", *PART, "-o", "log.jsonl")
+    assert ran.code == 2
+    for words in ("log.jsonl", "frame 0 was read with 1023, now with 4095", "start a new log"):
+        assert words in ran.err
+    assert "--full-scale 1023" not in ran.err  # the added frame exceeds it
+    older = [json.loads(line) for line in Path("log.jsonl").read_text().splitlines()]
+    del older[1]["white"]
+    Path("log.jsonl").write_text("".join(json.dumps(line) + "\n" for line in older))
+    assert cadcam("track", "film", *PART, "-o", "log.jsonl").code == 0
+
+
+def test_the_white_that_a_track_was_begun_with_lets_it_go_on(cadcam: Cadcam, here: Path) -> None:
+    (here / "film").mkdir()
+    tifffile.imwrite(here / "film/0.tif", np.round(np.clip(photo(), 0, 1) * 1000).astype(np.uint16))
+    line = ("track", "film", *PART, "-o", "log.jsonl")
+    assert cadcam(*line, "--full-scale", "2000").code == 0
+    ran = cadcam(*line)
+    assert ran.code == 2
+    assert "read with 2000, now with 1023; --full-scale 2000, or start a new log" in " ".join(ran.err.split())
+    assert cadcam(*line, "--full-scale", "2000").code == 0
 
 
 def test_overlay_shows_twelve_bits_as_bright_as_they_are(cadcam: Cadcam, here: Path) -> None:

@@ -32,14 +32,23 @@ CAMERA = Rigid.exp([5, 6, 70, 0.1, 0.2, 0.3])  # camera_from_world
 
 def test_an_estimate_comes_back_to_the_last_bit(tmp_path: Path, rng: np.random.Generator) -> None:
     A = rng.normal(size=(6, 6))
-    for dof in (np.inf, 12.5):
-        estimate = PoseEstimate(POSE, A @ A.T, np.eye(6) / 7, np.eye(6)[:, :3], dof)
+    for dof, turns in ((np.inf, 0), (12.5, 1)):
+        estimate = PoseEstimate(POSE, A @ A.T, np.eye(6) / 7, np.eye(6)[:, :3], dof, rng.normal(size=(6, turns)))
         write_part_pose(tmp_path / "pose.json", estimate)
         back = read_pose_estimate(tmp_path / "pose.json")
         np.testing.assert_array_equal(back.world_from_part.matrix, POSE.matrix)
-        for name in ("from_noise", "from_calibration", "freedom", "dof"):
+        for name in ("from_noise", "from_calibration", "freedom", "dof", "undetermined"):
             np.testing.assert_array_equal(getattr(back, name), getattr(estimate, name))
         np.testing.assert_array_equal(read_part_pose(tmp_path / "pose.json").matrix, POSE.matrix)
+
+
+def test_a_file_that_says_nothing_of_undetermined_turns_has_none(tmp_path: Path) -> None:
+    """Files were written without it before."""
+    write_part_pose(tmp_path / "pose.json", PoseEstimate(POSE, np.eye(6)))
+    said = json.loads((tmp_path / "pose.json").read_text())
+    assert said.pop("undetermined") is None
+    (tmp_path / "pose.json").write_text(json.dumps(said))
+    assert pose_estimate_at(parsed(read_text(tmp_path / "pose.json"))).undetermined.shape == (6, 0)
 
 
 def test_a_covariance_that_is_none_is_refused(tmp_path: Path) -> None:

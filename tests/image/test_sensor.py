@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, UnknownName
+from cadcam.image.sensor import effect
 from cadcam.image.sensor.charge import Blooming, Exposure, Noise, Smear
 from cadcam.image.sensor.light import Blur, Interlace, Motion, PixelAspect, Vignetting, fit_vignetting, shifted
 from cadcam.image.sensor.presets import PRESETS, preset
@@ -22,6 +25,33 @@ def scene(rng):
 
     rough = gaussian_filter(rng.standard_normal((60, 80)), 3.0)
     return (0.5 + 0.4 * rough / np.abs(rough).max()).astype(np.float32)
+
+
+def test_what_is_computed_row_by_row_is_what_is_computed_at_once(scene, monkeypatch):
+    """Chance too: each effect draws its numbers in the same order."""
+    sensor = preset("global-shutter")
+    color = np.stack([scene, 0.5 * scene, scene**2], axis=-1)
+    for picture in (scene, color):
+        at_once = sensor.apply(picture, rng=np.random.default_rng(3))
+        monkeypatch.setattr(effect, "_TOGETHER", 3 * picture[:1].size)
+        np.testing.assert_array_equal(sensor.apply(picture, rng=np.random.default_rng(3)), at_once)
+        monkeypatch.undo()
+
+
+def test_a_sensor_takes_little_memory_beside_the_picture(monkeypatch):
+    """Bytes a number of the picture: 8 of the electrons, 4 of what is made of them, 4 of the effect before; once 33."""
+    monkeypatch.setattr(effect, "_TOGETHER", 1 << 12)
+    picture = np.full((300, 400, 3), 0.4, np.float32)
+    preset("global-shutter").apply(picture[:9, :9], rng=np.random.default_rng(3))  # what is loaded once
+    tracemalloc.start()
+    out = preset("global-shutter").apply(picture, rng=np.random.default_rng(3))
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak / picture.size < 8 + 4 + 4 + 8  # 8: blocks
+    assert out is not picture
+    assert (picture == np.float32(0.4)).all()
+    same = Sensor().apply(picture, rng=np.random.default_rng(3))
+    assert not np.may_share_memory(same, picture)
 
 
 def point(shape=(41, 41), value=1.0):

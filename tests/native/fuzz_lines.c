@@ -204,8 +204,12 @@ static void marks(void) {
         for (int i = 0; i < 9 * count; i++) H[i] = (i % 9 % 4 == 0) + 0.01 * around();
     for (int i = 0; i < 2 * count; i++) /* more at rest than in motion, some by far more than their size */
         if (upto(2)) levels[8 * (i / 2) + 6 + i % 2] = 0;
-    cc_mark_picture(&mark, count, pixels, width, places, H, terms, dH, levels, loose, value, slopes ? slope : NULL);
-    free(r), free(ray), free(span), free(sector), free(places);
+    double *weight = doubles(count * pixels, 1);
+    for (int i = 0; i < count * pixels; i++)
+        if (upto(1)) weight[i] = 0;
+    cc_mark_picture(&mark, count, pixels, width, places, upto(1) ? weight : NULL, H, terms, dH, levels, loose, value,
+                    slopes ? slope : NULL);
+    free(r), free(ray), free(span), free(sector), free(places), free(weight);
     free(H), free(dH), free(levels), free(value), free(slope);
 }
 

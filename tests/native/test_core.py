@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import os
 import re
 import shutil
 import subprocess
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +31,8 @@ except MissingCore as error:
 SOURCES = Path(core.__file__).parent
 FUZZ = ("fuzz.c", "fuzz_lines.c")
 FUZZ_CORRELATE = ("fuzz_correlate.c",)
+SANITIZERS = ("-fsanitize=address,undefined,float-cast-overflow",)
+Build = Callable[[str], list[str]]
 
 
 def test_instruction_sets_give_the_same_bits() -> None:
@@ -109,40 +115,65 @@ def test_numbers_that_python_and_the_core_both_state_are_the_same() -> None:
     assert {name: stated[name] for name in ours} == ours
 
 
-def fuzz(tmp_path: Path, scenes: int, vectors: str, harness: tuple[str, ...] = FUZZ) -> None:
-    """Build the core with AddressSanitizer and UBSan, and give it random and vicious tasks."""
-    if vectors == "avx2" and core.choose_variant(-1) == "baseline":
-        pytest.skip("this processor has the baseline only")
+@pytest.fixture(scope="module")
+def built(tmp_path_factory: pytest.TempPathFactory) -> Build:
+    """Return a function that builds the core with AddressSanitizer and UBSan, once for each set of vectors."""
+
+    @cache
+    def build(vectors: str) -> list[str]:
+        if vectors == "avx2" and core.choose_variant(-1) == "baseline":
+            pytest.skip("this processor has the baseline only")
+        return objects(sorted(SOURCES.glob("*.c")), tmp_path_factory.mktemp(vectors), vectors)
+
+    return build
+
+
+def objects(files: list[Path], folder: Path, vectors: str) -> list[str]:
+    """Compile C files with sanitizers, on all cores; return the objects."""
+    flags = ["-std=c11", "-g", "-O1", "-ffp-contract=off", *SANITIZERS]
+    flags += ["-fno-sanitize-recover=all", "-DCC_VARIANT=_baseline", "-DCC_BASELINE_ONLY", f"-I{SOURCES}"]
+    flags += ["-mavx2", "-mfma"] if vectors == "avx2" else []
+
+    def compiled(file: Path) -> str:
+        out = str(folder / f"{file.stem}.o")
+        run_compiler(*flags, "-c", str(file), "-o", out)
+        return out
+
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(compiled, files))
+
+
+def run_compiler(*words: str) -> None:
     compiler = next((c for c in ("cc", "gcc", "clang") if shutil.which(c)), None)
     if compiler is None:
         pytest.skip("no C compiler")
-    program = tmp_path / "fuzz"
-    files = [*sorted(SOURCES.glob("*.c")), *(Path(__file__).with_name(name) for name in (*harness, "fuzz_chance.c"))]
-    flags = ["-std=c11", "-g", "-O1", "-ffp-contract=off", "-fsanitize=address,undefined,float-cast-overflow"]
-    flags += ["-fno-sanitize-recover=all", "-DCC_VARIANT=_baseline", "-DCC_BASELINE_ONLY", f"-I{SOURCES}"]
-    flags += ["-mavx2", "-mfma"] if vectors == "avx2" else []
-    made = subprocess.run(
-        [compiler, *flags, *map(str, files), "-lm", "-o", str(program)], capture_output=True, text=True, check=False
-    )
+    made = subprocess.run([compiler, *words], capture_output=True, text=True, check=False)
     if made.returncode and "sanitize" in made.stderr:
         pytest.skip("the compiler has no sanitizers")
     assert made.returncode == 0, made.stderr
+
+
+def fuzz(tmp_path: Path, scenes: int, core_objects: list[str], vectors: str, harness: tuple[str, ...] = FUZZ) -> None:
+    """Give the core, built with sanitizers, random and vicious tasks."""
+    program = tmp_path / "fuzz"
+    own = objects([Path(__file__).with_name(name) for name in (*harness, "fuzz_chance.c")], tmp_path, vectors)
+    run_compiler(*SANITIZERS, *core_objects, *own, "-lm", "-o", str(program))
     done = subprocess.run([str(program), str(scenes)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-4000:]
     assert done.stdout.startswith(f"{scenes} scenes")
 
 
 @pytest.mark.parametrize("vectors", ["avx2", "baseline"])
-def test_sanitizers_are_silent_over_a_few_vicious_scenes(tmp_path: Path, vectors: str) -> None:
-    fuzz(tmp_path, 200, vectors)
+def test_sanitizers_are_silent_over_a_few_vicious_scenes(tmp_path: Path, built: Build, vectors: str) -> None:
+    fuzz(tmp_path, 200, built(vectors), vectors)
 
 
 @pytest.mark.parametrize("vectors", ["avx2", "baseline"])
-def test_sanitizers_are_silent_over_vicious_templates(tmp_path: Path, vectors: str) -> None:
-    fuzz(tmp_path, 300, vectors, FUZZ_CORRELATE)
+def test_sanitizers_are_silent_over_vicious_templates(tmp_path: Path, built: Build, vectors: str) -> None:
+    fuzz(tmp_path, 300, built(vectors), vectors, FUZZ_CORRELATE)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("vectors", ["avx2", "baseline"])
-def test_sanitizers_are_silent_over_ten_thousand_vicious_scenes(tmp_path: Path, vectors: str) -> None:
-    fuzz(tmp_path, 10_000, vectors)
+def test_sanitizers_are_silent_over_ten_thousand_vicious_scenes(tmp_path: Path, built: Build, vectors: str) -> None:
+    fuzz(tmp_path, 10_000, built(vectors), vectors)

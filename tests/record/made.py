@@ -19,7 +19,8 @@ def pose(rng: np.random.Generator) -> PoseEstimate:
     A = rng.normal(size=(6, 6))
     B = rng.normal(size=(6, 6))
     freedom = np.linalg.qr(rng.normal(size=(6, 3)))[0]
-    return PoseEstimate(Rigid.exp(rng.normal(size=6) * [100, 100, 900, 1, 1, 1]), A @ A.T, B @ B.T, freedom, 37.5)
+    T = Rigid.exp(rng.normal(size=6) * [100, 100, 900, 1, 1, 1])
+    return PoseEstimate(T, A @ A.T, B @ B.T, freedom, 37.5, rng.normal(size=(6, 1)))
 
 
 def record(n: int = 0, **given: Any) -> Record:

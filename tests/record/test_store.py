@@ -25,7 +25,7 @@ def same(one: Record, other: Record) -> None:
     assert (one.pose is None) == (other.pose is None)
     if one.pose is not None and other.pose is not None:
         np.testing.assert_array_equal(one.pose.world_from_part.matrix, other.pose.world_from_part.matrix)
-        for name in ("from_noise", "from_calibration", "freedom", "dof"):
+        for name in ("from_noise", "from_calibration", "freedom", "dof", "undetermined"):
             np.testing.assert_array_equal(getattr(one.pose, name), getattr(other.pose, name))
 
 

@@ -7,6 +7,7 @@ import pytest
 
 from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.target.boards.photometric import patches
 from cadcam.target.marks import candidates, window
@@ -15,6 +16,7 @@ from cadcam.target.marks.fit import fit_marks, likeness
 from cadcam.target.marks.ideal import marks_picture
 from cadcam.target.marks.mark import dot, dot_and_ring
 from cadcam.target.marks.model import affine, mark_model
+from cadcam.target.marks.pose_ambiguity import fit_both_tilts
 
 MOST = 2_000_000  # pixels of windows at a time
 
@@ -46,6 +48,74 @@ def test_many_large_candidates_are_processed_in_batches(monkeypatch: pytest.Monk
     assert len(fit) == 30
     assert np.ptp(fit.q, axis=0).max() < 1e-9
     assert np.abs(fit.q - centre).max() < 5 * np.sqrt(fit.covariance[:, [0, 1], [0, 1]]).max() + 0.004
+
+
+def test_beside_a_large_mark_poses_of_small_ones_are_fitted_in_windows_of_their_own(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Twelve dots of 8 px and one of 150 px: in windows as large as its own they were nearly 3 million pixels."""
+    camera = Camera.from_focal((900, 420), 800.0)
+    places = [(x, y) for x in range(60, 460, 100) for y in range(60, 310, 100)]
+    small = [Rigid(np.eye(3), [(x - 449.5) * 1.0, (y - 209.5) * 1.0, 800.0]) for x, y in places]
+    mark = dot(16.0)  # 8 px at 800 mm
+    large = Rigid(np.eye(3), np.array([680 - 449.5, 0, 800.0]) * 8 / 150)
+    rng = np.random.default_rng(4)
+    poses = [*small, large]
+    picture = marks_picture([mark] * 13, camera, poses, blur_px=0.8, noise=0.01, rng=rng, background=0.8, paper=0.8)
+    asked: list[int] = []
+
+    def counted(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array, Array, Array]:
+        values, pixels, there = patches(gray, q, reach, step)
+        asked.append(values.size)
+        return values, pixels, there
+
+    shapes = np.array([800.0 / pose.translation[2] * np.eye(2) for pose in poses])
+    q = camera.project(np.array([pose.translation for pose in poses]))
+    fit = fit_marks(picture, mark, q + 0.3, shapes)
+    monkeypatch.setattr(window, "patches", counted)
+    found = fit_both_tilts(picture, mark, camera, fit)
+    assert sum(asked) < 400_000
+    assert found.good.all()
+    sd = np.sqrt(np.einsum("bii->bi", found.covariance))  # of the large one some px: both tilts fit it
+    assert (np.abs(found.q - q) < 5 * sd + 0.01).all()
+    assert found.poses is not None
+    depth = np.array([pose.translation[2] for pose in found.poses])
+    assert depth == pytest.approx([pose.translation[2] for pose in poses], rel=0.02)
+
+
+def test_what_is_left_out_of_a_window_is_not_computed(rng: np.random.Generator) -> None:
+    """Half of the pixels of fits without a wedge are left out: the others' values and slopes do not depend on that."""
+    geometry = affine(turned=False, perspective=False)
+    p = np.zeros((3, geometry.free + 3))
+    p[:, geometry.levels] = [-0.6, 0.8, 0.8, 0.0, 0.0, 0.0, 3.0, 0.5]
+    p[:, 2], p[:, geometry.places[4]] = 1.0, 1.0
+    pixels, weight = rng.uniform(-15, 15, (3, 60, 2)), (rng.uniform(size=(3, 60)) < 0.5).astype(float)
+    model = mark_model(dot(20.0), geometry, loose=3)
+    (value, J), (some, slopes) = model(p, pixels), model(p, pixels, weight)
+    assert np.abs(J).max() > 0
+    np.testing.assert_array_equal(some, value * weight)
+    np.testing.assert_array_equal(slopes, J * weight[..., None])
+    with pytest.raises(BadValue, match="weight is of shape"):
+        model(p, pixels, weight[:2])
+
+
+def test_marks_fitted_on_all_cores_are_those_fitted_one_by_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Half-covered dots among clutter: the answers are in order, to the last bit."""
+    rng = np.random.default_rng(7)
+    picture = np.full((300, 400), 0.8, np.float32)
+    y, x = np.mgrid[:300, :400]
+    places = np.array([[x, y] for x in range(30, 390, 60) for y in range(40, 290, 80)]) + rng.uniform(-5, 5, (24, 2))
+    for cx, cy in places:
+        picture[np.hypot(x - cx, y - cy) < 9] = 0.2
+        picture[np.hypot(x - cx - 8, y - cy) < 5] = rng.uniform(0.3, 1.0)
+    picture += rng.normal(scale=0.01, size=picture.shape).astype(np.float32)
+    shapes = np.tile(0.9 * np.eye(2), (24, 1, 1))
+    several = fit_marks(picture, dot(20.0), places, shapes)
+    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    one = fit_marks(picture, dot(20.0), places, shapes)
+    assert (one.hidden > 0).sum() > 10
+    for name in ("q", "covariance", "score", "hidden", "good"):
+        np.testing.assert_array_equal(getattr(several, name), getattr(one, name))
 
 
 @pytest.mark.parametrize("radius", [400.0, 700.0])

@@ -1,16 +1,22 @@
-"""Cameras of pictures that were scaled, binned or cut after the calibration: with their covariance, if it is known."""
+"""Cameras of pictures that were scaled, binned or cut after the calibration: with their covariance, if it is known.
+
+A camera's lens and pose stay; its internals in px, the pixels that it was calibrated from and their noise follow, so
+that what is measured with it is as uncertain, in mm and rad, as before. The same holds for the cameras of a rig.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import INTERNALS
 from cadcam.camera.observations import Observations
-from cadcam.errors import BadValue
+from cadcam.camera.rig_estimate import RigEstimate
+from cadcam.errors import BadValue, UnknownName
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,20 +77,56 @@ class PictureMap:
 
         Covariances of what is measured with it are the same in mm and rad, and in px scaled as the pixels are.
         """
-        old, scale = estimate.observations, np.array(self.scale)
-        seen = Observations(
-            old.p_world,
-            (old.q + 0.5) * scale - 0.5 - np.array(self.origin),
-            old.names,
-            None if old.sigma_px is None else old.sigma_px * float(np.sqrt(scale.prod())),
-            old.source,
-            old.sha256,
-        )
         other = None if estimate.alternative is None else self.estimate(estimate.alternative)
+        seen = self.observations(estimate.observations)
         moved = replace(estimate, camera=self.camera(estimate.camera), observations=seen, alternative=other)
-        D = np.ones(len(estimate.parameters))
-        by = {"aspect": scale[0] / scale[1], "focal": scale[1], "U0": scale[1], "V0": scale[0]}
-        for name in INTERNALS:
-            D[estimate.parameters.index(name)] = by.get(name, 1.0)
-        noise = estimate.noise_px / moved.noise_px if np.isfinite(moved.noise_px) else 1 / np.sqrt(scale.prod())
+        D = self.factors(estimate.parameters)
+        noise = estimate.noise_px / moved.noise_px if np.isfinite(moved.noise_px) else 1 / self.noise
         return replace(moved, cofactor=noise**2 * D[:, None] * estimate.cofactor * D)
+
+    def observations(self, old: Observations) -> Observations:
+        """Return what was measured in the old picture as it lies in the new one."""
+        q = (old.q + 0.5) * np.array(self.scale) - 0.5 - np.array(self.origin)
+        sigma_px = None if old.sigma_px is None else old.sigma_px * self.noise
+        return Observations(old.p_world, q, old.names, sigma_px, old.source, old.sha256)
+
+    @property
+    def noise(self) -> float:
+        """Return the factor of a pixel coordinate's noise: the mean of both axes, whose scales may differ."""
+        return float(np.sqrt(np.prod(self.scale)))
+
+    def factors(self, parameters: Sequence[str]) -> Array:
+        """Return by how much each of these parameters of a camera is multiplied, apart from a shift of the origin."""
+        sx, sy = self.scale
+        by = {"aspect": sx / sy, "focal": sy, "U0": sy, "V0": sx}
+        return np.array([by.get(name, 1.0) for name in parameters])
+
+
+def resampled_rig(rig: RigEstimate, maps: Mapping[str, PictureMap]) -> RigEstimate:
+    """Return the rig for pictures that were scaled, binned or cut: those of the named cameras; the others stay.
+
+    Mounts, poses and their covariances stay, too; what is measured with the rig is as uncertain as before. Raises
+    `UnknownName`.
+    """
+    for name in maps:
+        if name not in rig.names:
+            raise UnknownName("camera of the rig", name, rig.names)
+    by = {name: maps.get(name, PictureMap(rig.camera(name).size)) for name in rig.names}
+    D = np.concatenate([by[name].factors(_of_camera(rig, name)) for name in rig.names])
+    views = tuple(
+        tuple(None if view is None else by[name].observations(view) for view in seen)
+        for name, seen in zip(rig.names, rig.views, strict=True)
+    )
+    return replace(
+        rig,
+        cameras=tuple(by[name].camera(rig.camera(name)) for name in rig.names),
+        views=views,
+        covariance=D[:, None] * rig.covariance * D,
+        by_frame=None if rig.by_frame is None else D[:, None] * rig.by_frame * D,
+        noise_px=rig.noise_px * [by[name].noise for name in rig.names],
+    )
+
+
+def _of_camera(rig: RigEstimate, name: str) -> list[str]:
+    """Return the rig's parameters of one camera, in order, without its name."""
+    return [parameter.removeprefix(f"{name}.") for parameter in rig.parameters if parameter.rpartition(".")[0] == name]

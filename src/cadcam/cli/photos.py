@@ -17,6 +17,7 @@ from cadcam.image.suffixes import READABLE
 if TYPE_CHECKING:
     from cadcam.camera.viewpoint import Viewpoint
     from cadcam.geometry.rigid import Rigid
+    from cadcam.image.picture import PictureInfo
     from cadcam.locate.photo import Photo
 
 _EDGE_PX = 0.1  # sigma of a viewpoint's pixels: not used, since edges have their own noise
@@ -27,13 +28,14 @@ class Shots:
     """Photos, the files they and their cameras came from with their hashes (role, path, sha256), and the stated pose.
 
     camera_from_world: of the one camera whose file says where it stands; else None. whites: of each photo, the stored
-    value of white that its camera's photos share (`image.camera_picture`), or None.
+    value of white that its camera's photos share (`image.camera_picture`), or None. read: how each photo was read.
     """
 
     photos: tuple[Photo, ...]
     files: tuple[tuple[str, str, str], ...]
     camera_from_world: Rigid | None
     whites: tuple[float | None, ...]
+    read: tuple[PictureInfo, ...]
 
 
 def add_photo_options(parser: argparse.ArgumentParser) -> None:
@@ -75,13 +77,14 @@ def read_shots(paths: Sequence[str], arguments: argparse.Namespace) -> Shots:
     cameras, rig = arguments.camera, arguments.rig
     viewpoints, said = viewpoints_of(paths, cameras, rig)
     whites = _whites([file_of(path) for path in paths], arguments)
-    photos, files = [], []
+    photos, read = [], []
     for path, view, white in zip(paths, viewpoints, whites, strict=True):
-        photo, digest = _photo(file_of(path), view, white)
+        photo, info = _photo(file_of(path), view, white)
         photos.append(photo)
-        files.append(("photo", file_of(path), digest))
+        read.append(info)
+    files = [("photo", info.path, info.sha256) for info in read]
     files += [(role, path, _hash(path)) for role, path in _camera_files(cameras, rig)]
-    return Shots(tuple(photos), tuple(files), said, tuple(whites))
+    return Shots(tuple(photos), tuple(files), said, tuple(whites), tuple(read))
 
 
 def _whites(files: Sequence[str], arguments: argparse.Namespace) -> list[float | None]:
@@ -156,7 +159,7 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
     return out, said
 
 
-def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, str]:
+def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, PictureInfo]:
     from cadcam.image.camera_picture import read_camera_picture_with_info
     from cadcam.locate.photo import Photo
     from cadcam.render.overlay import fitting
@@ -164,7 +167,7 @@ def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, str]
     with working(f"reading {path}"):
         picture, info = read_camera_picture_with_info(path, full_scale=white)
     try:
-        return Photo(fitting(picture, view.camera), view), info.sha256
+        return Photo(fitting(picture, view.camera), view), info
     except SizeMismatch as error:
         raise SizeMismatch(path, error.size, error.expected) from None
 

@@ -1,9 +1,10 @@
 """A located pose in JSON: world_from_part with its covariance, which can be read back to the last bit.
 
 {"world_from_part": {"rotation": 3x3, "translation_mm": 3}, "sigma_mm": 3, "sigma_deg": 3, "from_noise": 6x6,
-"from_calibration": 6x6, "freedom": 6xk, "degrees_of_freedom": number or null}. The covariances are those of xi =
-(translation mm, rotation rad) in world_from_part @ exp(xi), in the part's axes; sigmas are written for people and other
-programs. degrees_of_freedom null means that the noise is known.
+"from_calibration": 6x6, "freedom": 6xk, "degrees_of_freedom": number or null, "undetermined": {"in_words": text,
+"twists": 6xj} or null}. The covariances are those of xi = (translation mm, rotation rad) in world_from_part @ exp(xi),
+in the part's axes; sigmas are written for people and other programs. degrees_of_freedom null means that the noise is
+known; undetermined, which no photo can show: sigmas and covariances hold it as unknown as an angle can be.
 
 A file of its own (`write_part_pose`) says all that another program must know to use it: which frames these are, by
 which rule a point goes from one to the other, the same pose as a 4x4 matrix and as a quaternion, and where each camera
@@ -32,7 +33,16 @@ FORMAT, VERSION = "cadcam pose", 1
 _OF_PART = ("world_from_part", "part_from_world")
 _OF_CAMERA = ("camera_from_world", "world_from_camera")  # of a camera whose world is the part
 _DIRECTIONS = (_OF_PART, ("camera_from_part", "part_from_camera"), _OF_CAMERA)
-_KEYS = ("world_from_part", "sigma_mm", "sigma_deg", "from_noise", "from_calibration", "freedom", "degrees_of_freedom")
+_KEYS = (
+    "world_from_part",
+    "sigma_mm",
+    "sigma_deg",
+    "from_noise",
+    "from_calibration",
+    "freedom",
+    "degrees_of_freedom",
+    "undetermined",
+)
 _SAID = ("format", "version", "written_by", "model", "frames", "convention", "matrix", "quaternion_wxyz", "cameras")
 _CONVENTION = {
     "pose": "p_world = rotation @ p_part + translation_mm; right-handed frames, lengths in mm",
@@ -56,6 +66,7 @@ def pose_estimate_as_json(pose: PoseEstimate) -> dict[str, Any]:
         "from_calibration": pose.from_calibration.tolist(),
         "freedom": pose.freedom.tolist(),
         "degrees_of_freedom": or_null(pose.dof),
+        "undetermined": undetermined_as_json(pose),
     }
 
 
@@ -63,7 +74,7 @@ def pose_estimate_at(place: Place) -> PoseEstimate:
     """Return the pose estimate at a place of a JSON file."""
     place.only(*_KEYS, *_SAID)
     _refuse_contradiction(place)
-    dof = place.object.get("degrees_of_freedom")
+    dof, undetermined = place.object.get("degrees_of_freedom"), place.object.get("undetermined")
     return place.build(
         lambda: PoseEstimate(
             pose_at(place.at("world_from_part")),
@@ -71,8 +82,15 @@ def pose_estimate_at(place: Place) -> PoseEstimate:
             place.at("from_calibration").covariance(6),
             place.at("freedom").array((6, None)),
             np.inf if dof is None else place.at("degrees_of_freedom").number(),
+            np.zeros((6, 0)) if undetermined is None else place.at("undetermined").at("twists").array((6, None)),
         )
     )
+
+
+def undetermined_as_json(pose: PoseEstimate) -> dict[str, Any] | None:
+    """Return what no photo can determine of a pose, in words and as twists; None if there is nothing of the kind."""
+    words = pose.undetermined_words
+    return {"in_words": words, "twists": pose.undetermined.tolist()} if words else None
 
 
 def write_part_pose(

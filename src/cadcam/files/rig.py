@@ -10,6 +10,8 @@ residuals are written for people and other programs; reading checks that the res
 from __future__ import annotations
 
 import os
+import re
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -47,6 +49,7 @@ _KEYS = (
     "frames",
 )
 _CAMERA_KEYS = ("size_px", "K_px", "lens")
+_HEAD = 4096  # bytes in which a file says what it is
 _MOUNT_UNITS = ("mm",) * 3 + ("rad",) * 3
 
 
@@ -84,6 +87,16 @@ def read_rig(path: str | os.PathLike[str]) -> RigEstimate:
     )
     check_residual(place, estimate.residual, estimate.cameras[0].size, "rig")
     return estimate
+
+
+def is_rig(path: str | os.PathLike[str]) -> bool:
+    """Return whether a file says that it is a rig; False where there is none."""
+    file = Path(path)
+    if not file.is_file():
+        return False
+    with file.open("rb") as stream:
+        head = stream.read(_HEAD)
+    return re.search(rb'"format"\s*:\s*"' + FORMAT.encode() + b'"', head) is not None
 
 
 def rig_as_json(estimate: RigEstimate) -> dict[str, Any]:

@@ -47,6 +47,12 @@ class PictureInfo:
     orientation: int
     white: float
 
+    @property
+    def used_bits(self) -> int | None:
+        """Return how many bits white fills: 12 where it is 4095; None where it is no such number, as of floats."""
+        bits = int(self.white).bit_length()
+        return bits if self.white == (1 << bits) - 1 and bits > 1 else None
+
 
 def read_picture(
     path: str | os.PathLike[str], *, max_pixels: int = MAX_PIXELS, full_scale: float | None = None

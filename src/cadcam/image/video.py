@@ -12,6 +12,7 @@ from cadcam.errors import MissingExtra, UnreadableFile
 from cadcam.image.picture import to_gray
 
 SUFFIXES = (".mp4", ".avi", ".mov", ".mkv", ".m4v", ".webm", ".mpg", ".mpeg", ".wmv")
+WHITE = 255.0  # of frames as they are decoded
 
 
 def read_video(path: str | os.PathLike[str]) -> Iterator[Picture]:

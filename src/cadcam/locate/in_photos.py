@@ -305,6 +305,7 @@ def _equivalent(task: _LocateTask, best: Location) -> list[Location]:
             from_noise=Ad @ pose.from_noise @ Ad.T,
             from_calibration=Ad @ pose.from_calibration @ Ad.T,
             freedom=np.linalg.qr(Ad @ pose.freedom)[0],
+            undetermined=Ad @ pose.undetermined,
         )
         out.append(replace(best, pose=moved, reason="the part looks the same in this pose"))
     return out

@@ -14,6 +14,7 @@ from cadcam.locate.photo import Photo
 
 _ALONG = 0.9  # cosine from which a direction is named after an axis
 _RATIO = 1.5  # ratio by which the weakest direction must stand out to be named
+_ROUNDING = 1e-9  # of what is added: a sum this near to zero is zero
 
 
 def calibration_covariance(
@@ -41,13 +42,35 @@ def calibration_covariance(
 
 
 def weakest_direction(pose: PoseEstimate, centre: Array, photos: Sequence[Photo]) -> str:
-    """Return in words how well the part's centre (3,) mm is known, and where it is known least."""
+    """Return in words how well the part's centre (3,) mm is known, and where it is known least.
+
+    Where what was free does not move the centre, it is the least certain turn. What no photo determines does not count.
+    """
+    pose = pose.determined
+    if not np.abs(_moves(pose.freedom, centre)).max(initial=0.0) > 0:
+        return _weakest_turn(pose)
     S = pose.point_covariance(centre[None])[0]
     variances, axes = np.linalg.eigh(S)
     sd = np.sqrt(np.maximum(variances, 0.0))
     if sd[2] < _RATIO * max(sd[1], 1e-300):
         return f"position within {_mm(sd[2])} in any direction"
     return f"least certain {_named(axes[:, 2], pose.world_from_part, centre, photos)}, {_mm(sd[2])}"
+
+
+def _moves(twists: Array, centre: Array) -> Array:
+    """Return the displacements (3, k) of the centre by twists (6, k); rounding is zero."""
+    slide, turn = twists[:3].T, np.cross(twists[3:].T, centre)
+    least = _ROUNDING * (np.linalg.norm(slide, axis=1) + np.linalg.norm(turn, axis=1))
+    return np.asarray(np.where(np.abs(slide + turn) > least[:, None], slide + turn, 0.0).T)
+
+
+def _weakest_turn(pose: PoseEstimate) -> str:
+    """Return in words how well a part is turned that is free only to turn about its centre."""
+    if not pose.freedom.shape[1]:
+        return "position as stated"
+    variances, axes = np.linalg.eigh(pose.covariance[3:, 3:])
+    sd = float(np.degrees(np.sqrt(max(variances[2], 0.0))))
+    return f"position as stated; turn about {_axis_words(axes[:, 2])} within {sd:.2g} deg"
 
 
 def _named(axis: Array, pose: Rigid, centre: Array, photos: Sequence[Photo]) -> str:
@@ -58,11 +81,16 @@ def _named(axis: Array, pose: Rigid, centre: Array, photos: Sequence[Photo]) -> 
         if abs(view @ axis) > _ALONG:
             whose = "" if len(photos) == 1 else f" of {photo.viewpoint.name}"
             return f"along the viewing direction{whose}"
+    return f"along {_axis_words(axis)}"
+
+
+def _axis_words(axis: Array) -> str:
+    """Return an axis (3,) of the part in words: the part's own, or its numbers."""
     for k, name in enumerate("xyz"):
         if abs(axis[k]) > _ALONG:
-            return f"along the part's {name} axis"
+            return f"the part's {name} axis"
     lead = axis * np.sign(axis[int(np.argmax(np.abs(axis)))])
-    return f"along ({lead[0]:.2f}, {lead[1]:.2f}, {lead[2]:.2f}) of the part"
+    return f"({lead[0]:.2f}, {lead[1]:.2f}, {lead[2]:.2f}) of the part"
 
 
 def _mm(sd: float) -> str:

@@ -269,8 +269,8 @@ static share smeared(const cc_mark *mark, const pixel *p, const rule *const *nod
 }
 
 void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t width, const double *places,
-                     const double *H, int32_t terms, const double *dH, const double *levels, int32_t loose,
-                     double *value, double *slopes) {
+                     const double *weight, const double *H, int32_t terms, const double *dH, const double *levels,
+                     int32_t loose, double *value, double *slopes) {
     for (int64_t b = 0; b < marks; b++, H += 9, dH += 9 * terms, levels += 8) {
         const double c = levels[0], s = levels[1], m = levels[2], gx = levels[3], gy = levels[4], bend = levels[5];
         const double *d = levels + 6;
@@ -283,6 +283,11 @@ void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t
             nodes[i] = &RULES[level], tallest = fmax(tallest, mark->radii[i]);
         }
         for (int64_t k = 0; k < pixels; k++, places += width) {
+            if (weight && *weight++ == 0) {
+                *value++ = 0;
+                if (slopes) memset(slopes, 0, (terms + 5 + loose) * sizeof *slopes), slopes += terms + 5 + loose;
+                continue;
+            }
             const double u = places[0], v = places[1], *x = width == 8 ? places + 2 : places;
             pixel p = {H, {x[0], x[1]}, {{1, 0}, {0, 1}}, {0}, s};
             double steepest = large + tallest * hypot(H[6], H[7]);

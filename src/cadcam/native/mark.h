@@ -26,7 +26,8 @@ typedef struct {
  * geometry and the first `loose` (0 to 3) of b dx dy, where dH (marks, terms, 3, 3) are the slopes of H by the
  * geometry's parameters, at least 4. levels (marks, 8): c s m gx gy b dx dy. share is the mean over the mark's motion
  * while the shutter is open, q - t d for t in [-1/2, 1/2]. places (marks, pixels, width): u, v and, where width is 8, m
- * and dm/dq (2, 2); else m is (u, v).
+ * and dm/dq (2, 2); else m is (u, v). weight (marks, pixels), unless null: pixels of weight 0 are not computed; value
+ * and slopes are 0 there.
  *
  * The share of ink in a disc is exact for the conic that a circle is in the picture: along the normal of its border by
  * the normal distribution, across it by Gauss and Hermite's rule, with more nodes the more the border bends within s.
@@ -35,7 +36,7 @@ typedef struct {
  * adds. */
 enum { CC_MARK_RADII = 128, CC_MARK_TERMS = 16 };
 CC_API void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t width, const double *places,
-                            const double *H, int32_t terms, const double *dH, const double *levels, int32_t loose,
+                            const double *weight, const double *H, int32_t terms, const double *dH, const double *levels, int32_t loose,
                             double *value, double *slopes);
 
 #endif

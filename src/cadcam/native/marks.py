@@ -26,7 +26,7 @@ class _Mark(c.Structure):
 @cache
 def _core() -> c.CDLL:
     i64, i32, arrays = c.c_int64, c.c_int32, [c.c_void_p] * 2
-    arguments = [c.POINTER(_Mark), i64, i64, i32, *arrays, i32, *arrays, i32, *arrays]
+    arguments = [c.POINTER(_Mark), i64, i64, i32, c.c_void_p, *arrays, i32, *arrays, i32, *arrays]
     return functions("the fit of marks", {"cc_mark_picture": (None, arguments)})
 
 
@@ -68,32 +68,50 @@ class Borders:
 
 def picture(borders: Borders, places: Array, H: Array, levels: Array) -> Array:
     """Return the grey values (B, P) at places (B, P, 2 or 8) for H (B, 3, 3), levels (B, 8): c s m gx gy b dx dy."""
-    return _drawn(borders, places, H, np.zeros((len(H), 0, 3, 3)), levels, slopes=False, loose=0)[0]
+    return _drawn(borders, places, H, np.zeros((len(H), 0, 3, 3)), levels, None, slopes=False, loose=0)[0]
 
 
 def picture_with_slopes(
-    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, loose: int
+    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, loose: int, weight: Array | None = None
 ) -> tuple[Array, Array]:
     """Return grey values (B, P) and derivatives (B, P, k + 5 + loose) by x y * * c s m gx gy and more; dH (B, k, 3, 3).
 
-    loose: how many of b dx dy are included, at the end.
+    loose: how many of b dx dy are included, at the end. weight (B, P): where it is 0, nothing is computed: all is 0.
     """
     if not 4 <= dH.shape[1] <= _MOST_TERMS:
         raise BadValue("slopes of H", f"by {dH.shape[1]} parameters", f"4 to {_MOST_TERMS}")
-    return _drawn(borders, places, H, dH, levels, slopes=True, loose=loose)
+    return _drawn(borders, places, H, dH, levels, weight, slopes=True, loose=loose)
 
 
 def _drawn(
-    borders: Borders, places: Array, H: Array, dH: Array, levels: Array, *, slopes: bool, loose: int
+    borders: Borders,
+    places: Array,
+    H: Array,
+    dH: Array,
+    levels: Array,
+    weight: Array | None,
+    *,
+    slopes: bool,
+    loose: int,
 ) -> tuple[Array, Array]:
     count, pixels, width = places.shape
     if width not in (2, 8) or H.shape != (count, 3, 3) or levels.shape != (count, _LEVELS):
         raise BadValue("places", f"of shape {places.shape} for H {H.shape}", "(B, P, 2 or 8), H (B, 3, 3)")
+    if weight is not None and weight.shape != (count, pixels):
+        raise BadValue("weight", f"of shape {weight.shape} for places {places.shape}", "one of each pixel")
     places, H, dH, levels = doubles(places, H, dH, levels)
+    weights = None if weight is None else doubles(weight)[0]
     value = np.zeros((count, pixels))
     slope = np.zeros((count, pixels, dH.shape[1] + _ALWAYS + loose) if slopes else 0)
     mark = borders._structure()
     answers = (value.ctypes.data, slope.ctypes.data if slopes else None)
-    inputs = (H.ctypes.data, dH.shape[1], dH.ctypes.data, levels.ctypes.data, loose)
+    inputs = (
+        None if weights is None else weights.ctypes.data,
+        H.ctypes.data,
+        dH.shape[1],
+        dH.ctypes.data,
+        levels.ctypes.data,
+        loose,
+    )
     _core().cc_mark_picture(c.byref(mark), count, pixels, width, places.ctypes.data, *inputs, *answers)
     return value, slope

@@ -32,6 +32,7 @@ def measurement_row(record: Record) -> Row:
         "from_calibration": pose.from_calibration.tolist(),
         "freedom": pose.freedom.tolist(),
         "degrees_of_freedom": or_null(pose.dof),
+        "undetermined": pose.undetermined.tolist(),
     }
     return row
 
@@ -78,6 +79,7 @@ def _pose(row: Mapping[str, Any]) -> PoseEstimate | None:
         np.array(sure["from_calibration"]),
         np.array(sure["freedom"]).reshape(6, -1),
         np.inf if dof is None else dof,
+        np.array(sure.get("undetermined", [[]] * 6)).reshape(6, -1),  # older records have none
     )
 
 

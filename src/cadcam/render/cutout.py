@@ -59,4 +59,5 @@ class Cutout(Brief):
         return np.asarray(np.divide(self.color, alpha, out=np.zeros_like(self.color), where=alpha > 0), np.float32)
 
     def _laid_over(self, background: Picture) -> Picture:
-        return np.asarray(self.color + (1 - self.alpha[..., None]) * background, np.float32)
+        out = np.multiply((1 - self.alpha)[..., None], background, dtype=np.float32)
+        return np.add(self.color, out, out=out)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeAlias
 
 import numpy as np
 import numpy.typing as npt
@@ -16,10 +17,9 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.aperture import Aperture
 from cadcam.camera.camera import Camera
-from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.light import Blur
 from cadcam.image.sensor.sensor import Sensor
-from cadcam.kinds import expect
 from cadcam.render import open_renderer
 from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.cutout import Cutout
@@ -34,7 +34,10 @@ SAMPLES = 64
 _SEEN = Channel.DEPTH | Channel.NORMAL | Channel.FACE
 _BLACK = (0.0, 0.0, 0.0)
 _PIXEL = 1 / 12  # px^2, the variance of a pixel's own area
+_TOGETHER = 1 << 20  # pixels that are lit at a time
 _CLEAR = 1e-5  # of the depth or the model's size: how far above its face a shadow's ray starts
+
+_At: TypeAlias = tuple[npt.NDArray[np.intp], ...]
 
 
 class Photographer:
@@ -70,6 +73,7 @@ class Photographer:
         blur = blur_before(sensor, camera, aperture)
         cutout = self.radiance(camera, camera_from_world, light=light, aperture=aperture, blur_px=blur, samples=samples)
         over = cutout.over(background) if isinstance(background, tuple) else cutout.over_photo(background)
+        del cutout  # before the sensor needs as much memory
         return behind(sensor, camera).apply(over, rng=rng)
 
     def radiance(
@@ -90,10 +94,6 @@ class Photographer:
         edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved, in half a shadow neither
         (`cadcam.render.samples.pairing`). step is called after each rendering.
         """
-        expect(camera, "camera", Camera)
-        expect_motion(camera_from_world, "camera_from_world")
-        expect(light, "light", Light)
-        expect(aperture, "aperture", Aperture, optional=True)
         points, lens = sample_points(samples, blur_px), ThinLens(camera, aperture)
         towards = [np.stack([lamp.direction(*at) for at in points.lamp]) for lamp in light.lamps]
         pairs = pairing(len(points))
@@ -103,39 +103,67 @@ class Photographer:
             seen = lens.pinhole(camera_from_world, pixel, opening)
             self._add(color, alpha, seen, light, [to[k ^ pairs] for to in towards])
             step()
-        n = np.float32(len(points))
-        return Cutout(camera, np.divide(color, n, dtype=np.float32), np.divide(alpha, n, dtype=np.float32))
+        for total in (color, alpha):
+            total /= np.float32(len(points))
+        return Cutout(camera, color, alpha)
 
-    def _add(self, color: Picture, alpha: Picture, pinhole: Pinhole, light: Light, towards: Sequence[Array]) -> None:
-        """Add what one pinhole sees; towards: of each lamp the directions (h, w, 3) in a tile of pixels."""
-        view = self._renderer.render(pinhole.camera, pinhole.camera_from_world, channels=_SEEN)
-        seen = _Surface(view, pinhole, *np.nonzero(view.mask))
-        irradiance = self._irradiance(seen, light, [seen.of_tile(tile) for tile in towards])
-        color[seen.at] += self._reflectance[view.face[seen.at]] * irradiance[:, None]
-        alpha[seen.at] += 1
+    def _add(self, color: Picture, alpha: Picture, seen: Pinhole, light: Light, towards: Sequence[Array]) -> None:
+        """Add what one pinhole sees; towards: of each lamp the directions (h, w, 3) in a tile of pixels.
 
-    def _irradiance(self, seen: _Surface, light: Light, towards: Sequence[Array]) -> Picture:
-        """Return the light (N,) on surface points, as the radiance of white.
-
-        towards: of each lamp the direction (N, 3) of its point, for each of them.
+        Row by row of blocks, so that next to nothing but the view is held of the whole picture.
         """
-        normals, R = seen.normals, seen.pinhole.camera_from_world.rotation
-        total = np.full(len(normals), light.ambient, np.float32)
+        view = self._renderer.render(seen.camera, seen.camera_from_world, channels=_SEEN)
+        R = seen.camera_from_world.rotation
+        parts = [_Part.of(view, rows, towards, R) for rows in blocks(len(alpha), max(1, _TOGETHER // alpha.shape[1]))]
+        farthest = [max(part.farthest[i] for part in parts) for i in range(len(towards))]
+        for part in parts:
+            there, at = part.rows, part.at(view)
+            irradiance = self._irradiance(view, seen, part, at, light, towards, farthest)
+            color[there][at] += self._reflectance[view.face[there][at]] * irradiance[:, None]
+            alpha[there][at] += 1
+
+    def _irradiance(
+        self,
+        view: View,
+        seen: Pinhole,
+        part: _Part,
+        at: _At,
+        light: Light,
+        towards: Sequence[Array],
+        farthest: list[float],
+    ) -> Picture:
+        """Return the light (N,) on the surface points that the pixels `at` of a part see, as the radiance of white.
+
+        farthest: of each lamp the largest depth of a point that faces it.
+        """
+        rows, R = part.rows, seen.camera_from_world.rotation
+        normal, plane, depth = view.normal[rows][at], seen.beside.points(rows), view.depth[rows]
+        total = np.full(len(normal), light.ambient, np.float32)
         if light.flash:
-            total += light.flash * np.clip(-np.einsum("ij,ij->i", normals, seen.directions), 0, 1)
-        for lamp, to in zip(light.lamps, towards, strict=True):
-            cosine = np.clip(np.einsum("ij,ij->i", normals, (to @ R.T).astype(np.float32)), 0, 1)
+            directions = seen.directions(rows)[at].astype(np.float32)
+            total += light.flash * np.clip(-np.einsum("ij,ij->i", normal, directions), 0, 1)
+        for i, lamp in enumerate(light.lamps):
+            cosine = part.cosines[i].copy()
             lit = np.flatnonzero(cosine > 0)
-            cosine[lit[self._shaded(seen.some(lit), to[lit])]] = 0
+            where = tuple(k[lit] for k in at)
+            z = depth[where].astype(np.float64)[:, None]
+            points = seen.camera_from_world.inv @ np.concatenate([plane[where] * z, z], axis=1)
+            to = part.towards(towards[i], where)
+            dark = self._shaded(points, normal[lit] @ R.astype(np.float32), to, farthest[i])
+            cosine[lit[dark]] = 0
             total += lamp.strength * cosine
         return total
 
-    def _shaded(self, seen: _Surface, towards: Array) -> Mask:
-        """Return which surface points (N,) have the model between them and a lamp; towards (N, 3): its directions."""
+    def _shaded(self, points: Array, normals: Picture, towards: Array, farthest: float) -> Mask:
+        """Return which points (N, 3) with normals (N, 3) in the world have the model between them and a lamp.
+
+        towards (N, 3): the unit direction of the lamp from each; farthest: the largest depth of a point, which is known
+        to 1e-6 of it.
+        """
         if self._caster is None:
             self._caster = Caster(self._scene.mesh)
-        caster, points, normals = self._caster, seen.points, seen.world_normals
-        clear = _CLEAR * max(caster.radius, seen.farthest)
+        caster = self._caster
+        clear = _CLEAR * max(caster.radius, farthest)
 
         def cast(part: slice) -> Mask:
             p = points[part]
@@ -147,52 +175,34 @@ class Photographer:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Surface:
-    """The surface points that N pixels of a pinhole's view see; row, column (N,): the pixels."""
+class _Part:
+    """Some rows of a view: of each lamp the cosines (N,) at the points seen there, and the depth of the last lit."""
 
-    view: View
-    pinhole: Pinhole
-    row: npt.NDArray[np.intp]
-    column: npt.NDArray[np.intp]
+    rows: slice
+    cosines: tuple[Picture, ...]
+    farthest: tuple[float, ...]
 
-    @property
-    def at(self) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
-        """Return the pixels as an index."""
-        return self.row, self.column
+    @classmethod
+    def of(cls, view: View, rows: slice, towards: Sequence[Array], R: Array) -> _Part:
+        """Return a part; towards: of each lamp a tile (h, w, 3) of directions in the world; R: camera from world."""
+        part = cls(rows, (), ())
+        at = part.at(view)
+        normal, depth = view.normal[rows][at], view.depth[rows][at]
+        cosines, farthest = [], []
+        for tile in towards:
+            to = (part.towards(tile, at) @ R.T).astype(np.float32)
+            cosines.append(np.clip(np.einsum("ij,ij->i", normal, to), 0, 1))
+            farthest.append(float(depth[cosines[-1] > 0].max(initial=0)))
+        return cls(rows, tuple(cosines), tuple(farthest))
 
-    def some(self, which: npt.NDArray[np.intp]) -> _Surface:
-        """Return some of the points."""
-        return _Surface(self.view, self.pinhole, self.row[which], self.column[which])
+    def at(self, view: View) -> _At:
+        """Return the rows, from the first of the part, and columns of the pixels that see anything."""
+        return np.nonzero(view.face[self.rows] >= 0)
 
-    def of_tile(self, tile: Array) -> Array:
-        """Return the values (N, ...) of the points' pixels in a tile (h, w, ...) that is repeated over the picture."""
-        return np.asarray(tile[self.row % tile.shape[0], self.column % tile.shape[1]])
-
-    @property
-    def normals(self) -> Picture:
-        """Return the unit normals (N, 3) in the pinhole's frame."""
-        return np.asarray(self.view.normal[self.at])
-
-    @property
-    def world_normals(self) -> Picture:
-        """Return the unit normals (N, 3) in the world."""
-        return np.asarray(self.normals @ self.pinhole.camera_from_world.rotation.astype(np.float32))
-
-    @property
-    def directions(self) -> Picture:
-        """Return the unit directions (N, 3) in which the pixels look, in the pinhole's frame."""
-        return np.asarray(self.pinhole.directions[self.at], np.float32)
-
-    @property
-    def points(self) -> Array:
-        """Return the points (N, 3) in the world."""
-        z = self.view.depth[self.at].astype(np.float64)[:, None]
-        return self.pinhole.camera_from_world.inv @ np.concatenate([self.pinhole.plane[self.at] * z, z], axis=1)
-
-    @property
-    def farthest(self) -> float:
-        """Return the largest depth of a point, which is known to 1e-6 of it; 0 for none."""
-        return float(self.view.depth[self.at].max(initial=0))
+    def towards(self, tile: Array, at: _At) -> Array:
+        """Return the direction (N, 3) to a lamp's point for each of these pixels."""
+        row = at[0] + self.rows.start
+        return np.asarray(tile[row % tile.shape[0], at[1] % tile.shape[1]])
 
 
 def blur_before(sensor: Sensor, camera: Camera, aperture: Aperture | None) -> float:

@@ -17,17 +17,36 @@ from cadcam.render.lens_tables import plane_points, slopes
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Beside:
+    """What pixels look at beside their centres: x/z, y/z in a plane (H, W, 2) of the centres' own, shifted in it.
+
+    pixel (2,): px beside the centres; shift (2,): in the plane. Computed for the rows asked for, bit by bit as for all:
+    of a large picture the slopes alone would take as much memory as all that is seen.
+    """
+
+    centres: Array
+    pixel: Array
+    shift: Array
+
+    def points(self, rows: slice) -> Array:
+        """Return the points (R, W, 2) of some rows."""
+        top, end, _ = rows.indices(len(self.centres))
+        above, below = max(top - 1, 0), min(end + 1, len(self.centres))  # the slopes of a row need its neighbours
+        per_x, per_y = (slope[top - above : end - above] for slope in slopes(self.centres[above:below]))
+        return np.asarray(self.centres[top:end] + self.pixel[0] * per_x + self.pixel[1] * per_y - self.shift)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Pinhole:
-    """A camera without an opening that stands at a point of another's; `plane` (H, W, 2): x/z, y/z of its pixels."""
+    """A camera without an opening that stands at a point of another's; beside: where its pixels look."""
 
     camera: Camera
     camera_from_world: Rigid
-    plane: Array
+    beside: Beside
 
-    @property
-    def directions(self) -> Array:
-        """Return the unit directions (H, W, 3) of its pixels in its own frame."""
-        return direction(self.plane)
+    def directions(self, rows: slice) -> Array:
+        """Return the unit directions (R, W, 3) of the pixels of some rows in its own frame."""
+        return direction(self.beside.points(rows))
 
 
 class ThinLens:
@@ -36,7 +55,6 @@ class ThinLens:
     def __init__(self, camera: Camera, aperture: Aperture | None) -> None:
         self._camera, self._aperture = camera, aperture
         self._plane = plane_points(camera)
-        self._per_x, self._per_y = slopes(self._plane)
 
     def pinhole(self, camera_from_world: Rigid, pixel: Array, opening: Array) -> Pinhole:
         """Return the pinhole at a point (2,) of the opening, a unit disc, looking through `pixel` beside the centres.
@@ -44,13 +62,13 @@ class ThinLens:
         Beside the centres a lens' plane is extrapolated linearly: off by less than 1e-3 px, without a lens by nothing.
         """
         at, shift = self._at(opening), self._shift(opening)
-        plane = self._plane + pixel[0] * self._per_x + pixel[1] * self._per_y - shift
+        beside = Beside(self._plane, pixel, shift)
         pose = Rigid(translation=np.array([-at[0], -at[1], 0.0])) @ camera_from_world
         if isinstance(self._camera.lens, Ideal):
             K = self._camera.K.copy()
             K[:2, 2] += K[:2, :2] @ shift - pixel
-            return Pinhole(Camera(self._camera.size, K), pose, plane)
-        return Pinhole(Camera(self._camera.size, np.eye(3), _Known(self._camera, plane, pixel, shift)), pose, plane)
+            return Pinhole(Camera(self._camera.size, K), pose, beside)
+        return Pinhole(Camera(self._camera.size, np.eye(3), _Known(self._camera, beside)), pose, beside)
 
     def _at(self, opening: Array) -> Array:
         return np.zeros(2) if self._aperture is None else opening * (self._aperture.diameter_mm / 2)
@@ -65,9 +83,7 @@ class _Known(Lens):
     """The lens of a pinhole, told in pixels: its camera's K is one. Known are the pixels' own points of the plane."""
 
     whole: Camera = field(repr=False)
-    plane: Array = field(repr=False)
-    pixel: Array = field(repr=False)
-    shift: Array = field(repr=False)
+    beside: Beside = field(repr=False)
 
     __eq__, __hash__ = object.__eq__, object.__hash__  # no two are alike: renderers keep tables by lens
 
@@ -83,16 +99,18 @@ class _Known(Lens):
         return self.whole.lens.valid_radius
 
     def project(self, p: Floats) -> Array:
-        return np.asarray(self.whole.project(np.asarray(p) @ self._shear.T) - self.pixel)
+        return np.asarray(self.whole.project(np.asarray(p) @ self._shear.T) - self.beside.pixel)
 
     def project_with_jacobians(self, p: Floats, terms: Sequence[int] | None = None) -> tuple[Array, Array, Array]:
         q, J = self.whole.project_with_jacobian(np.asarray(p) @ self._shear.T)
-        return q - self.pixel, J @ self._shear, np.zeros((*q.shape, 0))
+        return q - self.beside.pixel, J @ self._shear, np.zeros((*q.shape, 0))
 
     def unproject(self, m: Floats) -> Array:
         column, row = np.rint(np.moveaxis(np.asarray(m), -1, 0)).astype(np.int64)
-        return direction(self.plane[row, column])
+        top = int(row.min(initial=len(self.beside.centres)))
+        return direction(self.beside.points(slice(top, int(row.max(initial=top)) + 1))[row - top, column])
 
     @property
     def _shear(self) -> Array:
-        return np.array([[1.0, 0.0, self.shift[0]], [0.0, 1.0, self.shift[1]], [0.0, 0.0, 1.0]])
+        (x, y) = self.beside.shift
+        return np.array([[1.0, 0.0, x], [0.0, 1.0, y], [0.0, 0.0, 1.0]])

@@ -30,9 +30,13 @@ def location_tables(location: Location, photos: Sequence[Photo], *, radius_mm: f
 
 
 def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
-    """Return the pose of the part in the world and in the camera, and its uncertainty."""
+    """Return the pose of the part in the world and in the camera, and its uncertainty.
+
+    The sigmas are those without what no photo can determine, which has a row of its own.
+    """
     camera_from_part = photo.viewpoint.camera_from_world @ pose.world_from_part
-    sigma = np.sqrt(np.diag(pose.covariance))
+    known = pose.determined
+    sigma = np.sqrt(np.diag(known.covariance))
     rows = [("part's origin in the camera, mm", _three(camera_from_part.translation, 3))]
     rows += [("rotation vector, camera from part, deg", _three(np.degrees(so3.log(camera_from_part.rotation)), 3))]
     if np.abs(photo.viewpoint.camera_from_world.matrix - np.eye(4)).max() > 0:
@@ -40,9 +44,10 @@ def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
     rows += [
         ("sigma along the part's x, y, z, mm", ", ".join(f"{s:.2g}" for s in sigma[:3])),
         ("sigma of turns about them, deg", ", ".join(f"{s:.2g}" for s in np.degrees(sigma[3:]))),
-        *_by_photo(pose),
+        *_by_photo(known),
         ("weakest", weakest(pose, radius_mm=radius_mm)),
     ]
+    rows += [("not determined", f"{words}: so turned, it looks the same")] if (words := pose.undetermined_words) else []
     return Table("Pose", ("", ""), tuple(rows), ("",))
 
 
@@ -81,10 +86,13 @@ def alternatives_table(location: Location) -> Table:
 
 
 def weakest(pose: PoseEstimate, *, radius_mm: float) -> str:
-    """Return the least certain motion, and its standard deviation.
+    """Return the least certain motion, and its standard deviation; of those that photos can determine.
 
     Rotations count by the displacement at `radius_mm` from the part's origin, so that they compare with shifts.
     """
+    pose = pose.determined
+    if not pose.freedom.shape[1]:
+        return "nothing else was free to move"
     scale = np.r_[np.ones(3), np.full(3, radius_mm)]
     values, vectors = np.linalg.eigh(pose.covariance * np.outer(scale, scale))
     sigma, v = float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]

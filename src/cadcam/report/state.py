@@ -53,12 +53,14 @@ def record_tables(record: Record) -> list[Table]:
 def pose_table(record: Record) -> Table:
     """Return the pose of the part, with its sigmas in the part's own axes."""
     assert record.pose is not None
-    T, sigma = record.pose.world_from_part, np.sqrt(np.diag(record.pose.covariance))
+    T, sigma = record.pose.world_from_part, np.sqrt(np.diag(record.pose.determined.covariance))
     place = ", ".join(f"{v:.3f}" for v in T.translation)
+    words = record.pose.undetermined_words
     rows = (
         ("origin in the world, mm", place),
         ("sigma of shifts along the part's x, y, z, mm", ", ".join(f"{s:.2g}" for s in sigma[:3])),
         ("sigma of turns about them, deg", ", ".join(f"{s:.2g}" for s in np.degrees(sigma[3:]))),
+        *([("not determined", words)] if words else []),
     )
     return Table("Pose", ("", ""), rows, ("",))
 

@@ -5,8 +5,10 @@ from __future__ import annotations
 import argparse
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, given, names, real, refuse, size, verb
+from cadcam.cli.arguments import Verbs, add_json, names, real, refuse, size, verb
+from cadcam.cli.other_pictures import add_picture_options, convert_rig, for_other_pictures, rig_as_cameras
 from cadcam.cli.output import print_json, print_tables, say
+from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -26,6 +28,7 @@ _EXAMPLES = """\
   cadcam convert camera.json half.json --resize 1224x1024         for photos scaled after the calibration
   cadcam convert camera.json binned.json --binning 2              for photos taken with 2 x 2 pixels binned
   cadcam convert camera.json roi.json --crop 400,200,1024x768     for photos of a region of interest
+  cadcam convert rig.json small.json --binning 2                  all cameras of a rig, or --camera left alone
 
 formats: cadcam opencv ros colmap colmap-bin kalibr mrcal bop nerfstudio metashape halcon visp blender gltf usd
 Each is read by its content. By the suffix of OUT alone are written: .json cadcam, .cameramodel mrcal, .dat .cal halcon,
@@ -36,14 +39,14 @@ on the outline; --binning drops columns and rows left over, as sensors do; --cro
 (0, 0), its top-left pixel. One at a time: convert the result again for two of them.
 """
 _WRITING = ("--pixel-um", "--allow-loss", "--fit")
-_MOST_BINNED = 64  # pixels: far more than any sensor takes together
 _LEAST_UM, _MOST_UM = 0.1, 1000.0  # of a pixel: less than the wavelength of light, and far above any detector's
 _DESCRIPTION = """\
 Read a camera with its pose from one program's file and write it for another: every half pixel, axis, unit and lens
 term by the rules of both. What the new format cannot hold is said on stderr. If that moves pixels (lens, skew, aspect,
 principal-point), nothing is written and the exit code is 2, unless --allow-loss accepts it by name or --fit replaces
 the lens. The result is read back before it is written.
---resize, --binning and --crop make it the camera of pictures that were scaled, binned or cut after the calibration."""
+--resize, --binning and --crop make it the camera of pictures that were scaled, binned or cut after the calibration; of
+a rig file the cameras of all its pictures, or of those named by --camera."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -62,7 +65,14 @@ def add_to(verbs: Verbs) -> None:
     )
     parser.add_argument("--from", dest="source_format", metavar="FORMAT", help="IN's format, if its content misleads")
     parser.add_argument("--to", dest="target_format", metavar="FORMAT", help="OUT's format, if its suffix does not say")
-    parser.add_argument("--camera", metavar="NAME", help="only this camera of IN, by its name or number from 0")
+    parser.add_argument(
+        "--camera",
+        action="append",
+        default=[],
+        metavar="NAME",
+        help="only this camera of IN, by its name or number from 0; of a rig, those whose pictures are others: "
+        "may be repeated",
+    )
     parser.add_argument("--size", type=size, metavar="WxH", help="picture size in px, where IN has none")
     parser.add_argument(
         "--unit", metavar="U", help="unit of length of formats that have none of their own: mm (default), m, in ..."
@@ -81,37 +91,49 @@ def add_to(verbs: Verbs) -> None:
         help="accept these losses: lens, skew, aspect, principal-point (with commas), or all",
     )
     parser.add_argument("--fit", action="store_true", help="replace a lens without a place by the nearest with one")
-    group = parser.add_argument_group("a camera for other pictures than it was calibrated with")
-    group.add_argument("--resize", type=size, metavar="WxH", help="whole pictures scaled to this size, px")
-    group.add_argument("--stretched", action="store_true", help="with --resize: width and height each by its own scale")
-    group.add_argument("--binning", type=_binning, metavar="N[xM]", help="N x N (or N x M) pixels taken together")
-    group.add_argument("--crop", type=_crop, metavar="X,Y,WxH", help="pictures cut out at pixel X,Y, this size, px")
+    add_picture_options(parser)
     add_json(parser)
 
 
 def run(arguments: argparse.Namespace) -> None:
     """Read, report, write."""
-    from cadcam.files.foreign.registry import read_cameras
+    from cadcam.files.foreign.registry import format_named, read_cameras
+    from cadcam.files.rig import is_rig
 
     _check_options(arguments)
+    if is_rig(arguments.input):
+        _run_rig(arguments)
+        return
+    if len(arguments.camera) > 1:
+        raise BadValue("--camera", f"given {len(arguments.camera)} times", "once: several are named of a rig alone")
     found = read_cameras(
         arguments.input,
         format_name=arguments.source_format,
         size=arguments.size,
         unit=_unit_of_input(arguments),
-    ).named(arguments.camera)
+    ).named(arguments.camera[0] if arguments.camera else None)
     for note in found.notes:
         say(f"{arguments.input}: {note}")
-    found = _for_other_pictures(arguments, found)
+    found = for_other_pictures(arguments, found)
     written = None if arguments.output == "-" else _write(arguments, found)
     if arguments.json:
         print_json(_document(found, written))
     elif written is None:
-        print_tables([_table(found)])
+        print_tables([_table(found, format_named(found.format).title)])
+
+
+def _run_rig(arguments: argparse.Namespace) -> None:
+    rig = convert_rig(arguments)
+    if arguments.json:
+        from cadcam.files.rig import rig_as_json
+
+        print_json(rig_as_json(rig))
+    elif arguments.output == "-":
+        print_tables([_table(rig_as_cameras(rig), "rig")])
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
-    from cadcam.errors import BadValue, UnknownName
+    from cadcam.errors import UnknownName
     from cadcam.files.foreign.model import PIXEL_LOSSES
 
     for name in arguments.allow_loss:
@@ -124,51 +146,6 @@ def _check_options(arguments: argparse.Namespace) -> None:
         raise BadValue(
             "--pixel-um", f"{pitch:g}", f"a pixel's pitch from {_LEAST_UM:g} to {_MOST_UM:g} um, such as 3.45"
         )
-
-
-def _binning(text: str) -> tuple[int, int]:
-    """Return the pixels (x, y) that a text such as 2 or 2x1 bins together."""
-    x, cross, y = text.lower().partition("x")
-    sides = (x, y if cross else x)
-    if not all(side.isdecimal() and 1 <= int(side) <= _MOST_BINNED for side in sides):
-        raise argparse.ArgumentTypeError(f"{text!r} is not N or NxM px from 1 to {_MOST_BINNED}, such as 2 or 2x1")
-    return int(sides[0]), int(sides[1])
-
-
-def _crop(text: str) -> tuple[tuple[int, int], tuple[int, int]]:
-    """Return (x, y) of the first pixel and (width, height) of a text such as 400,200,1024x768."""
-    parts = [part.strip() for part in text.split(",")]
-    if len(parts) != 3 or not (parts[0].isdecimal() and parts[1].isdecimal()):
-        raise argparse.ArgumentTypeError(f"{text!r} is not X,Y,WxH in whole px, such as 400,200,1024x768")
-    return (int(parts[0]), int(parts[1])), size(parts[2])
-
-
-def _for_other_pictures(arguments: argparse.Namespace, found: Foreign) -> Foreign:
-    """Return the cameras of pictures that were resized, binned or cut, as asked; one of these at a time."""
-    from dataclasses import replace
-
-    from cadcam.camera.resampled import PictureMap
-
-    asked = given(arguments, "--resize", "--binning", "--crop")
-    if len(asked) > 1:
-        refuse(arguments, asked[1], why=f"beside {asked[0]}", expected="one at a time; convert the result again")
-    if arguments.resize is None:
-        refuse(arguments, "--stretched", why="without --resize", expected="both, or leave it out")
-    if not asked:
-        return found
-    cameras = []
-    for one in found.cameras:
-        old = one.camera.size
-        if arguments.resize is not None:
-            to = PictureMap.resized(old, arguments.resize, stretched=arguments.stretched)
-        elif arguments.binning is not None:
-            to = PictureMap.binned(old, arguments.binning)
-        else:
-            to = PictureMap.cut(old, *arguments.crop)
-        estimate = None if one.estimate is None else to.estimate(one.estimate)
-        cameras.append(replace(one, camera=to.camera(one.camera), estimate=estimate))
-        say(f"{one.name}: for pictures of {to.size[0]} x {to.size[1]} px instead of {old[0]} x {old[1]} px")
-    return replace(found, cameras=tuple(cameras))
 
 
 def _refuse_unit(arguments: argparse.Namespace, formats: Sequence[Format]) -> None:
@@ -218,13 +195,12 @@ def _write(arguments: argparse.Namespace, found: Foreign) -> Written:
     return written
 
 
-def _table(found: Foreign) -> Table:
-    from cadcam.files.foreign.registry import format_named
+def _table(found: Foreign, what: str) -> Table:
     from cadcam.report.table import Table
 
     rows = tuple(_row(named) for named in found.cameras)
     columns = ("camera", "size px", "fx px", "fy px", "cx px", "cy px", "skew px", "lens", "stands at mm")
-    title = f"{format_named(found.format).title}: {len(rows)} camera{'s' * (len(rows) != 1)}"
+    title = f"{what}: {len(rows)} camera{'s' * (len(rows) != 1)}"
     return Table(title, columns, rows, left=("camera", "lens"))
 
 

@@ -156,6 +156,7 @@ def _as_json(arguments: argparse.Namespace, location: Location, shots: Shots, re
 
     from cadcam import __version__
     from cadcam.report.locate import location_as_json
+    from cadcam.report.photos import photos_as_json
 
     head = {
         "format": "cadcam location",
@@ -166,7 +167,8 @@ def _as_json(arguments: argparse.Namespace, location: Location, shots: Shots, re
     }
     files = [*shots.files, ("cad", str(report.path), report.sha256)]
     sources = [dict(zip(("role", "path", "sha256"), file, strict=True)) for file in files]
-    return head | location_as_json(location, shots.photos) | {"deviations": [], "sources": sources}
+    said = location_as_json(location, shots.photos) | {"photos": photos_as_json(shots.read)}
+    return head | said | {"deviations": [], "sources": sources}
 
 
 def _print(arguments: argparse.Namespace, part: Part, location: Location, shots: Shots, faults: Sequence[str]) -> None:

@@ -17,6 +17,7 @@ from cadcam.image.suffixes import READABLE, WRITABLE
 
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
+    from cadcam.image.picture import PictureInfo
     from cadcam.image.template import Template
     from cadcam.locate.match.closeness import Closeness
     from cadcam.locate.match.templates import TemplateMatches
@@ -142,6 +143,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
     from cadcam.image.picture import to_gray, write_picture
     from cadcam.report.match import peaks_as_json, peaks_table
     from cadcam.report.match_picture import with_peaks
+    from cadcam.report.photos import photos_as_json
 
     low, high = arguments.angles
     if not 0 <= high - low <= 360:
@@ -153,25 +155,27 @@ def _run_template(arguments: argparse.Namespace) -> int:
         least_score=arguments.least_score,
         either_sign=arguments.either_sign,
     )
-    photo, template = to_gray(_picture(arguments)), _template(arguments)
+    picture, read = _picture(arguments)
+    photo, template = to_gray(picture), _template(arguments)
     _check_size(arguments, photo, template.gray)
     with working("matching"):
         peaks = correlate(photo, template, options=options)
     if arguments.output:
         write_picture(arguments.output, with_peaks(photo, template, peaks))
     if arguments.json:
-        print_json({"photo": arguments.photo, "template": arguments.what, **peaks_as_json(peaks)})
+        document = {"photo": arguments.photo, "photos": photos_as_json([read]), "template": arguments.what}
+        print_json(document | peaks_as_json(peaks))
     else:
         print_tables([peaks_table(peaks, f"Peaks of {arguments.what} in {arguments.photo}")])
         _say_written(arguments)
     return 0 if len(peaks) else NO
 
 
-def _picture(arguments: argparse.Namespace) -> Picture:
-    """Return the photo."""
-    from cadcam.image.camera_picture import read_camera_picture
+def _picture(arguments: argparse.Namespace) -> tuple[Picture, PictureInfo]:
+    """Return the photo, and how it was read."""
+    from cadcam.image.camera_picture import read_camera_picture_with_info
 
-    return read_camera_picture(arguments.photo, full_scale=white_as_asked(arguments, [arguments.photo]))
+    return read_camera_picture_with_info(arguments.photo, full_scale=white_as_asked(arguments, [arguments.photo]))
 
 
 def _template(arguments: argparse.Namespace) -> Template:
@@ -197,7 +201,7 @@ def _run_part(arguments: argparse.Namespace) -> int:
     from cadcam.report.match import closeness_as_json, matches_as_json
     from cadcam.report.match_picture import with_features
 
-    photo, start, camera_json = _photo(arguments)
+    photo, start, said = _photo(arguments)
     arguments.model = arguments.what
     mesh, report = load_as_asked(arguments)
     with working("finding edges"):
@@ -210,7 +214,7 @@ def _run_part(arguments: argparse.Namespace) -> int:
     if arguments.output:
         write_picture(arguments.output, with_features(photo, part, matches))
     if arguments.json:
-        document = {"photo": arguments.photo, "model": model_as_json(report, mesh), "camera": camera_json}
+        document = {"photo": arguments.photo, "model": model_as_json(report, mesh)} | said
         print_json(document | matches_as_json(matches) | {"edges": closeness_as_json(close)})
     else:
         _print_part(arguments, matches, close)
@@ -218,13 +222,16 @@ def _run_part(arguments: argparse.Namespace) -> int:
 
 
 def _photo(arguments: argparse.Namespace) -> tuple[Photo, Any, dict[str, Any]]:
+    """Return the photo, the part's pose, and what the document says of camera and photo."""
     from cadcam.image.picture import to_gray
     from cadcam.locate.photo import Photo
+    from cadcam.report.photos import photos_as_json
 
     known, start = camera_and_pose(arguments.camera, arguments.pose)
-    gray = to_gray(_picture(arguments))
+    picture, read = _picture(arguments)
+    said = {"camera": view_as_json(known.camera, start), "photos": photos_as_json([read])}
     try:
-        return Photo.of(gray, known.calibrated), start, view_as_json(known.camera, start)
+        return Photo.of(to_gray(picture), known.calibrated), start, said
     except SizeMismatch as error:
         raise SizeMismatch(arguments.photo, error.size, error.expected) from None
 

@@ -237,7 +237,12 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
         for p, white in zip(shots.photos, shots.whites, strict=True)
     )
     return VerificationOrigin(
-        Path(arguments.model).stem, tuple(sources), cameras, arguments.serial or "", arguments.station or ""
+        Path(arguments.model).stem,
+        tuple(sources),
+        cameras,
+        arguments.serial or "",
+        arguments.station or "",
+        photos=shots.read,
     )
 
 

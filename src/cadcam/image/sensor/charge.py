@@ -10,7 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Picture
-from cadcam.image.sensor.effect import check
+from cadcam.image.sensor.effect import check, in_rows
+
+_POISSON_E = 1000.0  # electrons below which Poisson's distribution is drawn as it is
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,9 +103,20 @@ class Noise:
 
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the noisy picture: below black too, where read noise takes it there."""
-        mean = np.maximum(picture, 0.0).astype(np.float64) * self.full_well_e
-        bright = mean >= 1000.0
-        electrons = mean + np.sqrt(mean) * rng.standard_normal(mean.shape)
-        electrons[~bright] = rng.poisson(mean[~bright])
-        electrons += self.read_e * rng.standard_normal(mean.shape)
-        return np.asarray(electrons / self.full_well_e, dtype=np.float32)
+        electrons = np.zeros(picture.shape)
+        for rows in in_rows(picture):  # three times: numbers are drawn for all of the picture, then the next ones
+            mean = self._mean(picture[rows])
+            electrons[rows] = mean + np.sqrt(mean) * rng.standard_normal(mean.shape)
+        for rows in in_rows(picture):
+            mean = self._mean(picture[rows])
+            dark = mean < _POISSON_E
+            electrons[rows][dark] = rng.poisson(mean[dark])
+        out = np.zeros(picture.shape, np.float32)
+        for rows in in_rows(picture):
+            read = self.read_e * rng.standard_normal(picture[rows].shape)
+            out[rows] = (electrons[rows] + read) / self.full_well_e
+        return out
+
+    def _mean(self, picture: Picture) -> Array:
+        """Return the expected number of electrons."""
+        return np.asarray(np.maximum(picture, 0.0).astype(np.float64) * self.full_well_e)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import Protocol
 
 import numpy as np
 
 from cadcam.arrays import Picture
 from cadcam.errors import BadValue
+
+_TOGETHER = 1 << 20  # numbers of a picture computed at a time
 
 
 class Effect(Protocol):
@@ -20,6 +23,13 @@ class Effect(Protocol):
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the picture after the effect; chance comes from `rng` alone."""
         ...
+
+
+def in_rows(picture: Picture) -> Iterator[slice]:
+    """Yield the rows of a picture in blocks: what is computed in double precision is held of one block at a time."""
+    step = max(1, _TOGETHER // max(picture[:1].size, 1))
+    for top in range(0, len(picture), step):
+        yield slice(top, min(top + step, len(picture)))
 
 
 def check(what: str, value: float, low: float = -math.inf, high: float = math.inf, *, above: bool = False) -> None:

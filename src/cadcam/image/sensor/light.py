@@ -13,7 +13,7 @@ import numpy as np
 from cadcam.arrays import Array, Picture
 from cadcam.errors import BadValue
 from cadcam.image.picture import checked
-from cadcam.image.sensor.effect import check, check_pair
+from cadcam.image.sensor.effect import check, check_pair, in_rows
 
 _FINE = 16  # samples of a kernel along a pixel
 _LARGEST = 200.0  # px of blur
@@ -40,17 +40,21 @@ class Vignetting:
             check(f"{name} of the vignetting", getattr(self, name))
         check_pair("offset_px of the vignetting", self.offset_px)
 
-    def share(self, shape: tuple[int, ...]) -> Array:
-        """Return V (H, W) over a picture of this shape."""
+    def share(self, shape: tuple[int, ...], rows: slice = slice(None)) -> Array:
+        """Return V (R, W) over the rows of a picture of this shape, or over all."""
         height, width = shape[:2]
-        away, half = _from_middle(height, width, self.offset_px)
+        away, half = _from_middle(height, width, self.offset_px, rows)
         natural = (1 + away / self.focal_px**2) ** -2 if self.focal_px else np.ones_like(away)
         r2 = away / half**2
         return np.maximum(natural * (1 + r2 * (self.a2 + r2 * (self.a4 + r2 * self.a6))), 0.0)
 
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the darkened picture."""
-        return _times(picture, self.share(picture.shape))
+        out = np.zeros(picture.shape, np.float32)
+        for rows in in_rows(picture):
+            share = self.share(picture.shape, rows)
+            out[rows] = picture[rows] * (share if picture.ndim == 2 else share[..., None])
+        return out
 
 
 def fit_vignetting(flat: Picture) -> Vignetting:
@@ -192,15 +196,12 @@ def shifted(picture: Picture, shift_px: tuple[float, float]) -> Picture:
     return np.asarray(shift(picture.astype(np.float64), by, order=3, mode="nearest"), dtype=np.float32)
 
 
-def _times(picture: Picture, share: Array) -> Picture:
-    factor = share if picture.ndim == 2 else share[..., None]
-    return np.asarray(picture * factor, dtype=np.float32)
-
-
-def _from_middle(height: int, width: int, offset: tuple[float, float]) -> tuple[Array, float]:
-    """Return squared distances (H, W) from the picture's middle, px^2, and half of its diagonal, px."""
+def _from_middle(
+    height: int, width: int, offset: tuple[float, float], rows: slice = slice(None)
+) -> tuple[Array, float]:
+    """Return squared distances (R, W) of rows from the picture's middle, px^2, and half of its diagonal, px."""
     x = np.arange(width) - (width - 1) / 2 - offset[0]
-    y = np.arange(height) - (height - 1) / 2 - offset[1]
+    y = (np.arange(height) - (height - 1) / 2 - offset[1])[rows]
     return x**2 + (y**2)[:, None], float(np.hypot(width, height)) / 2
 
 

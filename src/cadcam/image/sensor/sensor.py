@@ -58,10 +58,11 @@ class Sensor:
         """
         expect(rng, "rng", np.random.Generator)
         streams = dict(zip(EFFECTS, rng.spawn(len(EFFECTS)), strict=True))
-        picture = checked(radiance)
+        picture = given = checked(radiance)
         for name, effect in self.effects.items():
             picture = effect.apply(picture, streams[name])
-        return np.clip(picture, np.float32(0.0), np.float32(1.0))
+        own = None if np.may_share_memory(picture, given) else picture
+        return np.clip(picture, np.float32(0.0), np.float32(1.0), out=own)
 
 
 EFFECTS: dict[str, type[Effect]] = {

@@ -137,7 +137,11 @@ class Quantisation:
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the picture in steps."""
         steps = np.float32(2 ** int(self.bits) - 1)
-        return np.asarray(np.rint(np.clip(picture, 0.0, 1.0) * steps) / steps, dtype=np.float32)
+        out: Picture = np.clip(picture, 0.0, 1.0, dtype=np.float32)
+        out *= steps
+        np.rint(out, out=out)
+        out /= steps
+        return out
 
 
 @dataclass(frozen=True, slots=True)

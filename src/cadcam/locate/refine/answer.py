@@ -100,7 +100,7 @@ class PoseAnswer:
 def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
     """Return the location of a solution. chosen, wider: as for `locate.refine`."""
     B = freedom.at(fitted.pose)
-    estimate = _estimate(fitted, B)
+    estimate = replace(_estimate(fitted, B), undetermined=unseen_turns(part, freedom, fitted.pose))
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)
     reason = _reason(part, estimate, evidence, fitted)
     return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
@@ -120,6 +120,12 @@ def _estimate(fitted: PoseSolution, B: Array) -> PoseEstimate:
     photos = [s.photo for s in fitted.sights]
     from_calibration = calibration_covariance(photos, points, normals, gains, fitted.pose)
     return PoseEstimate(fitted.pose, from_noise, from_calibration, B, fit.dof)
+
+
+def unseen_turns(part: Part, freedom: Freedom, pose: Rigid) -> Array:
+    """Return the turns (6, k), orthonormal twists, that a freedom allows at a pose and that no photo can show."""
+    middle, radius = part.aspects.centre, part.aspects.radius
+    return freedom.among(part.spins, pose, centre=middle, radius=radius)
 
 
 def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Location:

@@ -28,7 +28,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.support import support_at
 from cadcam.locate.refine.agreement import agreed
-from cadcam.locate.refine.answer import CLEARLY, DOUBT, PoseAnswer, location_of, lost
+from cadcam.locate.refine.answer import CLEARLY, DOUBT, PoseAnswer, location_of, lost, unseen_turns
 from cadcam.locate.refine.consistency import Consistency
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.released import released
@@ -116,7 +116,7 @@ class Refinement:
         """Return the answer of `refine_pose`, and the photos with the part's lines drawn near it."""
         if not self.photos:
             raise BadValue("photos", "none", "at least one photo")
-        unseen = self.freedom.among(self.part.spins, start)
+        unseen = unseen_turns(self.part, self.freedom, start)
         told = self.freedom.without(unseen, start)
         asked = replace(self, freedom=told)
         best = asked.from_start(start)
@@ -124,7 +124,7 @@ class Refinement:
         if self.wider:
             best = asked.in_color(asked.again(best), start)
             location = released(self.part, asked.consistent(best), self.freedom, self.options)
-        return location if told is self.freedom else _turned_anyhow(location, unseen), best.sights
+        return _turned_anyhow(location, unseen, start) if unseen.shape[1] else location, best.sights
 
     def from_start(self, start: Rigid) -> PoseAnswer:
         """Return the answer around a start."""
@@ -354,14 +354,21 @@ def _beside(fitted: PoseSolution) -> list[Rigid]:
     return [fitted.pose @ Rigid.exp(sign * step) for step in steps.T for sign in (1, -1)]
 
 
-def _turned_anyhow(location: Location, unseen: Array) -> Location:
-    """Return the answer for a part some of whose rotations, twists (6, k), no photo shows."""
+def _turned_anyhow(location: Location, unseen: Array, start: Rigid) -> Location:
+    """Return the answer for a part some of whose rotations, twists (6, k), no photo shows.
+
+    Where nothing else was free, the part stays as in the start: what was fitted are the facets of a round body.
+    """
     pose = location.pose
     at = unseen @ np.linalg.inv(np.linalg.qr(unseen[3:])[1])
+    known = replace(pose, undetermined=at).determined
     told = replace(
-        pose,
-        from_noise=pose.from_noise + _ANY_TURN * at @ at.T,
-        freedom=np.linalg.qr(np.column_stack([pose.freedom, unseen]))[0],
+        known,
+        world_from_part=pose.world_from_part if known.freedom.shape[1] else start,
+        from_noise=known.from_noise + _ANY_TURN * at @ at.T,
+        freedom=np.linalg.qr(np.column_stack([known.freedom, unseen]))[0],
+        undetermined=at,
     )
     how = "turned about its axis" if unseen.shape[1] == 1 else "however it is turned"
-    return replace(location, pose=told, reason=f"{location.reason}; {how} the part looks the same")
+    said = f"not determined: {told.undetermined_words} ({how} the part looks the same)"
+    return replace(location, pose=told, reason=f"{location.reason}; {said}")

@@ -27,12 +27,16 @@ from cadcam.locate.photo import Photo
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Frame(Brief):
-    """What the cameras saw at one moment: a photo each, the file or frame each came from, and its fingerprint."""
+    """What the cameras saw at one moment: a photo each, the file or frame each came from, and its fingerprint.
+
+    whites: the stored value that was taken as white in each; none for photos that are in no file.
+    """
 
     index: int
     photos: tuple[Photo, ...]
     names: tuple[str, ...] = ()
     sha256: tuple[str, ...] = ()
+    whites: tuple[float, ...] = ()
 
     @classmethod
     def of(cls, index: int, *photos: Photo) -> Frame:
@@ -92,7 +96,8 @@ class Frames:
                 ended = next(s for s, shot in zip(self.sources, shots, strict=True) if shot is None)
                 raise UnreadableFile(ended, f"ends before frame {index}, the others go on", "give as many of each")
             photos = tuple(_photo(*pair) for pair in zip(there, self.viewpoints, strict=True))
-            yield Frame(index, photos, tuple(s.name for s in there), tuple(s.sha256 for s in there))
+            names, digests, whites = zip(*((s.name, s.sha256, s.white) for s in there), strict=True)
+            yield Frame(index, photos, names, digests, whites)
 
     def _whites(self) -> list[float | None]:
         if self._full_scale is not None:
@@ -136,6 +141,7 @@ class _Shot:
     gray: Picture
     name: str
     sha256: str
+    white: float
 
 
 def _photo(shot: _Shot, viewpoint: Viewpoint) -> Photo:
@@ -149,11 +155,11 @@ def _photo(shot: _Shot, viewpoint: Viewpoint) -> Photo:
 def _pictures(source: str, files: list[str] | None, white: float | None) -> Iterator[_Shot]:
     if files is None:
         for number, gray in enumerate(video.read_video(source)):
-            yield _Shot(gray, f"{Path(source).name} {number}", _fingerprint(gray))
+            yield _Shot(gray, f"{Path(source).name} {number}", _fingerprint(gray), video.WHITE)
         return
     for file in files:
         picture, info = read_camera_picture_with_info(file, full_scale=white)
-        yield _Shot(to_gray(picture), file, info.sha256)
+        yield _Shot(to_gray(picture), file, info.sha256, info.white)
 
 
 def _is_video(source: str) -> bool:

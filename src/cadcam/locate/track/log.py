@@ -14,7 +14,7 @@ import hashlib
 import io
 import json
 import os
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
@@ -71,7 +71,8 @@ def track_part_to_log(
 
     Those are read again, to check their fingerprints and to learn the texture that they show, but not located. The
     log's first line states the inputs of its run (`TrackLog.open`). log: an open one, or its path (.jsonl), which then
-    is open as long as this goes on. Raises `UnreadableFile` where a frame or the run differs.
+    is open as long as this goes on. Raises `UnreadableFile` where a frame or the run differs, or a frame has another
+    white, as where brighter pictures were added to those it is found from.
     """
     expect(frames, "frames", Frames)
     if not isinstance(log, TrackLog):
@@ -90,6 +91,7 @@ def track_part_to_log(
             raise UnreadableFile(
                 frame.names[0], f"is not the picture of frame {frame.index} in {log.path}", "start a new log"
             )
+        _check_white(log.path, entry, frame)
         tracker.recall(replace(step, photos=frame.photos))
         yield frame, entry
     for frame in rest:
@@ -165,6 +167,7 @@ def entry_of(tracked: TrackedFrame) -> dict[str, Any]:
         "frame": tracked.frame.index,
         "files": list(tracked.frame.names),
         "sha256": list(tracked.frame.sha256),
+        "white": list(tracked.frame.whites),
         "found": tracked.found,
         "quality": location.quality,
         "how": tracked.how,
@@ -208,6 +211,16 @@ def read_track_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
             if entry[name] is not None:
                 entry[name] = pose_estimate_at(Place(os.fspath(path), (f"line {number}", name), entry[name]))
     return entries
+
+
+def _check_white(path: str, entry: Mapping[str, Any], frame: Frame) -> None:
+    """Raise `UnreadableFile` where a frame was read with another white than the log says; older logs do not say."""
+    then, now = entry.get("white", []), list(frame.whites)
+    if then and then != now:
+        one, other = (", ".join(f"{white:g}" for white in whites) for whites in (then, now))
+        reason = f"was begun with another white: frame {frame.index} was read with {one}, now with {other}"
+        brighter = len(then) > 1 or now > then  # pictures that were added exceed the white of then
+        raise UnreadableFile(path, reason, f"{'' if brighter else f'--full-scale {one}, or '}start a new log")
 
 
 def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[str, Any]]:

@@ -9,10 +9,12 @@ from typing import Any
 import numpy as np
 
 from cadcam.files.jsontext import or_null, or_nulls
+from cadcam.image.picture import PictureInfo
 from cadcam.kinds import expect
 from cadcam.record.export import record_as_json
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.report.locate import disagreements_as_json
+from cadcam.report.photos import photos_as_json
 from cadcam.report.verify.words import assumptions, role, rule_words, weakest_direction
 from cadcam.verify.adjustment.datum_fit import CAUSES
 from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation
@@ -25,7 +27,7 @@ _VERDICTS = {Verdict.PASS: "PASS", Verdict.FAIL: "FAIL"}  # of a record; all els
 
 @dataclass(frozen=True, slots=True)
 class VerificationOrigin:
-    """The identity of a verification: part, place, time, files; cameras: one line each."""
+    """The identity of a verification: part, place, time, files; cameras: one line each; photos: how each was read."""
 
     part: str
     sources: tuple[Source, ...] = ()
@@ -33,6 +35,7 @@ class VerificationOrigin:
     serial: str = ""
     station: str = ""
     time: datetime = field(default_factory=lambda: datetime.now(UTC))
+    photos: tuple[PictureInfo, ...] = ()
 
 
 def record_of(found: Verification, origin: VerificationOrigin) -> Record:
@@ -61,6 +64,7 @@ def verification_as_json(found: Verification, origin: VerificationOrigin) -> dic
         "rule": rule_words(found),
         "judgements": [_judgement(j) for j in found.judgements],
         "cameras": list(origin.cameras),
+        "photos": photos_as_json(origin.photos),
         "disagreements": disagreements_as_json(found.located),
         "assumptions": assumptions(found),
     }

@@ -7,15 +7,13 @@ models are point-symmetric about the position, so that blur of any symmetric sha
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import Protocol
 
 import numpy as np
 
 from cadcam.arrays import Array, Index, Mask, Picture
-
-Model: TypeAlias = Callable[[Array, Array], tuple[Array, Array]]  # (parameters, pixels) -> grey values, derivatives
+from cadcam.target.boards.cores import on_cores
 
 CONTRAST, BLUR = 4, 5  # columns of these parameters in either model
 _GROUND = (6, 7, 8)  # columns of m, gx, gy
@@ -23,6 +21,14 @@ _BATCH = 200_000  # elements of a Jacobian computed at a time, so that intermedi
 _ITERATIONS = 25
 _STEP_PX, _FALL = 1e-4, 1e-3  # converged: smaller shifts, and a relative decrease of the sum of squares below this
 _MOST_DAMPING = 1e7  # at which no step reduces the cost any more
+
+
+class Model(Protocol):
+    """The picture that parameters (B, n) predict at pixels (B, P, 2 or more)."""
+
+    def __call__(self, parameters: Array, pixels: Array, weight: Array | None = None, /) -> tuple[Array, Array]:
+        """Return grey values (B, P) and derivatives (B, P, n or fewer); anything finite where weight (B, P) is 0."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -115,7 +121,7 @@ def fit_discs(gray: Picture, q: Array, moments: Array, reach: Array) -> Fit:
     return replace(fit, good=fit.good & whole(weight, wanted))
 
 
-def _corner(parameters: Array, pixels: Array) -> tuple[Array, Array]:
+def _corner(parameters: Array, pixels: Array, _: Array | None = None) -> tuple[Array, Array]:
     """Return the grey values (B, P) of the model of `fit_corners`, and their derivatives (B, P, 9)."""
     x, y, angle1, angle2, contrast, blur = (parameters[:, None, i] for i in range(6))
     u, v = pixels[..., 0] - x, pixels[..., 1] - y
@@ -141,7 +147,7 @@ def _blurred_step(u: Array, v: Array, angle: Array, blur: Array) -> tuple[Array,
     return erf(t * np.sqrt(0.5)), d, np.sqrt(2 / np.pi) * np.exp(-0.5 * t * t) / blur
 
 
-def _disc(parameters: Array, pixels: Array) -> tuple[Array, Array]:
+def _disc(parameters: Array, pixels: Array, _: Array | None = None) -> tuple[Array, Array]:
     """Return the grey values (B, P) of the model of `fit_discs`, and their derivatives (B, P, 10)."""
     from scipy.special import ndtr
 
@@ -212,7 +218,7 @@ def fitted(
     count, n = start.shape
     step = max(1, _BATCH // max(n * window.values.shape[1], 1))
     parts = [slice(i, i + step) for i in range(0, max(count, 1), step)]
-    each = [_minimised(model, start[at], window.part(at), iterations=iterations) for at in parts]
+    each = on_cores(lambda at: _minimised(model, start[at], window.part(at), iterations=iterations), parts)
     parameters, covariance, cost = (np.concatenate(column) for column in zip(*each, strict=True))
     rms = np.sqrt(cost / np.maximum(window.weight.sum(axis=1), 1))
     misfit = rms / np.maximum(np.abs(parameters[:, CONTRAST]), 1e-9)
@@ -281,7 +287,7 @@ def _scaled(H: Array, scale: Array) -> Array:
 def _normal(model: Model, state: Array, window: WindowPixels) -> tuple[Array, Array, Array]:
     """Return J^T J, J^T r and r^T r of each window's weighted residuals r."""
     with np.errstate(all="ignore"):
-        predicted, J = model(state, window.pixels)
+        predicted, J = model(state, window.pixels, window.weight)
     r = (predicted - window.values) * window.weight
     J *= window.weight[..., None]
     if not (np.isfinite(r).all() and np.isfinite(J).all()):

@@ -86,7 +86,7 @@ def fit_marks(
             fit_marks(gray, mark, q[k], image_from_mark[k], perspective=perspective, margin=margin, blur=blur)
             for k in groups
         ]
-        return _joined(parts, groups)
+        return joined(parts, groups)
     geometry = affine(turned=not mark.concentric, perspective=perspective)
     A = np.linalg.inv(_symmetric(image_from_mark) if mark.concentric else image_from_mark)
     window = Window.around(gray, q, image_from_mark, mark, margin)
@@ -101,12 +101,13 @@ def fit_marks(
     return _result(fit, weight, shapes, window, seen)
 
 
-def _joined(parts: list[MarkFit], groups: list[Ids]) -> MarkFit:
+def joined(parts: list[MarkFit], groups: list[Ids]) -> MarkFit:
     """Return the fits of groups of marks in the original order of the marks."""
     back = np.argsort(np.concatenate(groups))
     names = [name for name in MarkFit.__slots__ if name != "poses"]
     arrays = {name: np.concatenate([getattr(part, name) for part in parts])[back] for name in names}
-    return MarkFit(**arrays, poses=None)
+    poses = [pose for part in parts for pose in part.poses or ()]
+    return MarkFit(**arrays, poses=tuple(poses[i] for i in back) if poses else None)
 
 
 def likeness(

@@ -24,7 +24,7 @@ def shared_by_lines(model: Model, fit: Fit, window: Window, weight: Array) -> Ar
     the pair.
     """
     with np.errstate(all="ignore"):
-        value, J = model(fit.parameters, window.pixels)
+        value, J = model(fit.parameters, window.pixels, weight)
     r, J = np.nan_to_num(value - window.values) * weight, np.nan_to_num(J) * weight[..., None]
     H = np.swapaxes(J, 1, 2) @ J
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-12))

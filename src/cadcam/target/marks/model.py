@@ -119,12 +119,12 @@ def mark_model(mark: Mark, geometry: Geometry, *, loose: int) -> Model:
     """
     borders = Borders.of(mark.sectors, mark.full)
 
-    def model(parameters: Array, pixels: Array) -> tuple[Array, Array]:
+    def model(parameters: Array, pixels: Array, weight: Array | None = None) -> tuple[Array, Array]:
         H, dH = with_slopes(geometry, parameters[:, geometry.places], geometry.held(parameters))
         levels = parameters[:, geometry.levels]
         absurd = _leaving(levels[:, -2:], pixels) if loose == LOOSE else np.zeros(len(levels), bool)
         levels[absurd, -2:] = 0.0
-        value, slopes = picture_with_slopes(borders, pixels, H, dH, levels, loose=loose)
+        value, slopes = picture_with_slopes(borders, pixels, H, dH, levels, loose=loose, weight=weight)
         value[absurd] = np.nan
         return value, slopes
 

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array, Mask
+from cadcam.target.boards.cores import on_cores
 from cadcam.target.boards.photometric import CONTRAST, Fit, Model, fitted
 from cadcam.target.marks.lines import shared_by_lines
 from cadcam.target.marks.mark import Mark
@@ -44,13 +45,19 @@ def clear_fit(
     odd, seen = every.odd(fit)
     suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
     plain = _also_plain(odd, seen, window)
-    for i in np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist():
-        (one, there), at = every.only(i), slice(i, i + 1)
-        begun, gain, loose[i] = one.told_apart(start[at], fit.subset(at), int(loose[i]))
-        if plain[i] or gain < _BETTER:
-            part, clear = one.cleared(begun, int(loose[i]))
-            fit, weight = fit.replaced(part, np.array([i])), weight.copy()
-            weight[i, there] = clear
+    suspects = np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist()
+
+    def treated(i: int) -> tuple[int, tuple[Fit, Array] | None]:
+        """Return how many of b dx dy the i-th mark has, and its fit with the weights of its pixels if any is hidden."""
+        (one, _), at = every.only(i), slice(i, i + 1)
+        begun, gain, count = one.told_apart(start[at], fit.subset(at), int(loose[i]))
+        return count, one.cleared(begun, count) if plain[i] or gain < _BETTER else None
+
+    for i, (count, answer) in zip(suspects, on_cores(treated, suspects), strict=True):
+        loose[i] = count
+        if answer is not None:
+            fit, weight = fit.replaced(answer[0], np.array([i])), weight.copy() if weight is window.weight else weight
+            weight[i, window.weight[i] > 0] = answer[1]
     model = every.model(max(BENT, int(loose.max(initial=0))))
     return _together(model, fit, window, weight), weight
 

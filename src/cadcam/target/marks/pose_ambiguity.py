@@ -16,12 +16,12 @@ from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation as so3
 from cadcam.native.marks import LOOSE, Borders, picture_with_slopes
-from cadcam.target.marks.fit import CameraFit, MarkFit, seen_through
+from cadcam.target.marks.fit import CameraFit, MarkFit, joined, seen_through
 from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import Geometry, posed, with_slopes
 from cadcam.target.marks.occlusion import HIDDEN
 from cadcam.target.marks.tilts import tilts, toward
-from cadcam.target.marks.window import MARGIN
+from cadcam.target.marks.window import MARGIN, batches
 
 NORMAL_SD = 0.1  # rad
 _SURE = 500.0  # log odds that count as certain
@@ -50,12 +50,26 @@ def fit_both_tilts(
     """
     if not len(fit):
         return replace(fit, poses=())
-    starts = [tilts(camera, q, S) for q, S in zip(fit.q, fit.image_from_mark, strict=True)]
     blur = float(np.median(fit.blur))
+    prior = None if normal is None else (normal, normal_sd)
+    groups = batches(mark, fit.image_from_mark, margin)  # beside a large mark, small ones would get windows as large
+    return joined([_both_tilts(gray, mark, camera, fit.subset(k), prior, margin, blur) for k in groups], groups)
+
+
+def _both_tilts(
+    gray: Picture,
+    mark: Mark,
+    camera: Camera,
+    fit: MarkFit,
+    prior: tuple[Array, float] | None,
+    margin: float,
+    blur: float,
+) -> MarkFit:
+    """Return `fit_both_tilts` of marks whose windows are of similar size; blur: a guess, px."""
+    starts = [tilts(camera, q, S) for q, S in zip(fit.q, fit.image_from_mark, strict=True)]
     (first, one), (second, two) = (
         seen_through(gray, mark, camera, tuple(pair[k] for pair in starts), margin=margin, blur=blur) for k in (0, 1)
     )
-    prior = None if normal is None else (normal, normal_sd)
     independent = one.window.weight.sum(axis=1) / np.maximum(one.shared, two.shared)
     other = _doubt(first, second, independent, prior)
     chosen = _weighed(first, second, other)

@@ -54,8 +54,8 @@ def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Ar
     """
     whole = mark_model(mark, geometry, loose=MOVED)
 
-    def directed(parameters: Array, pixels: Array) -> tuple[Array, Array]:
-        value, J = whole(parameters, pixels)  # whose derivatives by a motion are 0 without one
+    def directed(parameters: Array, pixels: Array, weight: Array | None = None) -> tuple[Array, Array]:
+        value, J = whole(parameters, pixels, weight)  # whose derivatives by a motion are 0 without one
         x, y = J[..., 0].copy(), J[..., 1].copy()  # along the normal
         xx, yy = x * x, y * y
         by_blur = J[..., BLUR] / np.maximum(xx + yy, 1e-12)
