@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import map_coordinates
 from scipy.special import ndtr
 
-from cadcam.image.profile import blur_matrix, blur_of, noise_of, step_candidates, step_sums
+from cadcam.image.profile import CANDIDATE_ROOM_PX, blur_matrix, blur_of, noise_of, step_candidates, step_sums
 from cadcam.image.sensor.light import Motion
 from cadcam.native import profiles
 from cadcam.native.core import choose_variant
@@ -151,6 +151,17 @@ def test_candidates_are_what_a_profile_read_plainly_shows(rng: np.random.Generat
     expected = np.array([plain_candidate(gray, *place, 8) for place in zip(q, normal, strict=True)])
     np.testing.assert_allclose(found.offset[:, 0], expected[:, 0], rtol=0, atol=1e-3)
     np.testing.assert_allclose(found.slope[:, 0], expected[:, 1], rtol=0, atol=1e-6)
+
+
+def test_a_step_is_found_as_near_to_the_pictures_border_as_is_said() -> None:
+    """Of a column of pixels, dark to its left and bright to its right, and of what mirrors it at the other border."""
+    for away in range(1, 9):
+        gray = np.tile(np.arange(24) >= 24 - away, (24, 1)).astype(np.float32)
+        step, normal = np.array([[23.5 - away, 12.0]]), np.array([[1.0, 0.0]])
+        right = step_candidates(gray, step, normal, half_length=2.0, reach=8, noise=1e-3)
+        left = step_candidates(gray[:, ::-1].copy(), 23 - step, normal, half_length=2.0, reach=8, noise=1e-3)
+        inside = away - 0.5 > CANDIDATE_ROOM_PX
+        assert np.isfinite(right.offset).any() == np.isfinite(left.offset).any() == inside
 
 
 def test_sums_of_pixels_give_any_steps_that_a_fit_from_the_pixels_would(rng: np.random.Generator) -> None:

@@ -9,11 +9,14 @@ from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.verify.deviations.deviation import State
 from cadcam.verify.edges.step_fit import ROOM_PX
 from cadcam.verify.edges.survey import Survey, surveyed
+from cadcam.verify.inspection import inspect
 from cadcam.verify.tolerances.tolerance import whole_parts
 
-from .scene import CAMERA, photo, plate
+from .scene import CAMERA, POSE, part, photo, plate
 
 COLOR = (0.55, 0.55, 0.6)
 
@@ -73,3 +76,24 @@ def test_edges_along_rows_of_pixels_are_as_far_off_as_is_said(rng: np.random.Gen
     z = np.array(off) / np.array(said)
     assert np.abs(z).max() < 3
     assert 0.6 < np.sqrt((z**2).mean()) < 1.4
+
+
+@pytest.mark.parametrize(("name", "side"), [("block", "right"), ("rib 1", "left"), ("rib 2", "left")])
+def test_a_strip_of_a_body_at_the_picture_s_border_says_nothing_of_it(
+    rng: np.random.Generator, name: str, side: str
+) -> None:
+    """An edge 1 to 5 px from the border has no profile: not to see it was evidence that the body is missing."""
+    shot = photo(plate(), rng)
+    its = (
+        surveyed(part(), [shot], Rigid(), whole_parts(part().scene), reach_px=8.0)
+        .shown[0]
+        .shows(plate().part_names.index(name))
+    )
+    columns = np.flatnonzero(its.any(axis=0))
+    for left in (2, 3, 4, 5):
+        x0, x1 = (0, int(columns[0]) + left) if side == "right" else (int(columns[-1]) + 1 - left, CAMERA.width)
+        camera = CAMERA.crop(x0, 0, (x1 - x0, CAMERA.height))
+        found = inspect(part(), [Photo.of(shot.gray[:, x0:x1], camera, POSE)], Rigid()).feature(name)
+        assert found.presence.expected == 0
+        assert abs(found.presence.log_ratio) < 1e-9
+        assert found.state is State.OUT_OF_VIEW

@@ -12,6 +12,7 @@ import pytest
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.part import Part
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.bodies.findings import findings_of
@@ -39,6 +40,24 @@ def test_where_nothing_is_wrong_nothing_is_said(rng: np.random.Generator) -> Non
     assert flagged(seen) == {}
     assert seen.extra == ()
     assert {f.name for f in seen.features if f.state is State.IN_PLACE} == set(plate().part_names)
+
+
+def test_every_body_is_drawn_where_the_pose_has_it_near_the_camera_too(rng: np.random.Generator) -> None:
+    """Turned by 1 mrad the plate's lines move by 0.1 px, those of a tag before the camera by 1.
+
+    They were left where they stood at first: what hid other lines, or showed them, was drawn as seen from there.
+    """
+    tag = box((249, -380, 381), (263, -366, 395), name="tag", color=(0.55, 0.55, 0.6))
+    whole = Part.of(merge([plate(), tag]))
+    start = Rigid.exp(np.array([0.0, 0.0, 0.0, 1e-3, 0.0, 0.0]))
+    seen = inspect(whole, [photo(whole.scene.mesh, rng)], start)
+    lines = seen.survey.lines
+    at = CAMERA.project(POSE @ seen.pose.world_from_part @ lines.p)
+    off = np.abs(np.einsum("ni,ni->n", at - lines.q, lines.normal))
+    far = [np.quantile(off[seen.survey.body == body], 0.9) for body in np.unique(seen.survey.body)]
+    assert len(far) == 6
+    assert max(far) < 0.3
+    assert flagged(seen) == {}
 
 
 def test_a_datum_that_would_carry_the_part_away_does_not_hold_it(

@@ -9,7 +9,7 @@ import numpy as np
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
-from cadcam.verify.bodies.findings import Case, _anywhere, findings_of
+from cadcam.verify.bodies.findings import Case, _anywhere, _likelier, findings_of
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.edges.survey import surveyed
 from cadcam.verify.tolerances.tolerance import whole_parts
@@ -82,3 +82,15 @@ def test_a_body_that_was_guessed_to_stand_elsewhere_is_no_less_there_than_in_its
     assert told(-8.8, -2.5, drawn=block) == -2.5
     assert told(+3.0, -8.8, drawn=block) == 0.0  # one of the two is wrong: it is in doubt
     assert told(-2.5, -8.8, drawn=rib) == -8.8  # nothing was guessed
+
+
+def test_what_edges_and_pixels_explain_counts_once() -> None:
+    """A rim as dark as its plate, against the light: each of its two edges fitted the other's, and pixels liked that.
+
+    By neither was that as sure as an alarm has to be, which it was by their sum.
+    """
+    assert not _likelier(4.7, 5.0, least=8.2)
+    assert _likelier(4.7, 8.3, least=8.2)
+    assert _likelier(8.3, 0.0, least=8.2)
+    assert not _likelier(-9.0, 8.3, least=8.2)
+    assert _likelier(-1.0, 1.1, least=0.0)  # where nothing says "in place"

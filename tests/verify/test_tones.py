@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import binary_dilation
 
 from cadcam.cad.mesh import merge
-from cadcam.cad.parts.shape import circle, extruded, filled
+from cadcam.cad.parts.shape import box, circle, extruded, filled
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.lines.sight import Sight
@@ -172,3 +172,26 @@ def test_a_body_of_another_tone_than_the_light_says_stays_where_its_borders_are(
     found, without = log_likelihoods([shot], Rigid(), guesses, body, [shown_in(shot)])
     assert np.argmax(found) == 0
     assert found[0] > without
+
+
+@pytest.mark.parametrize("more", [-0.1, 0.1])
+def test_a_narrow_surface_of_another_tone_leaves_its_body_where_it_stands(
+    rng: np.random.Generator, more: float
+) -> None:
+    """The top of a fin, 60 px in view, is darker than the light says, or brighter; its borders are where they are.
+
+    Sharing a tone with all that is small, it made a place 5 mm beside likelier, and the more so the darker it was.
+    """
+    fin = box((-100, -95, 12), (-70, -90, 42), name="fin", color=(0.55, 0.55, 0.6))
+    whole = Part.of(merge([plate(), fin]))
+    plain = photo(whole.scene.mesh, rng)
+    shown = ShownFaces.of(whole, plain, POSE)
+    top = shown.shows(5) & (shown.normal[:, 2] > 0.9)[shown.face]
+    assert 40 < top.sum() < 80
+    shot = Photo.of(np.clip(plain.gray + more * top, 0, 1).astype(np.float32), CAMERA, POSE)
+    by, turn = np.zeros((17, 6, 3)), np.arange(8) * np.pi / 4
+    ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    by[1:9, 5, :2], by[9:, 5, :2] = 5.0 * ring, 9.0 * ring
+    guesses = [g for g in (redrawn(whole, b) for b in by) if g is not None]
+    found, without = log_likelihoods([shot], Rigid(), guesses, 5, [shown])
+    assert found[0] > max(found[1:].max(), without) + 6.5

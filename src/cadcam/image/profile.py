@@ -43,6 +43,7 @@ _AROUND = np.array(list(itertools.product((-0.5, 0.0, 0.5), repeat=3)))
 _FIRST, _FINER = np.array([0.3, 0.3, np.pi / 8]), 6  # their spacing, and how often it is halved
 _FEW = 8  # fewest cells from which the blur is estimated
 _QUANTISED = 1.0 / 255 / math.sqrt(12.0)  # the least noise of an eight-bit photo
+CANDIDATE_ROOM_PX = 4.0  # how far beyond a candidate its profile goes: the smoothing's kernel, and a place more
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -36,7 +36,8 @@ from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import Tolerances, whole_parts
 
-_SURVEYS, _REDRAW_PX = 3, 0.3  # the lines are redrawn, at most so often, while the datum moves them by more than this
+_SURVEYS, _REDRAW_PX = 3, 0.3  # the lines are redrawn, at most so often, while the datum moves any body's by more
+_MOST = 0.9  # share of the lines, of all bodies or of one, that move by no more
 _LEAST_SEEN = 0.35  # least share of the datum's places that must show an edge for the pose to be believed
 _CARRIED = (
     "the datum edges seen do not hold the part: fitted to them it would move by {:.0f} px, and edges were looked for "
@@ -130,9 +131,10 @@ def inspect(
         except DegenerateGeometry as error:
             return _not_found(survey, pose, F, str(error))
         xi = look.measured.adjustment.pose().xi
-        moved_px = quantile(np.abs(survey.lines.by_pose @ xi), 0.9)
-        if moved_px < _REDRAW_PX:
+        moved = np.abs(survey.lines.by_pose @ xi)
+        if max(quantile(moved[survey.body == body], _MOST) for body in np.unique(survey.body)) < _REDRAW_PX:
             break
+        moved_px = quantile(moved, _MOST)
         if moved_px > options.reach_px:  # farther than edges were searched for: few of them, too few to judge
             return _not_found(survey, pose, F, _CARRIED.format(moved_px, options.reach_px))
         pose = pose @ Rigid.exp(xi)  # there other lines are visible, and fewer mistaken for others

@@ -125,8 +125,10 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
         for number in _suspects(case, look):
             to, gain = _likeliest(case, look, number)
             again = None if to is None else _redrawn_look(case, look, number, to)
-            least = before + _least_gain(case, look, number)
-            if again is not None and again.explained(seen, clutter) + gain > least:
+            if again is None:
+                continue
+            by_edges = again.explained(seen, clutter) - before
+            if _likelier(by_edges, gain, least=_least_gain(case, look, number)):
                 look = again
                 break
         else:
@@ -195,6 +197,14 @@ def elsewhere_by(case: Case, look: Findings, part: int) -> float:
         case.photos, case.world_from_part, [look.drawn, there], part, look.survey.shown
     )
     return float(drawn - in_place)
+
+
+def _likelier(by_edges: float, by_pixels: float, *, least: float) -> bool:
+    """Return whether a body drawn elsewhere explains more of the photos, by edges and pixels (log likelihood ratios).
+
+    The edges are made of the same pixels: the `least` that it has to explain more, one of the two has to by itself.
+    """
+    return by_edges + by_pixels > 0 and max(by_edges, by_pixels) > least
 
 
 def _least_gain(case: Case, look: Findings, number: int) -> float:

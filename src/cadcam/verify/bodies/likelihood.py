@@ -28,7 +28,7 @@ _RIM_PX = 4  # px around a body's picture that are included
 _BLUR_PX, _BLURRED_PX = 0.7, 3  # approximate blur of the photo; its extent
 _WORST = 9.0  # bound of a pixel's squared residual, sigmas^2
 _TOGETHER = 12.0  # correlated pixels that count as one observation
-_OWN_PX = 100  # least size of a surface with a tone of its own
+_OWN_PX = 3 * _TOGETHER  # least size of a surface with a tone of its own: that and its two gradients
 _FALL = 5e-4  # sd of the gradient of brightness along a surface, per px
 _ROUNDS = 3
 

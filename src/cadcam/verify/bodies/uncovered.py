@@ -10,7 +10,7 @@ from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.edges.association import SEARCH_ROOM_PX, associated, nearby_edges
+from cadcam.verify.edges.association import associated, nearby_edges, searchable
 from cadcam.verify.edges.presence import EdgeEvidence, edge_visibility, log_ratio
 from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
@@ -26,7 +26,7 @@ def uncovered_ratio(without: Part, photos: Sequence[Photo], world_from_part: Rig
     without: the part without it; survey: of the part with it.
     """
     lines, sights = sightlines(without, photos, world_from_part)
-    behind = _behind(survey.shown, body, lines) & (lines.room >= SEARCH_ROOM_PX)
+    behind = _behind(survey.shown, body, lines) & searchable(lines, photos)
     if not behind.any():
         return 0.0
     shown = [ShownFaces.of(without, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]

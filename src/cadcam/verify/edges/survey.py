@@ -12,7 +12,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
-from cadcam.verify.edges.association import SEARCH_ROOM_PX, Association, associated, nearby_edges
+from cadcam.verify.edges.association import Association, associated, nearby_edges, searchable
 from cadcam.verify.edges.feet import Feet
 from cadcam.verify.edges.limbs import limb_errors
 from cadcam.verify.edges.presence import LEAST_PLACES, Clutter, EdgeEvidence, Presence, clutter_of, presence
@@ -33,12 +33,12 @@ class Survey:
 
     nearby (N, K) px: offsets of the photos' edges near each. names: the features in question, then those of the model's
     parts that are not among them; members: the places (N,) of each, which may overlap. body (N,): what moves as one,
-    each place in exactly one: the widest feature that contains it, or its part. usable (N,): whether its edge is
-    distinguishable from its neighbours; datum (N,): whether the pose may be fitted to it; stated: whether the
-    tolerances state the datum. lever (N,) px/mm, mate (N,) and ground (N, 3): the place as a foot (`Feet`), with mate a
-    body; ought (N,): whether the light gives its edge contrast; evidence: of all edges, seen or not; clutter: how often
-    the photos show an edge where there is none; by (P, 3) mm: where the bodies were drawn, from their places in the
-    CAD; shown: what the part shows in each photo.
+    each place in exactly one: the widest feature that contains it, or its part. usable (N,): whether its edge would be
+    seen there, distinguishable from its neighbours and well inside the picture; datum (N,): whether the pose may be
+    fitted to it; stated: whether the tolerances state the datum. lever (N,) px/mm, mate (N,) and ground (N, 3): the
+    place as a foot (`Feet`), with mate a body; ought (N,): whether the light gives its edge contrast; evidence: of all
+    edges, seen or not; clutter: how often the photos show an edge where there is none; by (P, 3) mm: where the bodies
+    were drawn, from their places in the CAD; shown: what the part shows in each photo.
     """
 
     lines: Sightlines
@@ -133,7 +133,7 @@ def surveyed(
     in_place = replace(lines, p=lines.p - by[lines.part])  # features are chosen by their places in the CAD
     names, members = _members(part.scene, in_place, asked)
     body = _bodies(members)
-    usable = lines.room >= SEARCH_ROOM_PX
+    usable = searchable(lines, photos)
     moved_as_one = np.where(usable, body, -1)
     shown = [ShownFaces.of(part, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]
     beside = edge_surroundings(photos, shown, lines)
