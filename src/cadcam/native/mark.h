@@ -36,7 +36,7 @@ typedef struct {
  * adds. */
 enum { CC_MARK_RADII = 128, CC_MARK_TERMS = 16 };
 CC_API void cc_mark_picture(const cc_mark *mark, int64_t marks, int64_t pixels, int32_t width, const double *places,
-                            const double *weight, const double *H, int32_t terms, const double *dH, const double *levels, int32_t loose,
-                            double *value, double *slopes);
+                            const double *weight, const double *H, int32_t terms, const double *dH,
+                            const double *levels, int32_t loose, double *value, double *slopes);
 
 #endif

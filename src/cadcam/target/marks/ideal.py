@@ -12,6 +12,7 @@ from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias
 
 import numpy as np
+import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.camera import Camera
@@ -19,8 +20,10 @@ from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.target.marks.mark import Mark, MarkSheet
 
-Reflectance: TypeAlias = Callable[[Array], Array]
+Kinds: TypeAlias = npt.NDArray[np.int8]  # of what is seen: 0 paper, 1 ink, 2 the ground beside the sheet
+KindAt: TypeAlias = Callable[[Array], Kinds]
 
+_GROUND = 2
 _SAMPLES, _GENERATOR = 377, 233  # consecutive Fibonacci numbers, odd ones
 _TOGETHER = 4000  # pixels averaged at a time
 
@@ -57,7 +60,7 @@ def board_picture(
 
     blur_px: sigma of a Gaussian point spread; noise: sigma of a grey value, with `rng`. Values are not clipped.
     """
-    picture = _sharp(pattern, camera, camera_from_board, (paper, ink, background), margin_mm)
+    (picture,) = _sharp(pattern, camera, camera_from_board, (paper, ink), margin_mm, grounds=(background,))
     return _exposed(picture, blur_px, noise, rng)
 
 
@@ -104,7 +107,7 @@ def _paint(
         return
     window, part = camera.crop(left, top, (right - left, bottom - top)), picture[top:bottom, left:right]
     plate = MarkSheet((mark,), np.zeros((1, 2)))
-    on_black, on_white = (_sharp(plate, window, pose, (*levels, ground), margin) for ground in (0.0, 1.0))
+    on_black, on_white = _sharp(plate, window, pose, levels, margin, grounds=(0.0, 1.0))
     part[...] = on_black + (on_white - on_black) * part
 
 
@@ -112,25 +115,32 @@ def _sharp(
     pattern: Printed,
     camera: Camera,
     camera_from_board: Rigid,
-    levels: tuple[float, float, float],
+    levels: tuple[float, float],
     margin_mm: float | None,
-) -> Array:
-    paper, ink, background = levels
+    *,
+    grounds: tuple[float, ...],
+) -> list[Array]:
+    """Return the picture (H, W) before each of some grounds; levels: of paper and ink."""
     corners = _hit(camera, camera_from_board, _pixel_corners(camera))
     place = _hit(camera, camera_from_board, camera.pixel_grid())
     left, top, right, bottom = pattern.outline
     margin = pattern.cell_mm if margin_mm is None else margin_mm
     low, high = np.array([left - margin, top - margin]), np.array([right + margin, bottom + margin])
 
-    def reflectance(p: Array) -> Array:
+    def kind(p: Array) -> Kinds:
         sheet: Mask = np.asarray(np.isfinite(p).all(axis=-1) & (p >= low).all(axis=-1) & (p <= high).all(axis=-1))
         p = np.where(sheet[..., None], p, low - 1.0)
-        return np.where(sheet, np.where(pattern.black(p), ink, paper), background)
+        return np.where(sheet, pattern.black(p), _GROUND).astype(np.int8)
 
-    picture: Array = reflectance(place)
-    mixed = _mixed(reflectance, corners, picture)
-    picture[mixed] = _averaged(reflectance, place[mixed], _slope(corners)[mixed])
-    return picture
+    of_kind = [np.array([*levels, ground]) for ground in grounds]
+    middle, around = kind(place), _around(kind, corners)
+    pictures = [level[middle] for level in of_kind]
+    mixed = [_mixed(level, around, picture) for level, picture in zip(of_kind, pictures, strict=True)]
+    any_mixed = np.logical_or.reduce(mixed)
+    averages = _averaged(kind, of_kind, place[any_mixed], _slope(corners)[any_mixed])
+    for picture, average, which in zip(pictures, averages, mixed, strict=True):
+        picture[which] = average[which[any_mixed]]
+    return pictures
 
 
 def _exposed(picture: Array, blur_px: float, noise: float, rng: np.random.Generator | None) -> Picture:
@@ -165,23 +175,30 @@ def _hit(camera: Camera, camera_from_board: Rigid, q: Array) -> Array:
         return np.where((t > 0)[..., None], origin[:2] + t[..., None] * ray[..., :2], np.nan)
 
 
-def _mixed(reflectance: Reflectance, corners: Array, middle: Array) -> Mask:
-    """Return the pixels that differ between their middle, their corners and halfway between those."""
+def _around(kind: KindAt, corners: Array) -> list[Kinds]:
+    """Return the kinds (H, W) at each pixel's corners, and halfway between those."""
     level, upright = (corners[:, 1:] + corners[:, :-1]) / 2, (corners[1:] + corners[:-1]) / 2
-    c, h, v = reflectance(corners), reflectance(level), reflectance(upright)
-    others = (c[:-1, :-1], c[:-1, 1:], c[1:, :-1], c[1:, 1:], h[:-1], h[1:], v[:, :-1], v[:, 1:])
+    c, h, v = kind(corners), kind(level), kind(upright)
+    return [c[:-1, :-1], c[:-1, 1:], c[1:, :-1], c[1:, 1:], h[:-1], h[1:], v[:, :-1], v[:, 1:]]
+
+
+def _mixed(level: Array, around: list[Kinds], middle: Array) -> Mask:
+    """Return the pixels whose middle is not as bright as all around it; level (3,): of each kind."""
     mixed = np.zeros(middle.shape, dtype=bool)
-    for other in others:
-        mixed |= other != middle
+    for other in around:
+        mixed |= level[other] != middle
     return mixed
 
 
-def _averaged(reflectance: Reflectance, place: Array, slope: Array) -> Array:
+def _averaged(kind: KindAt, of_kind: list[Array], place: Array, slope: Array) -> list[Array]:
+    """Return the mean brightness of pixels (N,) by each of some levels of the kinds."""
     index = np.arange(_SAMPLES) + 0.5  # with the half, the points are symmetric about the pixel's centre
     within = np.column_stack([index / _SAMPLES, index * _GENERATOR % _SAMPLES / _SAMPLES]) - 0.5
-    out = np.zeros(len(place))
+    out = [np.zeros(len(place)) for _ in of_kind]
     for first in range(0, len(place), _TOGETHER):
         block = slice(first, first + _TOGETHER)
         points = place[block, None] + np.einsum("nij,sj->nsi", slope[block], within)
-        out[block] = reflectance(points).mean(axis=1)
+        seen = kind(points)
+        for means, level in zip(out, of_kind, strict=True):
+            means[block] = level[seen].mean(axis=1)
     return out

@@ -100,7 +100,8 @@ class Mark(Brief):
     def inked(self, p: Floats) -> Mask:
         """Return whether the sectors cover p (..., 2) mm, whichever colour they have."""
         p = np.asarray(p, dtype=np.float64)
-        radius, angle = np.hypot(p[..., 0], p[..., 1]), np.arctan2(p[..., 1], p[..., 0])
+        radius = np.hypot(p[..., 0], p[..., 1])
+        angle = np.zeros_like(radius) if self.full.all() else np.arctan2(p[..., 1], p[..., 0])
         inside = np.zeros(radius.shape, dtype=bool)
         for inner, outer, start, stop in self.sectors.tolist():
             ring = (radius >= inner) & (radius < outer)
@@ -308,9 +309,20 @@ class MarkSheet(Brief):
 
     def black(self, p: Floats) -> Mask:
         """Return whether the plate is black at p (..., 2) mm."""
+        p = np.asarray(p, dtype=np.float64)
+        inside = self._inked(p)
+        if not self.light:
+            return inside
+        left, top, right, bottom = self.outline
+        ground = (p[..., 0] >= left) & (p[..., 0] <= right) & (p[..., 1] >= top) & (p[..., 1] <= bottom)
+        return np.asarray(ground & ~inside)
+
+    def _inked(self, p: Array) -> Mask:
+        """Return whether the sectors of the nearest mark cover p (..., 2) mm."""
         from scipy.spatial import cKDTree
 
-        p = np.asarray(p, dtype=np.float64)
+        if len(self.places) == 1:
+            return self.marks[0].inked(p - self.places[0])
         inside = np.zeros(p.shape[:-1], dtype=bool)
         near = np.asarray(cKDTree(self.places).query(p, distance_upper_bound=self.cell_mm * 1.0001)[1])
         kinds: dict[int, Mark] = {id(mark): mark for mark in self.marks}
@@ -318,11 +330,7 @@ class MarkSheet(Brief):
         for key, mark in kinds.items():
             at = which == key
             inside[at] = mark.inked(p[at] - self.places[near[at]])
-        if not self.light:
-            return inside
-        left, top, right, bottom = self.outline
-        ground = (p[..., 0] >= left) & (p[..., 0] <= right) & (p[..., 1] >= top) & (p[..., 1] <= bottom)
-        return np.asarray(ground & ~inside)
+        return inside
 
     def ink(self) -> Ink:
         """Return what is printed; where marks are light, the ground with holes."""
