@@ -17,9 +17,10 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.aperture import Aperture
 from cadcam.camera.camera import Camera
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.sensor.light import Blur
 from cadcam.image.sensor.sensor import Sensor
+from cadcam.kinds import expect
 from cadcam.render import open_renderer
 from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.cutout import Cutout
@@ -94,6 +95,10 @@ class Photographer:
         edges, discs of blur of d px want some d^2. Whatever its number, nothing is moved, in half a shadow neither
         (`cadcam.render.samples.pairing`). step is called after each rendering.
         """
+        expect(camera, "camera", Camera)
+        expect_motion(camera_from_world, "camera_from_world")
+        expect(light, "light", Light)
+        expect(aperture, "aperture", Aperture, optional=True)
         points, lens = sample_points(samples, blur_px), ThinLens(camera, aperture)
         towards = [np.stack([lamp.direction(*at) for at in points.lamp]) for lamp in light.lamps]
         pairs = pairing(len(points))
