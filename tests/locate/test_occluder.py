@@ -44,6 +44,12 @@ def samples_left(part: Part, photo: Photo, pose: Rigid) -> tuple[Array, Array, i
     return sight.project(pose).q, left.project(pose).q, borders
 
 
+def share_of(q: Array, hidden: Mask) -> float:
+    """Return the share of places (n, 2) px that lie in a part of the picture."""
+    x, y = np.rint(q).astype(int).T
+    return float(hidden[y, x].mean())
+
+
 @pytest.mark.parametrize("camera", [CAMERA, BENT], ids=["pinhole", "lens"])
 @pytest.mark.parametrize(("along", "level"), [(0.3, 25.0), (2.0, 25.0), (4.4, -10.0)])
 def test_a_part_half_behind_something_is_found(
@@ -57,23 +63,41 @@ def test_a_part_half_behind_something_is_found(
 
 def test_exactly_what_is_behind_it_is_left_out(part: Part, pose: Rigid, rng: np.random.Generator) -> None:
     hidden = behind(CAMERA, 2.0, 25.0)
-    all_of_them, left, borders = samples_left(part, photo_behind(part, pose, hidden, rng), pose)
-
-    def within(q: Array) -> float:
-        x, y = np.rint(q).astype(int).T
-        return float(hidden[y, x].mean())
-
+    everything, left, borders = samples_left(part, photo_behind(part, pose, hidden, rng), pose)
     assert borders == 1
-    assert within(all_of_them) > 0.3
-    assert within(left) < 0.03  # those within 1.5 px of the border stay
+    assert share_of(everything, hidden) > 0.3
+    assert share_of(left, hidden) < 0.03  # those within 1.5 px of the border stay
+
+
+def test_a_border_is_straight_in_space_not_in_the_picture_of_a_lens(part: Part, rng: np.random.Generator) -> None:
+    wide = Camera.from_focal((640, 480), 330.0, lens=BrownConrady(-0.25, 0.05))
+    pose = view(part, (0.7, -0.9, 0.8), away=1.9, aim=0.35)
+    for along, level in ((3.44, 110.0), (5.14, -90.0), (4.24, 40.0)):
+        hidden = behind(wide, along, level)
+        everything, left, borders = samples_left(part, photo_behind(part, pose, hidden, rng, wide), pose)
+        assert borders == 1, (along, level)
+        assert share_of(everything, hidden) > 0.2
+        assert share_of(left, hidden) < 0.03  # those within 1.5 px of the border stay
+
+
+def test_a_border_that_is_not_seen_before_the_part_is_none(part: Part, pose: Rigid, rng: np.random.Generator) -> None:
+    """Half of the part fades into its ground, and beside it two strokes lie on one line."""
+    clean = shot(part, pose)
+    ground = float(np.median(clean[:20, :20]))
+    fade = gaussian_filter(behind(CAMERA, 2.0, 25.0).astype(float), 12.0)
+    q = CAMERA.project(pose @ part.scene.mesh.vertices)
+    x = np.arange(640)
+    beside = (x < q[:, 0].min() - 4) | (x > q[:, 0].max() + 4)
+    strokes = gaussian_filter((beside & behind(CAMERA, 2.0, 25.0)).astype(float), 0.7)
+    picture = (1 - strokes) * ((1 - fade) * clean + fade * ground) + strokes * PAPER
+    assert samples_left(part, Photo.of(noisy(picture, 0.01, rng), CAMERA), pose)[2] == 0
 
 
 def test_an_arm_across_the_part_has_two_borders(part: Part, pose: Rigid, rng: np.random.Generator) -> None:
     hidden = behind(CAMERA, 2.0, -30.0, 70.0)
     _, left, borders = samples_left(part, photo_behind(part, pose, hidden, rng), pose)
-    x, y = np.rint(left).astype(int).T
     assert borders == 2
-    assert hidden[y, x].mean() < 0.06
+    assert share_of(left, hidden) < 0.06
 
 
 def test_where_the_part_ends_before_its_model_nothing_is_left_out(rng: np.random.Generator) -> None:
