@@ -128,7 +128,8 @@ def _rows(R: Array) -> Array:
 
 
 _MATRIX = ("r11", "r12", "r13", "tx", "r21", "r22", "r23", "ty", "r31", "r32", "r33", "tz")
-_W_FIRST = (so3.from_quaternion, so3.quaternion)
+_FIXED_XYZ = (_turned("zyx", (2, 1, 0)), _angles("ZYX", (2, 1, 0)))  # these are pairs: from the numbers, and back
+_W_FIRST, _W_LAST = (so3.from_quaternion, so3.quaternion), (_w_last, _to_w_last)
 _VECTOR = (so3.exp, so3.log)
 _QUATERNION = ("x", "y", "z", "qx", "qy", "qz", "qw")
 
@@ -144,15 +145,13 @@ CONVENTIONS: dict[str, Convention] = {
         ("x", "y", "z", "w", "p", "r"),
         "mm",
         "W, P, R about the fixed X, Y, Z, deg: R = Rz(R) Ry(P) Rx(W)",
-        _turned("zyx", (2, 1, 0)),
-        _angles("ZYX", (2, 1, 0)),
+        *_FIXED_XYZ,
     ),
     "yaskawa": Convention(
         ("x", "y", "z", "rx", "ry", "rz"),
         "mm",
         "Rx, Ry, Rz about the fixed X, Y, Z, deg: R = Rz Ry Rx",
-        _turned("zyx", (2, 1, 0)),
-        _angles("ZYX", (2, 1, 0)),
+        *_FIXED_XYZ,
     ),
     "staubli": Convention(
         ("x", "y", "z", "rx", "ry", "rz"),
@@ -172,21 +171,17 @@ CONVENTIONS: dict[str, Convention] = {
         ("x", "y", "z", "q1", "q2", "q3", "q4"),
         "mm",
         "quaternion q1 (w) q2 q3 q4 (x y z)",
-        so3.from_quaternion,
-        so3.quaternion,
+        *_W_FIRST,
     ),
     "ur": Convention(("x", "y", "z", "rx", "ry", "rz"), "m", "rotation vector, rad; position in m", *_VECTOR),
-    "rotation-vector": Convention(
-        ("x", "y", "z", "rx", "ry", "rz"), "", "rotation vector, rad; unit stated", so3.exp, so3.log
-    ),
+    "rotation-vector": Convention(("x", "y", "z", "rx", "ry", "rz"), "", "rotation vector, rad; unit stated", *_VECTOR),
     "quaternion-wxyz": Convention(
         ("x", "y", "z", "qw", "qx", "qy", "qz"),
         "",
         "quaternion, w first; unit stated",
-        so3.from_quaternion,
-        so3.quaternion,
+        *_W_FIRST,
     ),
-    "quaternion-xyzw": Convention(_QUATERNION, "", "quaternion, w last; unit stated", _w_last, _to_w_last),
-    "ros": Convention(_QUATERNION, "m", "geometry_msgs/Pose: quaternion, w last; position in m", _w_last, _to_w_last),
+    "quaternion-xyzw": Convention(_QUATERNION, "", "quaternion, w last; unit stated", *_W_LAST),
+    "ros": Convention(_QUATERNION, "m", "geometry_msgs/Pose: quaternion, w last; position in m", *_W_LAST),
     "matrix": Convention(_MATRIX, "", "rows of the 3x4 or 4x4 matrix; unit stated", so3.written, _rows),
 }
