@@ -14,12 +14,10 @@ static void add_shifted(const cc_field *f, int sector, int32_t x, int32_t y, int
     const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
     const int32_t from_y = imax(0, -y), to_y = imin(high, f->height - y);
     if (x >= 0 && x + stride <= f->width) { /* the common case, a window inside: beyond `wide` nothing is looked at */
-        for (int32_t j = from_y; j < to_y; j++) {
-            const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + x;
-            uint16_t *restrict out = sums + (size_t)j * (size_t)stride;
-            for (int32_t k = 0; k < stride; k += LANES, out += LANES, row += LANES)
-                for (int32_t i = 0; i < LANES; i++) out[i] = (uint16_t)(out[i] + row[i]);
-        }
+        const uint8_t *row = plane + (ptrdiff_t)(y + from_y) * f->width + x;
+        uint16_t *out = sums + (size_t)from_y * (size_t)stride;
+        for (int32_t j = from_y; j < to_y; j++, row += f->width, out += stride)
+            for (int32_t k = 0; k < stride; k += LANES) *(h16 *)(out + k) += sixteen(row + k);
         return;
     }
     const int32_t from_x = imax(0, -x), to_x = imin(wide, f->width - x);

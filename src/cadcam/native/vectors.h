@@ -15,6 +15,7 @@ typedef float f8 __attribute__((vector_size(32), may_alias, aligned(4)));
 typedef int32_t i8 __attribute__((vector_size(32), may_alias, aligned(4)));
 typedef float f4 __attribute__((vector_size(16), may_alias, aligned(4)));
 typedef int32_t i4 __attribute__((vector_size(16), may_alias, aligned(4)));
+typedef uint16_t h16 __attribute__((vector_size(32), may_alias, aligned(2)));
 
 #define INLINE static inline __attribute__((always_inline))
 
@@ -28,6 +29,8 @@ INLINE f8 most_of(f8 a, f8 b) { return (f8)_mm256_max_ps((__m256)a, (__m256)b); 
 INLINE f8 root(f8 v) { return (f8)_mm256_sqrt_ps((__m256)v); }
 INLINE unsigned signs(i8 v) { return (unsigned)_mm256_movemask_ps((__m256)v); }
 INLINE f8 floats(d4 a, d4 b) { return (f8)_mm256_set_m128(_mm256_cvtpd_ps((__m256d)b), _mm256_cvtpd_ps((__m256d)a)); }
+
+INLINE h16 sixteen(const uint8_t *p) { return (h16)_mm256_cvtepu8_epi16(_mm_loadu_si128((const __m128i *)(const void *)p)); }
 
 /* Eight records of four floats, number by number. */
 INLINE void transposed(const float *const r[8], f8 out[4]) {
@@ -92,6 +95,11 @@ INLINE unsigned signs(i8 v) {
 INLINE f8 floats(d4 a, d4 b) {
     f8 v;
     for (int i = 0; i < 4; i++) v[i] = (float)a[i], v[i + 4] = (float)b[i];
+    return v;
+}
+INLINE h16 sixteen(const uint8_t *p) {
+    h16 v;
+    for (int i = 0; i < 16; i++) v[i] = p[i];
     return v;
 }
 INLINE void pairs(const float *p, i8 at, f8 *one, f8 *next) {
