@@ -94,6 +94,8 @@ def expect(value: object, what: str, *kinds: type, optional: bool = False) -> No
 
 def expect_number(value: object, what: str) -> None:
     """Raise `BadValue` naming `what` unless value is one real number: Python's or numpy's; NaN and inf pass."""
+    if isinstance(value, (float, int)):  # at once: to ask for a protocol takes fifty times as long
+        return
     if isinstance(value, str) or not isinstance(value, SupportsFloat) or getattr(value, "shape", ()) != ():
         raise BadValue(what, said(value), "a number")
 

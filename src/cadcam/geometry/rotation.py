@@ -35,8 +35,11 @@ def cross(v: Array, w: Array) -> Array:
 def exp(w: Floats) -> Array:
     """Return the rotation by |w| rad about w (Rodrigues); w (..., 3) -> (..., 3, 3)."""
     w = np.asarray(w, dtype=np.float64)
-    theta = np.linalg.norm(w, axis=-1)[..., None, None]
     W = hat(w)
+    if w.ndim == 1:
+        sine, versine, _ = _of_one(w)
+        return np.eye(3) + sine * W + versine * (W @ W)
+    theta = np.linalg.norm(w, axis=-1)[..., None, None]
     return np.eye(3) + _sin_over(theta) * W + _versine_over(theta) * (W @ W)
 
 

@@ -11,7 +11,7 @@ from cadcam.arrays import Array, Floats, frozen
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import axes_across
 from cadcam.geometry.rigid import Rigid
-from cadcam.geometry.rotation import exp, hat
+from cadcam.geometry.rotation import cross, exp, hat
 
 Frame = Literal["world", "part"]
 
@@ -127,11 +127,11 @@ def carried(pose: Rigid, B: Array, x: Array, point: Array) -> Rigid:
     px than either. The screw is used only where B does not span the translation and the rotation each by itself.
     """
     xi = B @ x
-    w, slide = xi[3:], xi[:3] + np.cross(xi[3:], point)
+    w, slide = xi[3:], xi[:3] + cross(xi[3:], point)
     if B.shape[1] < 6 and not (w.any() and slide.any() and _holds(B, slide, point)):
         return pose @ Rigid.exp(xi)
-    turn = Rigid(exp(w), point - exp(w) @ point)
-    return pose @ Rigid(translation=slide) @ turn
+    turn = exp(w)
+    return pose @ Rigid(turn, slide + point - turn @ point)
 
 
 def _holds(B: Array, slide: Array, point: Array) -> bool:

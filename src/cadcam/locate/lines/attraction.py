@@ -16,6 +16,7 @@ import numpy as np
 from cadcam.arrays import Array, quantile
 from cadcam.fit.optimal_design import design
 from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rotation import hat
 from cadcam.locate.freedom import Freedom, aligned, carried
 from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import pulled
@@ -59,7 +60,7 @@ def telling_samples(sight: Sight, pose: Rigid, most: int) -> Sight:
     away = p - middle
     radius = np.sqrt(np.einsum("ij,ij->", away, away) / n)
     row = np.nan_to_num(sight.project(pose).row)
-    turned = (row[:, 3:] + np.cross(row[:, :3], middle)) / radius
+    turned = (row[:, 3:] + row[:, :3] @ hat(middle)) / radius  # about the middle
     share = most * design(np.concatenate([row[:, :3], turned], axis=1), np.ones(n), chosen=_CHOSEN)
     before = np.cumsum(np.minimum(share, 1.0))
     return sight.select(np.diff(np.floor(before + 0.5), prepend=0.0) > 0)

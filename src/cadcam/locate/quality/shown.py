@@ -51,9 +51,8 @@ def shown(sight: Sight, q: Array, normal: Array, run: Ids, room: Array, near: Ar
     offset = np.abs(found.offset).reshape(len(_SHIFTS), len(q), -1)
     slope = np.where(offset <= room[:, None], np.abs(found.slope).reshape(offset.shape), 0.0)
     strongest = slope.max(axis=2)
-    close = (offset < np.hypot(np.tile(near, len(_SHIFTS))[:, None], sd).reshape(offset.shape)) & (
-        slope > _FAINT * strongest[:, :, None]
-    )
+    within = np.sqrt(near[:, None] ** 2 + sd.reshape(offset.shape) ** 2)
+    close = (offset < within) & (slope > _FAINT * strongest[:, :, None])
     best = np.argmax(np.where(close, slope, 0.0), axis=2).ravel() + np.arange(len(places)) * offset.shape[2]
     at, sign, sd = found.offset.ravel()[best], np.sign(found.slope.ravel()[best]), sd.ravel()[best]
     good, at, sign, sd = (a.reshape(len(_SHIFTS), -1) for a in (close.ravel()[best], at, sign, sd))

@@ -105,6 +105,8 @@ class PoseSolution:
         They lie beyond the facets, and light near them draws all of them in, or all out. Nothing scatters by that; a
         ball seems a little farther away.
         """
+        if all(sight.samples.chain.min(initial=0) >= 0 for sight in self.sights):  # no contours
+            return np.zeros_like(self.fit.covariance)
         out, body = [], []
         for sight, at, measured in zip(self.sights, self.places, self.measured, strict=True):
             use, samples = measured.usable, sight.samples
