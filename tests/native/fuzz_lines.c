@@ -79,7 +79,7 @@ static void along_lines(void) {
     cc_pull(n, most, 6, row, offset, slope, upto(1) ? stiff : NULL, x, 1.0, 0.3, 1e-3, 2, x);
     const int64_t lines = n ? 1 + upto(n - 1) : 0, tries = 1 + upto(3);
     int64_t *first = malloc((size_t)lines * 8 + 1);
-    double *moved = doubles((int)tries * n, 20), *counts = malloc((size_t)tries * 8);
+    double *moved = doubles((int)tries * n, 20), *counts = malloc((size_t)tries * 4 * 8);
     double *share = malloc((size_t)(tries * lines) * 8 + 1);
     for (int64_t l = 0; l < lines; l++) first[l] = l;
     cc_met(n, most, offset, slope, lines, first, tries, moved, 2.0, 0.4, 6.0, counts, share);

@@ -27,6 +27,6 @@ def design(rows: Array, share: Array, *, chosen: float) -> Array:
         if not told > 0:
             return even
         information += _LEAST * told / k * np.eye(k)
-        best = best * ((rows @ np.linalg.inv(information)) * rows).sum(axis=1)
+        best = best * np.einsum("ij,ij->i", rows @ np.linalg.inv(information), rows)
         best /= best.sum()
     return np.asarray((1 - chosen) * even + chosen * best)

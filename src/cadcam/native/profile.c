@@ -3,6 +3,7 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "bodies.h"
 
@@ -306,24 +307,22 @@ static int strong_steps(int32_t most, const double *offset, const double *slope,
 void cc_met(int64_t n, int32_t most, const double *offset, const double *slope, int64_t lines, const int64_t *first,
             int64_t tries, const double *moved, double on, double faint, double around, double *scratch,
             double *share) {
+    double *const rising = scratch, *const falling = rising + tries, *const rises = falling + tries;
+    double *const falls = rises + tries; /* whether a sample meets a step, and how many of its line do */
     for (int64_t l = 0; l < lines; l++) {
         const int64_t from = first[l], to = l + 1 < lines ? first[l + 1] : n;
-        for (int64_t t = 0; t < tries; t++) share[t * lines + l] = scratch[t] = 0;
+        memset(rising, 0, sizeof(double) * 2 * (size_t)tries);
         for (int64_t i = from; i < to; i++) {
             double at[CC_MOST_STEPS], sign[CC_MOST_STEPS];
             const int count = strong_steps(most, offset + i * most, slope + i * most, faint, around, at, sign);
-            for (int64_t t = 0; t < tries; t++) {
-                int rising = 0, falling = 0;
-                for (int k = 0; k < count; k++) {
-                    const int met = fabs(at[k] - moved[t * n + i]) < on;
-                    rising |= met & (sign[k] > 0), falling |= met & (sign[k] < 0);
-                }
-                share[t * lines + l] += rising, scratch[t] += falling;
+            memset(rises, 0, sizeof(double) * 2 * (size_t)tries);
+            for (int k = 0; k < count; k++) {
+                double *const its = sign[k] > 0 ? rises : falls;
+                for (int64_t t = 0; t < tries; t++) its[t] = fabs(at[k] - moved[i * tries + t]) < on ? 1 : its[t];
             }
+            for (int64_t t = 0; t < 2 * tries; t++) rising[t] += rises[t];
         }
-        for (int64_t t = 0; t < tries; t++) {
-            double *const of = share + t * lines + l;
-            *of = fmax(*of, scratch[t]) / (double)(to - from);
-        }
+        for (int64_t t = 0; t < tries; t++)
+            share[t * lines + l] = (rising[t] > falling[t] ? rising[t] : falling[t]) / (double)(to - from);
     }
 }

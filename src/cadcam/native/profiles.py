@@ -251,16 +251,14 @@ def met(offset: Array, slope: Array, first: Longs, moved: Array, *, on: float, f
     offset, slope (n, m): the steps of each sample, nan for none; those weaker than `faint` times another within
     `around` px do not count. first (lines,): the first sample of each line. A step within `on` px is met.
     """
-    offset, slope, moved = arrays = doubles(offset, slope, moved)
+    tries = len(moved)
+    offset, slope, moved = doubles(offset, slope, moved.T)
     if not offset.shape[1] <= MOST_STEPS:
         raise BadValue("steps of a sample that may be met", offset.shape[1], f"at most {MOST_STEPS}")
     first = np.ascontiguousarray(first, np.int64)
-    scratch, share = np.zeros(len(moved)), np.zeros((len(moved), len(first)))
-    lines, limits = (len(first), first.ctypes.data), (on, faint, around)
-    places = addresses(offset, slope)
-    _core().cc_met(
-        *offset.shape, *places, *lines, len(moved), arrays[2].ctypes.data, *limits, *addresses(scratch, share)
-    )
+    scratch, share = np.zeros(4 * tries), np.zeros((tries, len(first)))
+    steps, lines, limits = addresses(offset, slope), (len(first), first.ctypes.data), (on, faint, around)
+    _core().cc_met(*offset.shape, *steps, *lines, tries, moved.ctypes.data, *limits, *addresses(scratch, share))
     return share
 
 
