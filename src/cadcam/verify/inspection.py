@@ -231,14 +231,10 @@ def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdge
         if pose is None:
             out.append(found)
             continue
-        worst, rim = [], []
-        for group in side_by_side(measured, rows):
-            its = [group & (measured.lines.edge == e) for e in np.unique(measured.lines.edge[group])]
-            offsets = [measured.across_px(edge, pose) for edge in its]
-            worst.append(max(offsets, key=lambda t: abs(t[0]) / t[1]))
-            rim.append(bool(np.isin(measured.lines.edge[group], larger).all()))
-        offset, sigma = np.array(worst).T
-        more = in_place_ratio(offset, sigma, survey.clutter.share, rim=np.array(rim))
+        groups = side_by_side(measured, rows)
+        rim = np.array([np.isin(measured.lines.edge[group], larger).all() for group in groups])
+        offset, sigma = np.array([measured.farthest_px(group, pose) for group in groups]).T
+        more = in_place_ratio(offset, sigma, survey.clutter.share, rim=rim)
         out.append(replace(found, log_ratio=found.log_ratio + more))
     return out
 
