@@ -16,13 +16,12 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import false_discoveries_below
 from cadcam.verify.bodies.findings import (
-    OF_DISPLACED,
     Case,
     Findings,
     elsewhere_by,
     findings_of,
     findings_redrawn,
-    sure,
+    surely_elsewhere,
 )
 from cadcam.verify.bodies.redrawn import off_px
 from cadcam.verify.bodies.states import FeatureEvidence, displaced_px
@@ -219,7 +218,7 @@ def _elsewhere(case: Case, look: Findings, number: int, moved: Displacement | No
     drawn = off_px(survey, survey.members[number], survey.by[part])
     if min(drawn, displaced_px(survey, number, moved)) <= CAPTURE_PX:
         return False
-    return elsewhere_by(case, look, part) >= sure(look.presence, OF_DISPLACED * case.alarms / (1 - OF_DISPLACED))
+    return elsewhere_by(case, look, part) >= surely_elsewhere(look.presence, case.alarms)
 
 
 def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdges) -> list[Presence]:
