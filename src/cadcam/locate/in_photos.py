@@ -40,7 +40,6 @@ _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 # quality of 0.6 to 0.85, the best of eight elsewhere 0.3, and 0.0 where the part is absent.
 _ABOVE, _SURE = 0.3, 0.6  # a pose stands out by its quality: least lead over those elsewhere, least quality
 _PROMISING = 0.25  # least quality, before the fit, of a start that might still beat what was found
-_UNCERTAIN = 0.45  # quality given to a pose that has an equal at another place
 _SAME, _BASIN = 0.02, 0.1  # radii: closer refined poses are one; closer starts lie in a refined pose's basin
 _LOOKED_AT = 5_000  # pixels of a photo that are sampled to check its exposure
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # least contrast of a photo; largest share of black or white pixels
@@ -132,7 +131,8 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
             raise outside
         return _not_found(best, len(hypotheses), equivalent)
     if not (clear(ranked[0]) or (none_clear and _alone(task.part, best, trials))):
-        return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", equivalent)
+        elsewhere = best.uncertain("lines elsewhere in the photos look nearly as much like the part")
+        return replace(elsewhere, alternatives=tuple(equivalent))
     if task.start is None or best.quality < DOUBT[1]:
         checked = rivals.checked(best, basins.sights(best.pose.world_from_part))
         if checked.pose is not best.pose:
@@ -244,12 +244,6 @@ def _not_found(best: Location, tried: int, equivalent: Sequence[Location]) -> Lo
     return replace(best, reason=reason, alternatives=tuple(equivalent))
 
 
-def _uncertain(best: Location, why: str, rivals: Sequence[Location]) -> Location:
-    """Return a pose as one that is not certain, as another place may be the right one."""
-    reason = f"not certain: {why} ({best.reason})"
-    return replace(best, quality=min(best.quality, _UNCERTAIN), reason=reason, alternatives=tuple(rivals))
-
-
 def _with_alternatives(part: Part, ranked: Sequence[_Trial], equivalent: Sequence[Location]) -> Location:
     """Return the best pose with the others that look as good; uncertain if equal ones put the part elsewhere."""
     best, here = ranked[0].location, ranked[0].location.pose.world_from_part
@@ -258,9 +252,11 @@ def _with_alternatives(part: Part, ranked: Sequence[_Trial], equivalent: Sequenc
     places = _distinct(part, best, [o for o in equal if _elsewhere(part, here, o.pose.world_from_part)])
     others = _distinct(part, best, [*equivalent, *(trial.location for trial in as_good)])
     if places:
-        return _uncertain(best, f"{len(places)} other places in the photos look as much like the part", others)
-    note = f"; {len(others)} other poses look as good" if others else ""
-    return replace(best, reason=best.reason + note, alternatives=tuple(others))
+        said = best.uncertain(f"{len(places)} other places in the photos look as much like the part")
+    else:
+        note = f"; {len(others)} other poses look as good" if others else ""
+        said = replace(best, reason=best.reason + note)
+    return replace(said, alternatives=tuple(others))
 
 
 def _stands_out(part: Part, trial: _Trial, hypotheses: Sequence[Hypothesis]) -> bool:

@@ -51,7 +51,6 @@ _SHOWN = 0.25  # quality from which a photo by itself tells where the part is, i
 _FAR_PX = 40.0  # search range where the part may be shown elsewhere in the photo
 _CLEARLY, _CLEARER = 0.5, 0.2  # quality of what is found far off: at least, and more than at the pose of all
 _LEAST_NOISE = 0.1  # of a photo's own variance: the least that is assumed between it and the pose of all
-_REFUSED = 0.45  # quality of a pose that photos contradict
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,8 +140,7 @@ class Consistency:
         said = f"{self._words(photos)}: does every camera stand where its file says?"
         if not self.contradicted:
             return replace(location, reason=f"{location.reason}; the photos disagree: {said}")
-        reason = f"not certain: the photos contradict each other: {said} ({location.reason})"
-        return replace(location, quality=min(_REFUSED, location.quality), reason=reason)
+        return location.uncertain(f"the photos contradict each other: {said}")
 
     def _less_certain(self, location: Location, part: Part, photos: Sequence[Photo]) -> Location:
         """Return the location with the cameras' variance carried into the covariance of its pose, and its reason."""

@@ -32,8 +32,7 @@ from cadcam.locate.track.texture import Followed, Texture
 _PATIENCE = 8  # frames between two searches without a start, once a part has been lost for long
 _SIGMAS, _BESIDE = 3.0, 1.0  # search range around predicted lines: sds, and px added for painted lines
 _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
-# A pose farther than this from the last one needs a quality of _CLEAR to be believed, and else gets _UNCERTAIN.
-_FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45
+_FAR_PX, _CLEAR = 16.0, 0.7  # a pose farther than this from the last one needs this quality to be believed
 _ANYWHERE = ("followed", "searched")  # ways of finding the part that do not depend on the last pose
 # Constraints credited to a pose that is known to some px from the motion, as a fit anywhere else would not have been
 # accepted; and to one by texture, as edges agree there that were not used to fit it.
@@ -166,8 +165,7 @@ class Tracker:
                 location = memory.nearest(location)
                 if how in _ANYWHERE or location.quality >= _CLEAR or not memory.left(location.pose, frame.photos):
                     return how, location
-                why = f"not certain: far from where the part was, which takes a quality of {_CLEAR} ({location.reason})"
-                location = replace(location, quality=_UNCERTAIN, reason=why)
+                location = location.uncertain(f"far from where the part was, which takes a quality of {_CLEAR}")
             tried.append(location)
         return "lost", max(reversed(tried), key=lambda one: one.quality)
 
