@@ -152,7 +152,7 @@ def _near(task: _LocateTask, start: Rigid) -> tuple[list[Hypothesis], NothingInV
     try:
         return approach(task.part, task.photos, start, reach=task.reach, freedom=task.freedom), None
     except NothingInView as error:
-        poses = [(photo.camera, photo.viewpoint.camera_from_world @ start) for photo in task.photos]
+        poses = [(photo.camera, photo.camera_from_world @ start) for photo in task.photos]
         if not any(len(task.part.lines.draw(*pose).visible.q) for pose in poses):
             raise
         return [], error

@@ -90,5 +90,10 @@ class Photo:
         """Return the camera that took it."""
         return self.viewpoint.camera
 
+    @property
+    def camera_from_world(self) -> Rigid:
+        """Return the pose of the camera that took it."""
+        return self.viewpoint.camera_from_world
+
     def __repr__(self) -> str:
         return f"Photo({self.viewpoint.name!r}, {self.camera})"

@@ -303,7 +303,7 @@ def _draw_names(paths: Sequence[str], part: Part, chosen: Selection | None, over
         picture = names_on_paper(part.lines, *standard_view(shown), chosen)
     else:
         photo, world_from_part = over
-        pose = photo.viewpoint.camera_from_world @ world_from_part
+        pose = photo.camera_from_world @ world_from_part
         picture = names_over_photo(to_rgb(photo.gray), part.lines, photo.camera, pose, chosen)
     for path in paths:
         write_picture(path, picture)

@@ -175,7 +175,7 @@ def _gains(fitted: PoseSolution) -> list[Array]:
 def _photo_shift(fitted: PoseSolution, k: int, gain: Array, options: EdgeOptions) -> PhotoShift | None:
     """Return where the k-th photo alone shows the part, or None if it does not tell. gain: its part of `_gains`."""
     sight, pose = fitted.sights[k], fitted.pose
-    turn = _turning(sight.photo.viewpoint.camera_from_world)
+    turn = _turning(sight.photo.camera_from_world)
     if not len(sight.samples):
         return None
     alone = _fitted_alone(sight, pose, turn, options)
@@ -248,13 +248,13 @@ def _turning(camera_from_world: Rigid) -> Freedom:
 
 def _across(sight: Sight, pose: Rigid, c: Array) -> Array:
     """Return two unit vectors (2, 3) of the world across the line of sight to a point of the part."""
-    seen_at = pose @ c - sight.photo.viewpoint.camera_from_world.origin
+    seen_at = pose @ c - sight.photo.camera_from_world.origin
     return np.stack(axes_across(seen_at / np.linalg.norm(seen_at)))
 
 
 def _off(sight: Sight, pose: Rigid, c: Array) -> Array:
     """Return the twists (6, 6) of the part that a camera sees if it is off by 1 mm in place, or turned by 1 mm at c."""
-    camera = sight.photo.viewpoint.camera_from_world
+    camera = sight.photo.camera_from_world
     away = float(np.linalg.norm(pose @ c - camera.origin))
     placed = np.concatenate([np.eye(3), np.zeros((3, 3))])
     return np.asarray(pose.inv.adjoint() @ np.concatenate([placed, _turning(camera).basis / away], axis=1))

@@ -99,7 +99,7 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
     """Return the field levels of all photos that see the part at its start, finest first."""
     aspects, fields, places = part.aspects, [], []
     for photo in photos:
-        pose = photo.viewpoint.camera_from_world
+        pose = photo.camera_from_world
         span = _span(aspects, photo.camera, pose @ start)
         region = None if span is None else _region(span, photo.camera, reach)
         if region is None:
@@ -117,7 +117,7 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
 
 def _outside(aspects: Aspects, photo: Photo, start: Rigid) -> str:
     """Return where a start puts a part that no photo shows, and what may be wrong with it."""
-    x, y, z = photo.viewpoint.camera_from_world @ start @ aspects.centre
+    x, y, z = photo.camera_from_world @ start @ aspects.centre
     r = aspects.radius
     place = f"its middle at ({x:.4g}, {y:.4g}, {z:.4g}) mm of camera {photo.viewpoint.name!r}"
     if math.hypot(x, y, z) < r:
@@ -170,8 +170,8 @@ def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array
     A step of the grid moves the part's border by `_SPREAD` radii, or more where that would take too many poses.
     """
     middle, radius = start @ aspects.centre, aspects.radius
-    near = min(photos, key=lambda p: float(np.linalg.norm(middle - p.viewpoint.camera_from_world.origin)))
-    distance = float(np.linalg.norm(middle - near.viewpoint.camera_from_world.origin))
+    near = min(photos, key=lambda p: float(np.linalg.norm(middle - p.camera_from_world.origin)))
+    distance = float(np.linalg.norm(middle - near.camera_from_world.origin))
     far = reach.shift_px * distance / near.camera.fx + reach.depth * distance  # mm that the middle may be off
     # What a unit of each motion moves, in mm: the middle, and by rotation the border.
     middle_by = np.linalg.norm(np.concatenate([np.eye(3), -so3.hat(aspects.centre)], axis=1) @ free, axis=0)

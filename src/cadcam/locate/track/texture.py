@@ -185,7 +185,7 @@ class Texture:
 
 
 def _views(photos: Sequence[Photo], world_from_part: Rigid) -> list[Rigid]:
-    return [photo.viewpoint.camera_from_world @ world_from_part for photo in photos]
+    return [photo.camera_from_world @ world_from_part for photo in photos]
 
 
 def _inverse(A: Array) -> Array:

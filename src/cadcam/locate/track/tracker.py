@@ -300,7 +300,7 @@ class _Memory:
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
     """Return the largest distance (px) between a corner's (N, 3) mm images at two poses, of those in the photo."""
-    place = photo.viewpoint.camera_from_world
+    place = photo.camera_from_world
     apart = np.linalg.norm(
         np.subtract(*(photo.camera.project((place @ pose) @ corners) for pose in (one, other))), axis=1
     )
@@ -309,7 +309,7 @@ def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
 
 def _spread_px(corners: Array, pose: PoseEstimate, photo: Photo) -> float:
     """Return the largest sd (px) of the images of the corners (N, 3) mm; inf where not all are in the photo."""
-    camera_from_part = photo.viewpoint.camera_from_world @ pose.world_from_part
+    camera_from_part = photo.camera_from_world @ pose.world_from_part
     _, J = photo.camera.project_with_jacobian(camera_from_part @ corners)
     J = J[np.isfinite(J).all(axis=(1, 2))] @ camera_from_part.rotation
     if len(J) < len(corners):

@@ -136,7 +136,7 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: 
 
 def _moves(photo: Photo, seen: Inspection) -> list[tuple[FeatureDeviation, Array, Array]]:
     """Return the displaced and missing features in the picture, each with its pixel (2,) and its displacement, px."""
-    camera_from_part = photo.viewpoint.camera_from_world @ seen.pose.world_from_part
+    camera_from_part = photo.camera_from_world @ seen.pose.world_from_part
     moves = []
     for f in seen.features:
         if f.state not in (State.DISPLACED, State.MISSING) or not np.isfinite(f.p).all():

@@ -62,7 +62,7 @@ class Case:
         """Return the camera's place (3,) in the part frame; None if there are several photos."""
         if len(self.photos) > 1:
             return None
-        return np.asarray((self.photos[0].viewpoint.camera_from_world @ self.world_from_part).inv.translation)
+        return np.asarray((self.photos[0].camera_from_world @ self.world_from_part).inv.translation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -41,13 +41,13 @@ class ShownFaces:
         cls,
         part: Part,
         photo: Photo,
-        camera_from_part: Rigid,
+        world_from_part: Rigid,
         *,
         without: int = -1,
         window: Window | None = None,
     ) -> ShownFaces:
-        """Return what a part shows in a photo, or in a window of it, the body `without` left out."""
-        mesh, camera = part.scene.mesh, photo.camera
+        """Return what a part at a pose shows in a photo, or in a window of it, the body `without` left out."""
+        mesh, camera, camera_from_part = part.scene.mesh, photo.camera, photo.camera_from_world @ world_from_part
         kept = mesh.part != without
         if window is not None:
             rows, columns = window
