@@ -131,8 +131,7 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
             raise outside
         return _not_found(best, len(hypotheses), equivalent)
     if not (clear(ranked[0]) or (none_clear and _alone(task.part, best, trials))):
-        elsewhere = best.uncertain("lines elsewhere in the photos look nearly as much like the part")
-        return replace(elsewhere, alternatives=tuple(equivalent))
+        return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", equivalent)
     if task.start is None or best.quality < DOUBT[1]:
         checked = rivals.checked(best, basins.sights(best.pose.world_from_part))
         if checked.pose is not best.pose:
@@ -244,6 +243,10 @@ def _not_found(best: Location, tried: int, equivalent: Sequence[Location]) -> Lo
     return replace(best, reason=reason, alternatives=tuple(equivalent))
 
 
+def _uncertain(best: Location, why: str, alternatives: Sequence[Location]) -> Location:
+    return replace(best.uncertain(why), alternatives=tuple(alternatives))
+
+
 def _with_alternatives(part: Part, ranked: Sequence[_Trial], equivalent: Sequence[Location]) -> Location:
     """Return the best pose with the others that look as good; uncertain if equal ones put the part elsewhere."""
     best, here = ranked[0].location, ranked[0].location.pose.world_from_part
@@ -252,11 +255,9 @@ def _with_alternatives(part: Part, ranked: Sequence[_Trial], equivalent: Sequenc
     places = _distinct(part, best, [o for o in equal if _elsewhere(part, here, o.pose.world_from_part)])
     others = _distinct(part, best, [*equivalent, *(trial.location for trial in as_good)])
     if places:
-        said = best.uncertain(f"{len(places)} other places in the photos look as much like the part")
-    else:
-        note = f"; {len(others)} other poses look as good" if others else ""
-        said = replace(best, reason=best.reason + note)
-    return replace(said, alternatives=tuple(others))
+        return _uncertain(best, f"{len(places)} other places in the photos look as much like the part", others)
+    note = f"; {len(others)} other poses look as good" if others else ""
+    return replace(best, reason=best.reason + note, alternatives=tuple(others))
 
 
 def _stands_out(part: Part, trial: _Trial, hypotheses: Sequence[Hypothesis]) -> bool:
