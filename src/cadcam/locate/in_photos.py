@@ -112,7 +112,7 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
     """
     if not hypotheses:
         pose = Rigid() if task.start is None else task.start
-        hypotheses = [Hypothesis(pose, 0.0, 0.0, task.options.search_px)]
+        hypotheses = [Hypothesis(pose, 0.0, task.options.search_px)]
     basins = Basins(task.freedom)
 
     def clear(trial: _Trial) -> bool:

@@ -39,8 +39,6 @@ _WITHIN_PX, _WITHIN = 4.0, 2.0  # error of lines after the climb: px of the phot
 _FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and for how many of the best
 _FLAT, _TILTED = 0.3, 0.002  # mirror poses: most thickness over breadth; least 1 - cosine of the tilt that they change
 _SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii at the part's border; most poses of those
-
-
 _CLIMBS = (  # from the coarsest field on: level, samples, blurs, poses kept
     Climb(0, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 16, near=True),
     Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 6, near=True),
@@ -87,12 +85,11 @@ def approach(
         if number == _FLIPPED and free.shape[1] == 6:
             poses = np.concatenate([poses, _flips(part.aspects, stages[0], poses[:_MOST_FLIPPED])])
         stage = stages[max(len(stages) - 1 - climb.level, 0)]
-        poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
+        poses, score = climbed(part.aspects, stage, poses, free, climb)
         kept = distinct(part.aspects, poses, score, climb.kept)
-        poses, score, agreement = poses[kept], score[kept], agreement[kept]
+        poses, score = poses[kept], score[kept]
     within = max(_WITHIN_PX, *(_WITHIN * field.reduction for field in stages[0].fields))
-    found = zip(rigids_of(poses), score.tolist(), agreement.tolist(), strict=True)
-    return [Hypothesis(*each, within) for each in found]
+    return [Hypothesis(*each, within) for each in zip(rigids_of(poses), score.tolist(), strict=True)]
 
 
 def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[FieldLevel]:
@@ -101,10 +98,9 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
     for photo in photos:
         pose = photo.camera_from_world
         span = _span(aspects, photo.camera, pose @ start)
-        region = None if span is None else _region(span, photo.camera, reach)
-        if region is None:
+        if span is None or (region := _region(span, photo.camera, reach)) is None:
             continue
-        size = float(np.max(span[1] - span[0])) if span is not None else 0.0
+        size = float(np.max(span[1] - span[0]))
         k = max(1, math.ceil(size / _FINE_PX))
         levels = min(1 + max(int(math.log2(size / k / _COARSE_PX)), 0), _LEVELS) if size else _LEVELS
         fields.append(direction_fields(photo.lines, photo.camera, reduction=k, levels=levels, region=region))

@@ -229,7 +229,7 @@ def _promising(scales: _Scales, eye: int, distance: float, looks: tuple[Longs, A
     poses = _swept(aspects, scales.swept(eye, chosen[0]), scales.places[eye], distance, looks)
     for climb in _CLIMBS:
         stage = scales.alike(eye, chosen[min(climb.level, len(chosen) - 1)], poses)
-        poses, score, _ = climbed(aspects, stage, poses, np.eye(6), climb)
+        poses, score = climbed(aspects, stage, poses, np.eye(6), climb)
         if climb is _CLIMBS[-1]:
             moved = scales.beside(poses, 2)
             beside = climbed(aspects, stage, np.concatenate(moved), np.eye(6), _BESIDE)[1]
