@@ -21,7 +21,7 @@ from cadcam.cli.arguments import (
 )
 from cadcam.cli.boards import BOARD_HELP, found_boards
 from cadcam.cli.cameras import read_any_camera
-from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.output import check_target, print_json, print_tables, say, say_written, working
 from cadcam.cli.photos import picture_files
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
@@ -116,8 +116,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.calibrate.handeye.document import hand_eye_as_json, write_hand_eye
     from cadcam.report.handeye import hand_eye_tables
 
-    if arguments.output:
-        check_target(arguments.output, (".json",))
+    check_target(arguments.output, (".json",))
     estimate = _estimate(arguments)
     if arguments.output:
         write_hand_eye(arguments.output, estimate)
@@ -125,8 +124,7 @@ def run(arguments: argparse.Namespace) -> None:
         print_json(hand_eye_as_json(estimate))
     else:
         print_tables(hand_eye_tables(estimate))
-    if arguments.output:
-        say(f"wrote {arguments.output}")
+    say_written(arguments.output)
 
 
 def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:

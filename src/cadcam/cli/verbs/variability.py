@@ -19,7 +19,7 @@ from cadcam.cli.arguments import (
     whole,
 )
 from cadcam.cli.estimating import add_estimate_options, estimate_as_asked
-from cadcam.cli.output import check_folder, print_json, print_tables, progress, say, working
+from cadcam.cli.output import check_folder, print_json, print_tables, progress, say_written, working
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -128,8 +128,7 @@ def run(arguments: argparse.Namespace) -> None:
     else:
         print_tables(_tables(arguments, studies))
     if arguments.plots:
-        for path in _written(arguments, studies):
-            say(f"wrote {path}")
+        say_written(*_written(arguments, studies))
 
 
 def _check(arguments: argparse.Namespace) -> None:

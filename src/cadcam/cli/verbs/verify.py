@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from cadcam.cli.arguments import Verbs, add_json, real, refuse, share, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
-from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.output import check_target, print_json, print_tables, say_written, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import WRITABLE
@@ -215,8 +215,7 @@ def _report(arguments: argparse.Namespace, shots: Shots, found: Verification, or
         print_json(document)
     else:
         print_tables(verification_tables(found))
-        for path in arguments.output:
-            say(f"wrote {path}")
+        say_written(*arguments.output)
 
 
 def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
@@ -263,7 +262,7 @@ def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None, as
         print(text, end="")
     for path in arguments.output:
         write_whole(path, text.encode())
-        say(f"wrote {path}")
+        say_written(path)
 
 
 def _list(arguments: argparse.Namespace) -> None:
@@ -307,4 +306,4 @@ def _draw_names(paths: Sequence[str], part: Part, chosen: Selection | None, over
         picture = names_over_photo(to_rgb(photo.gray), part.lines, photo.camera, pose, chosen)
     for path in paths:
         write_picture(path, picture)
-        say(f"wrote {path}")
+        say_written(path)
