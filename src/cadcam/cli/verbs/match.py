@@ -12,7 +12,7 @@ from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, v
 from cadcam.cli.models import check_order, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say_written, working
 from cadcam.cli.whites import add_full_scale, white_as_asked
-from cadcam.errors import BadValue, SizeMismatch
+from cadcam.errors import BadValue
 from cadcam.image.suffixes import READABLE, WRITABLE
 
 if TYPE_CHECKING:
@@ -224,15 +224,14 @@ def _photo(arguments: argparse.Namespace) -> tuple[Photo, Any, dict[str, Any]]:
     """Return the photo, the part's pose, and what the document says of camera and photo."""
     from cadcam.image.picture import to_gray
     from cadcam.locate.photo import Photo
+    from cadcam.render.overlay import fitting
     from cadcam.report.photos import photos_as_json
 
     known, start = camera_and_pose(arguments.camera, arguments.pose)
     picture, read = _picture(arguments)
     said = {"camera": view_as_json(known.camera, start), "photos": photos_as_json([read])}
-    try:
-        return Photo.of(to_gray(picture), known.calibrated), start, said
-    except SizeMismatch as error:
-        raise SizeMismatch(arguments.photo, error.size, error.expected) from None
+    gray = to_gray(fitting(picture, known.camera, name=arguments.photo))
+    return Photo.of(gray, known.calibrated), start, said
 
 
 def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: Closeness) -> None:
