@@ -83,12 +83,11 @@ def overlay_svg(
 
 
 def _edge(edge: EdgeDeviation, full: float, gone: set[str]) -> str:
-    name = f"{edge.kind} {edge.chain} of {edge.part}"
     if gone & set(edge.features):
-        return _line(edge.q, MISSING, f"{name}: missing", 2.5, dash=True)
+        return _line(edge.q, MISSING, f"{edge.name}: missing", 2.5, dash=True)
     if not np.isfinite(edge.value):
-        return _line(edge.q, UNSEEN, f"{name}: not seen", 1.2, dash=True)
-    title = f"{name}: {edge.value:+.3f} mm, U {2 * edge.sigma:.3f} mm (k 2), along {vector(edge.direction)}"
+        return _line(edge.q, UNSEEN, f"{edge.name}: not seen", 1.2, dash=True)
+    title = f"{edge.name}: {edge.value:+.3f} mm, U {2 * edge.sigma:.3f} mm (k 2), along {vector(edge.direction)}"
     width = 3.5 if edge.off else 2.5
     dark = _line(edge.q, "#000000", "", width + 1.5, opacity=0.45)
     return dark + _line(edge.q, deviation_color(edge.value, full), title, width)
