@@ -45,6 +45,12 @@ class HeldOut(Brief):
         for name in ("px", "mm", "rotation", "chance"):
             object.__setattr__(self, name, frozen(getattr(self, name), f"held-out {name}", (None,), finite=False))
 
+    @property
+    def rms(self) -> tuple[float, float, float]:
+        """Return the root mean squares over all poses: px (nan without pixels), mm and rad."""
+        px, mm, rotation = (float(np.sqrt(np.mean(np.square(each)))) for each in (self.px, self.mm, self.rotation))
+        return px, mm, rotation
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotNoise:
