@@ -21,9 +21,11 @@ def hand_eye_tables(estimate: HandEyeEstimate) -> list[Table]:
     """Return all results of a hand-eye calibration: both motions with sigmas, noise and held-out error, every pose."""
     camera, target = NAMES[estimate.mounting]
     return [
-        _motion_table(camera, _camera_pose(estimate), estimate.covariance_of_camera, "camera", quality_notes(estimate)),
-        Table(f"{camera} (last column mm)", ("",) * 4, matrix_rows(_camera_pose(estimate).matrix[:3])),
-        _motion_table(target, _target_pose(estimate), estimate.covariance_of_target, "target", ()),
+        _motion_table(
+            camera, estimate.pose_of_camera, estimate.covariance_of_camera, "camera", quality_notes(estimate)
+        ),
+        Table(f"{camera} (last column mm)", ("",) * 4, matrix_rows(estimate.pose_of_camera.matrix[:3])),
+        _motion_table(target, estimate.pose_of_target, estimate.covariance_of_target, "target", ()),
         pose_table(estimate),
     ]
 
@@ -123,11 +125,3 @@ def _shown(value: float, sigma: float) -> tuple[str, str]:
 def _noise(sigma: float, own: float) -> str:
     """Return a noise with its sigma, or its bound where it is not significant."""
     return f"{sigma:.2g} +- {own:.1g}" if sigma > own else f"not seen (below {2 * max(own, sigma):.1g})"
-
-
-def _camera_pose(estimate: HandEyeEstimate) -> Rigid:
-    return estimate.flange_from_held if estimate.mounting == "eye-in-hand" else estimate.base_from_fixed
-
-
-def _target_pose(estimate: HandEyeEstimate) -> Rigid:
-    return estimate.base_from_fixed if estimate.mounting == "eye-in-hand" else estimate.flange_from_held

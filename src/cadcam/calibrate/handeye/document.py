@@ -78,16 +78,14 @@ def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
     """Return the JSON document that `write_hand_eye` writes."""
     camera, target = NAMES[estimate.mounting]
     noise, (px, mm, rotation) = estimate.robot_noise, estimate.held_out.rms
-    in_hand = estimate.mounting == "eye-in-hand"
-    held, fixed = estimate.flange_from_held, estimate.base_from_fixed
     return {
         **head_as_json(FORMAT, VERSION),
         "mounting": estimate.mounting,
-        camera: pose_as_json(held if in_hand else fixed),
+        camera: pose_as_json(estimate.pose_of_camera),
         f"{camera}_sigma": _sigmas(estimate.covariance_of_camera),
-        target: pose_as_json(fixed if in_hand else held),
+        target: pose_as_json(estimate.pose_of_target),
         f"{target}_sigma": _sigmas(estimate.covariance_of_target),
-        "covariance_of": [camera, target] if in_hand else [target, camera],
+        "covariance_of": [camera, target] if estimate.in_hand else [target, camera],
         "covariance_mm_rad": estimate.covariance.tolist(),
         "degrees_of_freedom": or_nulls(estimate.degrees_of_freedom),
         "robot_noise": {
