@@ -13,9 +13,9 @@ from cadcam.arrays import Array
 from cadcam.image.picture import encoded
 from cadcam.image.svg import hex_color
 from cadcam.locate.photo import Photo
-from cadcam.report.verify.words import vector
 from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
+from cadcam.verify.reasons import vector_words
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement
 from cadcam.whole import write_whole
@@ -87,7 +87,7 @@ def _edge(edge: EdgeDeviation, full: float, gone: set[str]) -> str:
         return _line(edge.q, MISSING, f"{edge.name}: missing", 2.5, dash=True)
     if not np.isfinite(edge.value):
         return _line(edge.q, UNSEEN, f"{edge.name}: not seen", 1.2, dash=True)
-    title = f"{edge.name}: {edge.value:+.3f} mm, U {2 * edge.sigma:.3f} mm (k 2), along {vector(edge.direction)}"
+    title = f"{edge.name}: {edge.value:+.3f} mm, U {2 * edge.sigma:.3f} mm (k 2), along {vector_words(edge.direction)}"
     width = 3.5 if edge.off else 2.5
     dark = _line(edge.q, "#000000", "", width + 1.5, opacity=0.45)
     return dark + _line(edge.q, deviation_color(edge.value, full), title, width)
