@@ -144,11 +144,6 @@ class _Suspect:
     part: int
     moved: Displacement | None
 
-    @property
-    def measured(self) -> Array | None:
-        """Return the displacement (3,) mm from the place in the CAD; None where it was not measured."""
-        return None if self.moved is None else self.moved.basis @ self.moved.estimate.value
-
 
 def _suspects(case: Case, look: Findings) -> list[_Suspect]:
     """Return the features, whole parts, that may be elsewhere: measured off the place where they are drawn, or unclear.
@@ -161,13 +156,12 @@ def _suspects(case: Case, look: Findings) -> list[_Suspect]:
         part, moved = look.survey.whole_part(i), displaced(look.measured, i)
         if part is None or not found.expected:
             continue
-        suspect = _Suspect(i, part, moved)
         if look.survey.shows_beside(i) or (moved is None and found.log_ratio < DOUBTFUL):
-            out.append((0.0, suspect))
-        elif moved is not None and suspect.measured is not None:
-            px = off_px(look.survey, look.survey.rows(i), suspect.measured - look.survey.by[part])
+            out.append((0.0, _Suspect(i, part, moved)))
+        elif moved is not None:
+            px = off_px(look.survey, look.survey.rows(i), moved.vector - look.survey.by[part])
             if px > AGREES_PX or moved.p_value <= OF_DISPLACED * case.alarms / len(look.presence):
-                out.append((px, suspect))
+                out.append((px, _Suspect(i, part, moved)))
     return [suspect for _, suspect in sorted(out, key=lambda one: (one[0], one[1].number), reverse=True)]
 
 
@@ -176,7 +170,8 @@ def _likeliest(case: Case, look: Findings, suspect: _Suspect) -> tuple[Array | N
 
     The gain is 0 where it was measured there already; the place is None for the body as drawn, or absent.
     """
-    survey, number, part, measured = look.survey, suspect.number, suspect.part, suspect.measured
+    survey, number, part = look.survey, suspect.number, suspect.part
+    measured = None if suspect.moved is None else suspect.moved.vector
     places = _places(case, survey, number, survey.by[part], measured)
     guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
     drawable = [(p, guess) for p, guess in guesses if guess is not None]

@@ -36,6 +36,11 @@ class Displacement:
     edges: int
     known: bool = True
 
+    @property
+    def vector(self) -> Array:
+        """Return the displacement (3,) mm in the part frame, zero in directions not seen."""
+        return np.asarray(self.basis @ self.estimate.value)
+
 
 @dataclass(frozen=True)
 class MeasuredEdges:
