@@ -14,9 +14,9 @@ from functools import cached_property
 import numpy as np
 
 from cadcam.arrays import Array, Mask, Picture
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.camera.camera import Camera
-from cadcam.dataset.props import NO_EDGES
 from cadcam.geometry.rigid import Rigid
 from cadcam.render import open_renderer
 from cadcam.render.embree import Caster

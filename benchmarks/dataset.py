@@ -26,6 +26,7 @@ from compileall import compile_dir
 from pathlib import Path
 
 import cadcam
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.parts import ship_block
 from cadcam.camera.camera import Camera
 from cadcam.dataset.make import make_dataset
@@ -34,7 +35,7 @@ from cadcam.dataset.processes import cores
 from cadcam.dataset.shot import Shot, ShotSampler
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Channel, Scene
-from render_peers import NO_EDGES, peer
+from render_peers import peer
 
 CAMERA = Camera.from_focal((640, 480), 660.0)
 TRIANGLES = 100_000

@@ -10,8 +10,6 @@ path-traced ship block whose poses are exact.
 from __future__ import annotations
 
 import argparse
-import csv
-import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -38,6 +36,7 @@ from cadcam.render.overlay import (
 )
 from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Look, Scene
+from video_sets import camera_of, poses_of
 
 
 @dataclass(frozen=True)
@@ -60,17 +59,17 @@ class Photos:
 
 def cube(data: Path) -> Photos:
     folder = data / "visp_mbt_cube"
-    poses = _poses_4x4(folder / "poses_refined.csv")
+    poses = poses_of(folder / "poses_refined.csv")
     shots = [Shot(folder / f"cube/image{k:04d}.png", poses[k]) for k in range(0, 218, 6)]
-    return Photos("visp_mbt_cube", folder / "cube.obj", _camera_json(folder / "camera.json"), shots)
+    return Photos("visp_mbt_cube", folder / "cube.obj", camera_of(folder / "camera.json"), shots)
 
 
 def teabox(data: Path) -> Photos:
     folder = data / "visp_teabox"
-    poses = _poses_4x4(folder / "poses_refined_mono.csv")
+    poses = poses_of(folder / "poses_refined_mono.csv")
     files = sorted((folder / "frames_mono").glob("*.jpg"))
     shots = [Shot(f, poses[int(re.findall(r"\d+", f.stem)[-1])]) for f in files[::2]]
-    return Photos("visp_teabox", folder / "teabox.obj", _camera_json(folder / "camera_mono.json"), shots)
+    return Photos("visp_teabox", folder / "teabox.obj", camera_of(folder / "camera_mono.json"), shots)
 
 
 def triangle(data: Path) -> Photos:
@@ -88,8 +87,7 @@ def triangle(data: Path) -> Photos:
 def ship_block(data: Path) -> Photos:
     folder = data / "shipblock_clean"
     K = np.loadtxt(folder / "K.txt")
-    rows = list(csv.DictReader((folder / "gt.csv").open()))
-    shots = [Shot(folder / f"n0/images/{int(row['frame']):04d}.png", _from_row(row)) for row in rows]
+    shots = [Shot(folder / f"n0/images/{k:04d}.png", pose) for k, pose in poses_of(folder / "gt.csv").items()]
     return Photos("shipblock_clean", folder / "model.obj", Camera((768, 576), K), shots)
 
 
@@ -117,23 +115,9 @@ def measure(photos: Photos, out: Path) -> tuple[Array, int]:
     return np.concatenate(distances), len(photos.shots)
 
 
-def _from_row(row: dict[str, str]) -> Rigid:
-    R = np.array([[float(row[f"r{i}{j}"]) for j in (1, 2, 3)] for i in (1, 2, 3)])
-    return Rigid(rotation.nearest(R), np.array([1000 * float(row[f"t{axis}"]) for axis in "xyz"]))
-
-
-def _poses_4x4(path: Path) -> dict[int, Rigid]:
-    return {int(row["frame"]): _from_row(row) for row in csv.DictReader(path.open())}
-
-
 def _rigid(matrix: Array) -> Rigid:
     """Return the motion in mm of a printed 4x4 matrix in metres, its rotation made orthonormal."""
     return Rigid(rotation.nearest(matrix[:3, :3]), 1000 * matrix[:3, 3])
-
-
-def _camera_json(path: Path) -> Camera:
-    c = json.loads(path.read_text())
-    return Camera.from_focal((c["width"], c["height"]), c["fx"], fy=c["fy"], cx=c["cx"], cy=c["cy"])
 
 
 def _table(data: Path, out: Path) -> Iterator[str]:

@@ -12,13 +12,13 @@ import argparse
 import statistics
 import time
 
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.parts import ship_block
 from cadcam.camera.camera import Camera
 from cadcam.render import open_renderer
 from cadcam.render.gl.context import probe
 from cadcam.render.view import Channel, Renderer, Scene
 from render import LENSES, camera_of, pose_of
-from render_peers import NO_EDGES
 
 CHANNELS = Channel.IMAGE | Channel.DEPTH
 FRAMES = 20

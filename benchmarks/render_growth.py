@@ -17,13 +17,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import ship_block
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Channel, Scene
 from cadcam.whole import write_whole
 from render import LENSES, camera_of, median_frame, pose_of
-from render_peers import NO_EDGES, Raster
+from render_peers import Raster
 
 TRIANGLES = (10_000, 30_000, 100_000, 300_000, 1_000_000, 3_000_000, 10_000_000)
 SIZES = ("364x273", "768x576", "1280x1024", "1920x1080", "3840x2160", "8192x6144")

@@ -17,13 +17,13 @@ import subprocess
 import sys
 import time
 
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.parts import ship_block
 from cadcam.render import strips
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.strips import Grids
 from cadcam.render.view import Channel, Look, Scene
 from render import LENSES, camera_of, pose_of
-from render_peers import NO_EDGES
 
 WAYS = {"in strips": 0, "at once": 1 << 62}  # bytes of tables up to which a picture is drawn at once
 

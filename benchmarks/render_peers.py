@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array
-from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
@@ -25,7 +25,6 @@ from cadcam.render.ray import RayRenderer
 from cadcam.render.view import Channel, Renderer, Scene
 
 Frame = tuple[npt.NDArray[Any] | None, npt.NDArray[Any]]
-NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 NEAR, FAR = 100.0, 20_000.0  # mm; enough for the block
 
 

@@ -30,7 +30,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter, map_coordinates
 
 from cadcam.arrays import Array, Picture
-from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shipblock import ship_block
 from cadcam.camera.camera import Camera
@@ -109,9 +109,9 @@ def lights(rng: np.random.Generator) -> Look:
 
 def rendered(mesh: Mesh, camera_from_part: Rigid, look: Look) -> Picture:
     """Return the grey picture of a mesh, blurred as a lens would, without noise."""
-    pair, one = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
-    scene = Scene.of(mesh, edges=FeatureEdges(pair, pair, one, one, one))
-    view = open_renderer(scene).render(CAMERA, camera_from_part, channels=Channel.IMAGE, look=look)
+    view = open_renderer(Scene.of(mesh, edges=NO_EDGES)).render(
+        CAMERA, camera_from_part, channels=Channel.IMAGE, look=look
+    )
     return np.asarray(gaussian_filter(view.gray, BLUR), np.float32)
 
 

@@ -320,7 +320,7 @@ def _turned(one: Rigid, other: Rigid) -> float:
 
 
 def _lines(part: Part, photo: Photo, pose: Rigid) -> float:
-    wires = part.lines.draw(photo.camera, photo.viewpoint.camera_from_world @ pose)
+    wires = part.lines.draw(photo.camera, photo.camera_from_world @ pose)
     return float(np.median(edge_distances(photo.gray, wires)))
 
 
@@ -340,7 +340,7 @@ def _sheet(run: Run, path: Path) -> None:
 def _drawn(part: Part, photo: Photo, picture: Picture, pose: Rigid | None) -> Picture:
     if pose is None:
         return to_rgb(picture)
-    wires = part.lines.draw(photo.camera, photo.viewpoint.camera_from_world @ pose)
+    wires = part.lines.draw(photo.camera, photo.camera_from_world @ pose)
     return overlay(picture, wires, style=LineStyle(color_by="one", width=1.2))
 
 

@@ -52,7 +52,7 @@ def said(location: cadcam.Location) -> str:
 
 def draw(part: cadcam.Part, photo: cadcam.Photo, location: cadcam.Location) -> np.ndarray:
     """Return the photo with the box's lines on it."""
-    pose = photo.viewpoint.camera_from_world @ location.pose.world_from_part
+    pose = photo.camera_from_world @ location.pose.world_from_part
     return cadcam.overlay(photo.gray, part.lines.draw(photo.camera, pose))
 
 

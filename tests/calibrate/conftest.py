@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array
+from cadcam.camera.extended_pinhole import ExtendedPinhole
 from cadcam.camera.observations import Observations
 
 SIZE = (768, 576)
@@ -43,3 +44,11 @@ def points(table: Callable[[str], Array]) -> Callable[..., Observations]:
         return Observations.from_uv(rows[:, :3], rows[:, column : column + 2], source=f"Table {name.replace('_', '.')}")
 
     return observations
+
+
+@pytest.fixture(scope="session")
+def table_2_24() -> list[ExtendedPinhole]:
+    """Return Table 2.24's cameras as printed: one camera's internals, at both positions."""
+    internals = [1.007, 805.3, np.radians(-0.15), 318.7, 328.4]
+    externals = [[7.79, 416.39, -211.67, -10.895, -9.293, -2.681], [4.99, 205.20, -204.96, 8.08, -9.585, 0.495]]
+    return [ExtendedPinhole.from_vector([*e[:3], *np.radians(e[3:]), *internals]) for e in externals]

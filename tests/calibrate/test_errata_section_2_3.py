@@ -8,7 +8,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.camera.extended_pinhole import ExtendedPinhole, uv_from_pixel_matrix
+from cadcam.camera.extended_pinhole import uv_from_pixel_matrix
 from cadcam.camera.viewpoint import KnownMotion
 from cadcam.fit.dlt import dlt
 from cadcam.geometry.ray import Ray
@@ -84,20 +84,12 @@ def test_c2_below_table_2_8_has_a_positive_c02(matrix):
     assert np.linalg.norm(-np.linalg.solve(C[:, :3], C[:, 3]) - [5.5, 204.8, -210.7]) > 50
 
 
-@pytest.fixture
-def joint():
-    """Table 2.24's cameras as printed."""
-    internals = [1.007, 805.3, np.radians(-0.15), 318.7, 328.4]
-    externals = [[7.79, 416.39, -211.67, -10.895, -9.293, -2.681], [4.99, 205.20, -204.96, 8.08, -9.585, 0.495]]
-    return [ExtendedPinhole.from_vector([*e[:3], *np.radians(e[3:]), *internals]) for e in externals]
-
-
-def test_eq_2_171_t_is_where_the_camera_went_not_where_it_came_from(joint, table):
+def test_eq_2_171_t_is_where_the_camera_went_not_where_it_came_from(table_2_24, table):
     """EQ 2.169 needs F + T = F2; with the printed F1 - F2 the point comes out half a metre off."""
-    one, two = (p.camera_from_world for p in joint)
+    one, two = (p.camera_from_world for p in table_2_24)
     R, T = two.rotation.T @ one.rotation, two.origin - one.origin
     row = table("2_8")[0]
-    rays = [p.matrix for p in joint]
+    rays = [p.matrix for p in table_2_24]
     F1, V1 = line(rays[0], *row[3:5])
     V2 = R @ np.linalg.solve(rays[0][:, :3], [*row[5:7], 1.0])
 
@@ -109,9 +101,9 @@ def test_eq_2_171_t_is_where_the_camera_went_not_where_it_came_from(joint, table
     assert KnownMotion.of_centre(F1, R, T).new_from_old @ F1 == pytest.approx(two.origin, abs=1e-9)
 
 
-def test_eq_2_172_takes_the_unnormalised_matrices(joint):
+def test_eq_2_172_takes_the_unnormalised_matrices(table_2_24):
     """R = R2^T R1; from the C23 = 1 matrices it comes out scaled by the ratio of their K23."""
-    one, two = joint
+    one, two = table_2_24
     R = two.camera_from_world.rotation.T @ one.camera_from_world.rotation
     from_K = np.linalg.solve(two.unnormalised_matrix[:, :3], one.unnormalised_matrix[:, :3])
     from_C = np.linalg.solve(two.matrix[:, :3], one.matrix[:, :3])
@@ -119,9 +111,9 @@ def test_eq_2_172_takes_the_unnormalised_matrices(joint):
     assert np.cbrt(np.linalg.det(from_C)) == pytest.approx(1.78, abs=0.01)
 
 
-def test_the_joint_c1_printed_is_not_that_of_table_2_24(joint):
+def test_the_joint_c1_printed_is_not_that_of_table_2_24(table_2_24):
     """EQ 2.173 prints -6.76 ... 91.91; the parameters of Table 2.24 give -6.57 ... 105.0: another run."""
-    C = joint[0].matrix
+    C = table_2_24[0].matrix
     assert C[0, 0] == pytest.approx(-6.57, abs=0.01)
     assert C[0, 3] == pytest.approx(105.0, abs=0.5)
     assert abs(C[0, 0] + 6.76) > 0.1

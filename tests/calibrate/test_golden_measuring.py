@@ -64,24 +64,16 @@ def test_independent_calibrations_of_one_camera_give_table_2_10(golden, fixed, t
     assert_golden(golden("movable.point_independent"), measured.points[0])
 
 
-@pytest.fixture
-def printed():
-    """Table 2.24's cameras as printed: internals and both externals."""
-    internals = [1.007, 805.3, np.radians(-0.15), 318.7, 328.4]
-    externals = [[7.79, 416.39, -211.67, -10.895, -9.293, -2.681], [4.99, 205.20, -204.96, 8.08, -9.585, 0.495]]
-    return [ExtendedPinhole.from_vector([*e[:3], *np.radians(e[3:]), *internals]) for e in externals]
-
-
-def test_the_motion_of_eq_2_171_and_2_172_comes_from_the_two_positions(golden, printed):
-    one, two = (p.camera_from_world for p in printed)
+def test_the_motion_of_eq_2_171_and_2_172_comes_from_the_two_positions(golden, table_2_24):
+    one, two = (p.camera_from_world for p in table_2_24)
     assert_golden(golden("RT.R"), two.rotation.T @ one.rotation)
     assert_golden(golden("RT.T"), two.origin - one.origin)
 
 
-def test_a_camera_moved_by_eq_2_170_measures_the_point_of_table_2_12(golden, printed, table, size):
-    one, two = (p.camera_from_world for p in printed)
+def test_a_camera_moved_by_eq_2_170_measures_the_point_of_table_2_12(golden, table_2_24, table, size):
+    one, two = (p.camera_from_world for p in table_2_24)
     motion = KnownMotion.of_centre(one.origin, two.rotation.T @ one.rotation, two.origin - one.origin)
-    camera = printed[0].camera(size)
+    camera = table_2_24[0].camera(size)
     moved = one @ motion.new_from_old.inv
     views = [
         Viewpoint.exact("home", camera, one, sigma_px=0.5),
@@ -102,8 +94,8 @@ def test_the_printed_matrices_taken_literally_give_their_own_point(golden, table
     assert_golden(golden("RT.point_printed_matrices"), point)
 
 
-def test_the_joint_matrix_of_position_2_is_the_one_of_table_2_24(golden, printed):
-    assert_golden(golden("joint.C2"), printed[1].matrix)
+def test_the_joint_matrix_of_position_2_is_the_one_of_table_2_24(golden, table_2_24):
+    assert_golden(golden("joint.C2"), table_2_24[1].matrix)
 
 
 def test_a_motion_is_about_the_world_and_of_centre_about_the_camera():

@@ -50,3 +50,10 @@ def make_job(folder: Path) -> None:
     write_points(folder / "points.csv", Observations(CORNERS, q, tuple("ABCDEFGH")))
     write_camera(folder / "camera.json", CAMERA, camera_from_world=POSE)
     write_picture(folder / "photo.png", rng.uniform(0.3, 0.6, (SIZE[1], SIZE[0])))
+
+
+def replaced(path: Path, old: str, new: str) -> None:
+    """Replace the first `old` in a file, which must hold it."""
+    text = path.read_text()
+    assert old in text
+    path.write_text(text.replace(old, new, 1))

@@ -15,7 +15,7 @@ from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 
-from .job import CAMERA, POSE, Ran
+from .job import CAMERA, POSE, Ran, replaced
 
 Cadcam = Callable[..., Ran]
 OVERLAY = ("overlay", "photo.png", "block.obj", "--camera", "camera.json", "-o", "out.png")
@@ -45,12 +45,6 @@ def posed(path: Path, pose: Rigid) -> None:
 
 def cut(path: Path) -> None:
     path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
-
-
-def replaced(path: Path, old: str, new: str) -> None:
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
 
 
 def first_number(job: Path) -> str:

@@ -26,7 +26,7 @@ from cadcam.station.plate import turn
 from cadcam.station.simulate import calibrate_robot, day, write_day, write_inputs
 from cadcam.station.survey import read_drawing, write_survey
 
-from .job import Ran
+from .job import Ran, replaced
 
 Cadcam = Callable[..., Ran]
 PAGE = (Path(__file__).resolve().parents[2] / "docs" / "station.md").read_text()
@@ -207,12 +207,6 @@ def test_the_page_on_stations_runs_as_printed(cadcam: Cadcam, folder: Path) -> N
         ran = cadcam(*command[1:])
         assert ran.code == 0, ran.err
     exec(python[1], {})
-
-
-def replaced(path: Path, old: str, new: str) -> None:
-    text = path.read_text()
-    assert old in text
-    path.write_text(text.replace(old, new, 1))
 
 
 def other_camera(folder: Path) -> None:

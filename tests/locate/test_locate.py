@@ -62,7 +62,7 @@ def test_a_start_that_no_approach_helps_is_refined_nearby_before_far_off(
         asked.append(asks.options.search_px)
         return around(asks, start)
 
-    aside = Hypothesis(Rigid(translation=[150.0, 0, 0]) @ pose, 1.0, 0.5)
+    aside = Hypothesis(Rigid(translation=[150.0, 0, 0]) @ pose, 1.0, 8.0)
     monkeypatch.setattr("cadcam.locate.in_photos.approach", lambda *_, **__: [aside])
     monkeypatch.setattr(Refinement, "around", noted)
     found = locate_part(block(), [photo_of(pose, rng)], off(pose, rng, degrees=2, px=3))
@@ -83,7 +83,7 @@ def test_a_start_better_than_what_its_approach_leads_to_is_preferred(
         location, sights = around(asks, start)
         return (replace(location, quality=0.7, doubted=doubted), sights) if start is aside else (location, sights)
 
-    monkeypatch.setattr("cadcam.locate.in_photos.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 0.5)])
+    monkeypatch.setattr("cadcam.locate.in_photos.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 8.0)])
     monkeypatch.setattr(Refinement, "around", half_believed)
     for doubted in (True, False):
         found = locate_part(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
@@ -115,7 +115,7 @@ def test_a_pose_that_is_hardly_found_is_held_against_the_start(
         location, sights = around(asks, start)
         return (replace(location, quality=0.58, doubted=False), sights) if start is aside else (location, sights)
 
-    monkeypatch.setattr("cadcam.locate.in_photos.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 0.5)])
+    monkeypatch.setattr("cadcam.locate.in_photos.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 8.0)])
     monkeypatch.setattr(Refinement, "around", hardly)
     found = locate_part(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
     assert largest_miss(found.pose.world_from_part, pose) < 1
@@ -144,7 +144,7 @@ def test_a_hypothesis_that_leads_where_one_led_before_is_not_refined(
     nearer = Rigid(translation=-0.04 * (pose @ block().aspects.centre))
     starts = [off(pose, rng, degrees=0.3, px=1), nearer @ pose, off(pose, rng, degrees=0.3, px=4)]
     monkeypatch.setattr(
-        "cadcam.locate.in_photos.approach", lambda *_, **__: [Hypothesis(start, 1.0, 0.5) for start in starts]
+        "cadcam.locate.in_photos.approach", lambda *_, **__: [Hypothesis(start, 1.0, 8.0) for start in starts]
     )
     monkeypatch.setattr(Refinement, "around", noted)
     monkeypatch.setattr(Photo, "calmed", lambda photo: photo)  # looked at once

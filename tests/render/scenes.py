@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import numpy as np
-
-from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.view import Scene
-
-NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 
 
 def scene_of(mesh: Mesh) -> Scene:

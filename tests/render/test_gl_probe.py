@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Fisheye, Lens
@@ -21,8 +22,6 @@ from cadcam.render.gl.context import GlInfo, probe
 from cadcam.render.gl.pieces import PIECE_REACH_PX, REACH_PX, pieces
 from cadcam.render.gl.tiles import tiles
 from cadcam.render.view import Scene
-
-from .scenes import NO_EDGES
 
 TRIANGLE = Mesh.single(np.array([[0, 0, 100.0], [50, 0, 100], [0, 50, 100]]), np.array([[0, 1, 2]]))
 SCENE = Scene.of(TRIANGLE, edges=NO_EDGES)

@@ -25,6 +25,18 @@ def table(shared: Callable[[str], Path]) -> Callable[[str], list[dict[str, str]]
 
 
 @pytest.fixture(scope="session")
+def table_6_11(table):
+    """Return the 15 positions (n, 2) m of Table 6.11, and the deviation d[i, j] (n, n, 2) mm between each two."""
+    rows = table("table_6_11")
+    places = sorted({(float(r["xi"]), float(r["yi"])) for r in rows})
+    d = np.zeros((len(places), len(places), 2))
+    for r in rows:
+        i, j = places.index((float(r["xi"]), float(r["yi"]))), places.index((float(r["xj"]), float(r["yj"])))
+        d[i, j] = float(r["dx"]), float(r["dy"])
+    return np.array(places), d
+
+
+@pytest.fixture(scope="session")
 def hall():
     """Return a hall with two robots."""
     return make_hall(np.random.default_rng(4), robots=("6", "12"))

@@ -78,14 +78,8 @@ def test_section_6_4_3_6_the_pair_of_positions_b_and_d_differs_by_one_to_two_mil
     assert camera == pytest.approx([1, 1])
 
 
-def test_section_6_4_3_6_one_measurement_of_table_6_11_errs_by_half_a_pixel(table):
-    rows = table("table_6_11")
-    places = sorted({(float(r["xi"]), float(r["yi"])) for r in rows})
-    d = np.zeros((len(places), len(places), 2))
-    for r in rows:
-        i, j = places.index((float(r["xi"]), float(r["yi"]))), places.index((float(r["xj"]), float(r["yj"])))
-        d[i, j] = float(r["dx"]), float(r["dy"])
-    found = split(d)
+def test_section_6_4_3_6_one_measurement_of_table_6_11_errs_by_half_a_pixel(table_6_11):
+    found = split(table_6_11[1])
     assert found.pairs == 105
     assert found.vision == pytest.approx([0.59, 0.48], abs=5e-3)
     assert found.worst == pytest.approx(22.8, abs=0.1)

@@ -11,12 +11,8 @@ from cadcam.station.cross_prediction import split
 from cadcam.station.drawing import trend
 from cadcam.station.plate import Plate, place_plate
 
+from ..golden import assert_golden
 from .programs import column_scales, rectangle_shares, rectangle_weights
-
-
-def assert_golden(entry, value, rtol=1e-12):
-    expected, tolerance = np.array(entry["value"], float), np.array(entry["tol"], float)
-    assert np.all(np.abs(np.asarray(value) - expected) <= tolerance + rtol), f"{entry['id']}: {value}"
 
 
 def numbers(rows, *columns):

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.ndimage import gaussian_filter
 
 from cadcam.arrays import Array, Picture
-from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import box
 from cadcam.camera.camera import Camera
@@ -58,8 +58,7 @@ def displaced(name: str, by: Array | None, mesh: Mesh | None = None) -> Mesh:
 
 
 def photographed(mesh: Mesh, rng: np.random.Generator, pose: Rigid = POSE, camera: Camera = CAMERA) -> Picture:
-    pair, one = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
-    scene = Scene.of(mesh, edges=FeatureEdges(pair, pair, one, one, one))
+    scene = Scene.of(mesh, edges=NO_EDGES)
     look = Look(supersampling=4, background=(0.9, 0.9, 0.9), back=0.35)
     gray = open_renderer(scene).render(camera, pose, channels=Channel.IMAGE, look=look).gray
     gray = gaussian_filter(gray, 0.5) + rng.normal(0, NOISE, gray.shape)

@@ -23,9 +23,7 @@ def test_a_foot_is_a_contact_line_beside_the_body_it_stands_on(rng: np.random.Ge
     """The ribs, the block and the bracket stand on the plate; nothing else is a foot of theirs."""
     shot: Photo = photo(plate(), rng)
     lines, _ = sightlines(part(), [shot], Rigid())
-    feet = Feet.of(
-        lines, edge_surroundings([shot], [ShownFaces.of(part(), shot, shot.viewpoint.camera_from_world)], lines)
-    )
+    feet = Feet.of(lines, edge_surroundings([shot], [ShownFaces.of(part(), shot, Rigid())], lines))
     assert feet.standing.sum() > 30
     assert (lines.kind[feet.standing] == EdgeKind.CONTACT).all()
     assert set(feet.mate[feet.standing]) == {plate().part_names.index("plate")}
@@ -37,9 +35,7 @@ def test_a_foot_slides_up_the_side_of_a_body_that_sinks(rng: np.random.Generator
     """Sunk by h straight down, the line stays; carried along it would be h lower: lever h makes up the difference."""
     shot: Photo = photo(plate(), rng)
     lines, _ = sightlines(part(), [shot], Rigid())
-    feet = Feet.of(
-        lines, edge_surroundings([shot], [ShownFaces.of(part(), shot, shot.viewpoint.camera_from_world)], lines)
-    )
+    feet = Feet.of(lines, edge_surroundings([shot], [ShownFaces.of(part(), shot, Rigid())], lines))
     rows = feet.standing
     h = 1e-3
     carried = seen_at(lines.p[rows] - [0.0, 0.0, h]) - seen_at(lines.p[rows])

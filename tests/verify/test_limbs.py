@@ -79,7 +79,7 @@ def test_a_limb_seen_outside_of_its_place_tells_and_one_seen_inside_does_not() -
     """Two limbs of a roller, seen 2 px to the same side: one moved away from it, one into it."""
     lines, sights = sightlines(stand(), [Photo.of(np.zeros((360, 480), np.float32), CAMERA, POSE)], Rigid())
     beside = edge_surroundings(
-        [s.photo for s in sights], [ShownFaces.of(stand(), s.photo, POSE) for s in sights], lines
+        [s.photo for s in sights], [ShownFaces.of(stand(), s.photo, Rigid()) for s in sights], lines
     )
     limbs = (lines.kind == EdgeKind.CONTOUR) & (lines.part == stand().scene.mesh.part_names.index("roller"))
     down = lines.normal[:, 1]  # of the picture

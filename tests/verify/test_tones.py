@@ -34,7 +34,7 @@ SMALL = [name for name in plate().part_names if name != "plate"]
 
 
 def shown_in(shot: Photo) -> ShownFaces:
-    return ShownFaces.of(part(), shot, shot.viewpoint.camera_from_world)
+    return ShownFaces.of(part(), shot, Rigid())
 
 
 def tones_of(shot: Photo) -> Tones:
@@ -55,7 +55,7 @@ def test_a_round_body_has_its_tones_though_each_of_its_strips_is_narrow(rng: np.
     whole = Part.of(merge([plate(), pin]))
     for mesh, there in ((whole.scene.mesh, 1.0), (plate(), -1.0)):
         shot = photo(mesh, rng)
-        tones = Tones(whole, [shot], Rigid(), [ShownFaces.of(whole, shot, shot.viewpoint.camera_from_world)])
+        tones = Tones(whole, [shot], Rigid(), [ShownFaces.of(whole, shot, Rigid())])
         assert there * tones.log_ratio(5) > 6.5
         state = inspect(whole, [shot], Rigid()).feature("pin").state
         assert state is (State.IN_PLACE if there > 0 else State.MISSING)
@@ -185,7 +185,7 @@ def test_a_narrow_surface_of_another_tone_leaves_its_body_where_it_stands(
     fin = box((-100, -95, 12), (-70, -90, 42), name="fin", color=(0.55, 0.55, 0.6))
     whole = Part.of(merge([plate(), fin]))
     plain = photo(whole.scene.mesh, rng)
-    shown = ShownFaces.of(whole, plain, POSE)
+    shown = ShownFaces.of(whole, plain, Rigid())
     top = shown.shows(5) & (shown.normal[:, 2] > 0.9)[shown.face]
     assert 40 < top.sum() < 80
     shot = Photo.of(np.clip(plain.gray + more * top, 0, 1).astype(np.float32), CAMERA, POSE)

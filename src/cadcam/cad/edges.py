@@ -19,7 +19,7 @@ from cadcam.cad.topology import EdgeTable, corner_points, edge_table
 from cadcam.errors import BadValue
 from cadcam.kinds import expect, expect_number
 
-__all__ = ["EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges"]
+__all__ = ["NO_EDGES", "EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges"]
 
 # Two surfaces whose normals agree this well along their common edge are tangent.
 SMOOTH_SEAM_DEG = 1.0
@@ -74,6 +74,10 @@ class FeatureEdges(Brief):
             return []
         breaks = np.flatnonzero(np.diff(self.chain)) + 1
         return [mesh.vertices[np.append(run[:, 0], run[-1, 1])] for run in np.split(self.vertices, breaks, axis=0)]
+
+
+# For scenes whose lines are not drawn: finding edges takes time.
+NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 
 
 def feature_edges(

@@ -93,10 +93,8 @@ def found_boards(files: Sequence[str], pattern: Pattern, white: float | None) ->
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
-    if arguments.output:
-        check_target(arguments.output, (".json",))
-    if arguments.poses:
-        check_target(arguments.poses, (".csv", ".txt"))
+    check_target(arguments.output, (".json",))
+    check_target(arguments.poses, (".csv", ".txt"))
     beside = "beside --board"
     pictures_say = "neither: the pictures say their size, and all is estimated"
     refuse(arguments, "--size", "--photo", "--internals", why=beside, expected=pictures_say)
@@ -104,8 +102,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
     refuse(arguments, "--loss", why=beside, expected=by_rule)
     if arguments.method != "reprojection":
         raise BadValue("--method", arguments.method, "'reprojection' beside --board")
-    if arguments.pictures:
-        check_folder(arguments.pictures)
+    check_folder(arguments.pictures)
 
 
 def _write_found(folder: str, found: Sequence[BoardPicture], white: float | None) -> None:

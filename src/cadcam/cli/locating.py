@@ -219,7 +219,7 @@ def overlaid(
     from cadcam.render.lines.wireframe import LineOptions
     from cadcam.render.overlay import overlay
 
-    pose = photo.viewpoint.camera_from_world @ world_from_part
+    pose = photo.camera_from_world @ world_from_part
     try:
         wireframe = part.lines.draw(photo.camera, pose, options=LineOptions(hidden=arguments.hidden))
     except NothingInView:

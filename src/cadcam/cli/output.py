@@ -15,8 +15,10 @@ if TYPE_CHECKING:
     from cadcam.report.table import Table
 
 
-def check_target(path: str, suffixes: Sequence[str]) -> None:
-    """Refuse an output that could not be written later: before minutes of work, and without side effects."""
+def check_target(path: str | None, suffixes: Sequence[str]) -> None:
+    """Refuse an output, if any, that could not be written later: before minutes of work, and without side effects."""
+    if path is None:
+        return
     target = Path(path)
     if target.suffix.lower() not in suffixes:
         raise UnknownName(f"suffix of output {path!r}:", target.suffix, suffixes)
@@ -43,8 +45,10 @@ def refuse_swapped(what: str, given: str, output: str, suffixes: Sequence[str]) 
         raise BadValue(what, repr(given), f"the {what} first, then the file: {output} {given}")
 
 
-def check_folder(path: str) -> None:
-    """Refuse a folder for results that could not be one later, as `check_target` does a file."""
+def check_folder(path: str | None) -> None:
+    """Refuse a folder for results, if any, that could not be one later, as `check_target` does a file."""
+    if path is None:
+        return
     target = Path(path)
     try:
         there = next(p for p in (target, *target.absolute().parents) if p.exists())
@@ -73,6 +77,13 @@ def print_tables(tables: Iterable[Table]) -> None:
 def say(text: str) -> None:
     """Print a message to stderr, out of the way of results."""
     print(text, file=sys.stderr)
+
+
+def say_written(*paths: str | None) -> None:
+    """Say which files were written; None for those that were not asked for."""
+    for path in paths:
+        if path is not None:
+            say(f"wrote {path}")
 
 
 @contextmanager

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from cadcam.cli.output import working
 from cadcam.cli.whites import add_full_scale, white_as_asked
-from cadcam.errors import BadValue, SizeMismatch, UnknownName, UnreadableFile
+from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
@@ -19,8 +19,6 @@ if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
     from cadcam.image.picture import PictureInfo
     from cadcam.locate.photo import Photo
-
-_EDGE_PX = 0.1  # sigma of a viewpoint's pixels: not used, since edges have their own noise
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -124,8 +122,9 @@ def _named(path: str) -> tuple[str, str]:
 
 def _of_rig(paths: Sequence[str], rig: str) -> list[Viewpoint]:
     from cadcam.files.rig import read_rig
+    from cadcam.locate.photo import EDGE_PX
 
-    known = {v.name: v for v in read_rig(rig).viewpoints(sigma_px=_EDGE_PX)}
+    known = {v.name: v for v in read_rig(rig).viewpoints(sigma_px=EDGE_PX)}
     out = []
     for path in paths:
         name, _ = _named(path)
@@ -139,6 +138,7 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
     from cadcam.camera.viewpoint import Viewpoint
     from cadcam.cli.cameras import read_any_camera
     from cadcam.geometry.rigid import Rigid
+    from cadcam.locate.photo import EDGE_PX
 
     out, said = [], None
     for path, file in zip(paths, cameras, strict=True):
@@ -148,14 +148,14 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
         if len(paths) == 1:  # its pose at calibration does not matter: its own frame is the world
             said = known.camera_from_world
             if known.estimate is not None:
-                out.append(Viewpoint.placed(name, known.estimate, Rigid(), sigma_px=_EDGE_PX))
+                out.append(Viewpoint.placed(name, known.estimate, Rigid(), sigma_px=EDGE_PX))
             else:
-                out.append(Viewpoint.exact(name, known.camera, Rigid(), sigma_px=_EDGE_PX))
+                out.append(Viewpoint.exact(name, known.camera, Rigid(), sigma_px=EDGE_PX))
         elif known.estimate is not None:
-            out.append(Viewpoint.fixed(name, known.estimate, sigma_px=_EDGE_PX))
+            out.append(Viewpoint.fixed(name, known.estimate, sigma_px=EDGE_PX))
         else:
             place = Rigid() if known.camera_from_world is None else known.camera_from_world
-            out.append(Viewpoint.exact(name, known.camera, place, sigma_px=_EDGE_PX))
+            out.append(Viewpoint.exact(name, known.camera, place, sigma_px=EDGE_PX))
     return out, said
 
 
@@ -166,10 +166,7 @@ def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, Pict
 
     with working(f"reading {path}"):
         picture, info = read_camera_picture_with_info(path, full_scale=white)
-    try:
-        return Photo(fitting(picture, view.camera), view), info
-    except SizeMismatch as error:
-        raise SizeMismatch(path, error.size, error.expected) from None
+    return Photo(fitting(picture, view.camera, name=path), view), info
 
 
 def _camera_files(cameras: Sequence[str], rig: str | None) -> list[tuple[str, str]]:

@@ -73,13 +73,10 @@ def scene_of(arguments: argparse.Namespace, mesh: Mesh) -> Scene:
 
 def scene_without_edges(mesh: Mesh) -> Scene:
     """Return the scene for channels without lines: finding edges takes time."""
-    import numpy as np
-
-    from cadcam.cad.edges import FeatureEdges
+    from cadcam.cad.edges import NO_EDGES
     from cadcam.render.view import Scene
 
-    pair, one = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
-    return Scene.of(mesh, edges=FeatureEdges(pair, pair, one, one, one))
+    return Scene.of(mesh, edges=NO_EDGES)
 
 
 def wireframe_of(arguments: argparse.Namespace, scene: Scene, camera: Camera, pose: Rigid) -> Wireframe:

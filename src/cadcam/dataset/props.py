@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shape import box, circle, prism
 from cadcam.dataset.plan import BOX, Occluders, middle_and_radius
@@ -15,7 +15,6 @@ from cadcam.render.view import PALETTE, Scene
 
 _SHAPES = 24  # boxes and cylinders to choose from
 _SIDES = 48
-NO_EDGES = FeatureEdges(*(np.zeros((0, 2), np.int32),) * 2, *(np.zeros(0, np.int32),) * 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -79,12 +79,12 @@ def poses_of_views(camera: Camera, views: PaddedViews) -> TwoPoses:
     if not len(R):
         none = np.zeros((len(views), 2, 3))
         return TwoPoses(np.tile(np.eye(3), (len(views), 2, 1, 1)), none, np.full((len(views), 2), np.inf))
-    R, t, cost = _descended(camera, views.thinned(_SCREEN), owner, R, t, _ITERATIONS)
+    R, t, cost = _descended(camera, views.thinned(_SCREEN), owner, R, t)
     first, second = _two_lowest(owner, len(views), R, cost)
     lost = first < 0
     pick = np.stack([np.where(lost, 0, first), np.where(second < 0, np.where(lost, 0, first), second)], axis=1).ravel()
     every = np.repeat(np.arange(len(views)), 2)
-    R, t, cost = _descended(camera, views, every, R[pick], t[pick], _ITERATIONS)
+    R, t, cost = _descended(camera, views, every, R[pick], t[pick])
     cost = cost.reshape(-1, 2)
     cost[second < 0, 1] = np.inf
     cost[lost] = np.inf
@@ -136,14 +136,12 @@ def _flipped(p: Array, R: Array, t: Array) -> tuple[Array, Array]:
     return turned, c - turned @ centre
 
 
-def _descended(
-    camera: Camera, views: PaddedViews, owner: Longs, R: Array, t: Array, iterations: int
-) -> tuple[Array, Array, Array]:
+def _descended(camera: Camera, views: PaddedViews, owner: Longs, R: Array, t: Array) -> tuple[Array, Array, Array]:
     """Levenberg-Marquardt on each pose by itself, all unconverged ones as one batch."""
     R, t, damping = R.copy(), t.copy(), np.full(len(R), 1e-4)
     cost, A, g = _normal_equations(camera, R, t, views, owner)
     moving = np.flatnonzero(np.isfinite(cost))
-    for _ in range(iterations):
+    for _ in range(_ITERATIONS):
         if not moving.size:
             break
         d = np.sqrt(np.einsum("nii->ni", A[moving]))

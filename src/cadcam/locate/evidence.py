@@ -108,7 +108,7 @@ def rows_of(evidence: Sequence[Evidence], photos: Sequence[Photo], pose: Rigid) 
 
 
 def _projected(p: Array, photo: Photo, world_from_part: Rigid) -> tuple[Array, Array]:
-    camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+    camera_from_part = photo.camera_from_world @ world_from_part
     q, J = photo.camera.project_with_jacobian(camera_from_part @ p)
     return q, by_twist(p[:, None], J @ camera_from_part.rotation)
 

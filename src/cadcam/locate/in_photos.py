@@ -40,7 +40,6 @@ _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 # quality of 0.6 to 0.85, the best of eight elsewhere 0.3, and 0.0 where the part is absent.
 _ABOVE, _SURE = 0.3, 0.6  # a pose stands out by its quality: least lead over those elsewhere, least quality
 _PROMISING = 0.25  # least quality, before the fit, of a start that might still beat what was found
-_UNCERTAIN = 0.45  # quality given to a pose that has an equal at another place
 _SAME, _BASIN = 0.02, 0.1  # radii: closer refined poses are one; closer starts lie in a refined pose's basin
 _LOOKED_AT = 5_000  # pixels of a photo that are sampled to check its exposure
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # least contrast of a photo; largest share of black or white pixels
@@ -113,7 +112,7 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
     """
     if not hypotheses:
         pose = Rigid() if task.start is None else task.start
-        hypotheses = [Hypothesis(pose, 0.0, 0.0, task.options.search_px)]
+        hypotheses = [Hypothesis(pose, 0.0, task.options.search_px)]
     basins = Basins(task.freedom)
 
     def clear(trial: _Trial) -> bool:
@@ -152,7 +151,7 @@ def _near(task: _LocateTask, start: Rigid) -> tuple[list[Hypothesis], NothingInV
     try:
         return approach(task.part, task.photos, start, reach=task.reach, freedom=task.freedom), None
     except NothingInView as error:
-        poses = [(photo.camera, photo.viewpoint.camera_from_world @ start) for photo in task.photos]
+        poses = [(photo.camera, photo.camera_from_world @ start) for photo in task.photos]
         if not any(len(task.part.lines.draw(*pose).visible.q) for pose in poses):
             raise
         return [], error
@@ -244,10 +243,8 @@ def _not_found(best: Location, tried: int, equivalent: Sequence[Location]) -> Lo
     return replace(best, reason=reason, alternatives=tuple(equivalent))
 
 
-def _uncertain(best: Location, why: str, rivals: Sequence[Location]) -> Location:
-    """Return a pose as one that is not certain, as another place may be the right one."""
-    reason = f"not certain: {why} ({best.reason})"
-    return replace(best, quality=min(best.quality, _UNCERTAIN), reason=reason, alternatives=tuple(rivals))
+def _uncertain(best: Location, why: str, alternatives: Sequence[Location]) -> Location:
+    return replace(best.uncertain(why), alternatives=tuple(alternatives))
 
 
 def _with_alternatives(part: Part, ranked: Sequence[_Trial], equivalent: Sequence[Location]) -> Location:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.matches import EdgeMatches
 
 FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
+_UNCERTAIN = 0.45  # largest quality of a pose that is not certain for a reason beside its own lines
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +67,10 @@ class Location:
     def found(self) -> bool:
         """Return whether the part is where the pose says."""
         return self.quality >= FOUND
+
+    def uncertain(self, why: str) -> Location:
+        """Return the location as not found, because its pose is not certain; why: in words, beside its own reason."""
+        return replace(self, quality=min(self.quality, _UNCERTAIN), reason=f"not certain: {why} ({self.reason})")
 
     @property
     def left_out(self) -> frozenset[int]:

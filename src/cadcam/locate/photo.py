@@ -18,7 +18,7 @@ from cadcam.image.picture import checked, to_gray
 from cadcam.image.profile import calming, noise_of
 from cadcam.kinds import expect
 
-_EDGE_PX = 0.1  # sigma of a viewpoint made here; not used for edges, whose noise is measured
+EDGE_PX = 0.1  # sigma of a photo's viewpoint; not used for edges, whose noise is measured
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -67,8 +67,8 @@ class Photo:
         expect_motion(camera_from_world, "camera_from_world", optional=True)
         pose = Rigid() if camera_from_world is None else camera_from_world
         if isinstance(camera, CameraEstimate):
-            return cls(checked(picture), Viewpoint.placed(name, camera, pose, sigma_px=_EDGE_PX))
-        return cls(checked(picture), Viewpoint.exact(name, camera, pose, sigma_px=_EDGE_PX))
+            return cls(checked(picture), Viewpoint.placed(name, camera, pose, sigma_px=EDGE_PX))
+        return cls(checked(picture), Viewpoint.exact(name, camera, pose, sigma_px=EDGE_PX))
 
     def calmed(self) -> Photo:
         """Return the photo with a smoothed picture in which noise hides fewer lines, if it hides any; else itself."""
@@ -89,6 +89,11 @@ class Photo:
     def camera(self) -> Camera:
         """Return the camera that took it."""
         return self.viewpoint.camera
+
+    @property
+    def camera_from_world(self) -> Rigid:
+        """Return the pose of the camera that took it."""
+        return self.viewpoint.camera_from_world
 
     def __repr__(self) -> str:
         return f"Photo({self.viewpoint.name!r}, {self.camera})"

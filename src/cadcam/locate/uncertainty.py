@@ -76,8 +76,8 @@ def _weakest_turn(pose: PoseEstimate) -> str:
 def _named(axis: Array, pose: Rigid, centre: Array, photos: Sequence[Photo]) -> str:
     """Return a direction (3,) of the part in words: by a camera that looks along it, by an axis, or by its numbers."""
     for photo in photos:
-        sight = (photo.viewpoint.camera_from_world @ pose) @ centre
-        view = sight @ (photo.viewpoint.camera_from_world.rotation @ pose.rotation) / np.linalg.norm(sight)
+        sight = (photo.camera_from_world @ pose) @ centre
+        view = sight @ (photo.camera_from_world.rotation @ pose.rotation) / np.linalg.norm(sight)
         if abs(view @ axis) > _ALONG:
             whose = "" if len(photos) == 1 else f" of {photo.viewpoint.name}"
             return f"along the viewing direction{whose}"

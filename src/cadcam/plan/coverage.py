@@ -12,7 +12,7 @@ from statistics import mode
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Longs, Mask
-from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.asked import Asked
@@ -60,9 +60,7 @@ class Painting(Brief):
         """Return the part in these colours, for a renderer."""
         parts = len(self.mesh.part_names)
         colors = np.concatenate([np.ones((parts, 3)), self.colors]).astype(np.float32)
-        none = np.zeros((0, 2), np.int32)
-        edges = FeatureEdges(none, none, none[:, 0], none[:, 0], none[:, 0])  # the edges between pieces are not drawn
-        return Scene(self.mesh, edges, colors, (parts + self.level).astype(np.int32))
+        return Scene(self.mesh, NO_EDGES, colors, (parts + self.level).astype(np.int32))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

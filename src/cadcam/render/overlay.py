@@ -176,12 +176,12 @@ def edge_distances(
     return np.asarray(np.minimum.reduceat(distance, np.flatnonzero(rank % _PARTS == 0)))
 
 
-def fitting(photo: npt.ArrayLike, camera: Camera) -> Picture:
-    """Return the photo in [0, 1]; raises `SizeMismatch`, with the remedy, unless it has the camera's size."""
+def fitting(photo: npt.ArrayLike, camera: Camera, *, name: str = "the photo") -> Picture:
+    """Return the photo in [0, 1]; raises `SizeMismatch`, with its name, unless it has the camera's size."""
     picture = checked(photo)
     size = picture.shape[1::-1]
     if size != camera.size:
-        raise SizeMismatch("the photo", (int(size[0]), int(size[1])), camera.size)
+        raise SizeMismatch(name, (int(size[0]), int(size[1])), camera.size)
     return picture
 
 

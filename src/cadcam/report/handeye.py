@@ -21,33 +21,34 @@ def hand_eye_tables(estimate: HandEyeEstimate) -> list[Table]:
     """Return all results of a hand-eye calibration: both motions with sigmas, noise and held-out error, every pose."""
     camera, target = NAMES[estimate.mounting]
     return [
-        _motion_table(camera, _camera_pose(estimate), estimate.covariance_of_camera, "camera", quality_notes(estimate)),
-        Table(f"{camera} (last column mm)", ("",) * 4, matrix_rows(_camera_pose(estimate).matrix[:3])),
-        _motion_table(target, _target_pose(estimate), estimate.covariance_of_target, "target", ()),
+        _motion_table(
+            camera, estimate.pose_of_camera, estimate.covariance_of_camera, "camera", quality_notes(estimate)
+        ),
+        Table(f"{camera} (last column mm)", ("",) * 4, matrix_rows(estimate.pose_of_camera.matrix[:3])),
+        _motion_table(target, estimate.pose_of_target, estimate.covariance_of_target, "target", ()),
         pose_table(estimate),
     ]
 
 
 def quality_notes(estimate: HandEyeEstimate) -> tuple[str, ...]:
     """Return noise of robot and pixels, held-out error and doubts, one sentence each."""
-    noise, held = estimate.robot_noise, estimate.held_out
+    noise, (held_px, held_mm, held_rad) = estimate.robot_noise, estimate.held_out.rms
     pixels = (
         (
             f"pixel noise {estimate.noise_px:.3g} px a coordinate; left over with every pose free within the robot's "
-            f"noise: {_rms(estimate.residuals_px):.3g} px",
+            f"noise: {np.sqrt(np.mean(np.square(estimate.residuals_px))):.3g} px",
         )
         if estimate.noise_px is not None
         else ()
     )
-    px = "" if estimate.noise_px is None else f"{_rms(held.px):.3g} px, "
+    px = "" if estimate.noise_px is None else f"{held_px:.3g} px, "
     factor = float(estimate.coverage_factor(0.95).max())
     few = (f"for 95 % multiply the sigmas by {factor:.3g}: the robot's noise is known from few poses",)
     return (
         f"robot's noise: position {_noise(noise.translation, noise.translation_sigma)} mm, orientation "
         f"{_noise(float(np.degrees(noise.rotation)), float(np.degrees(noise.rotation_sigma)))} deg a coordinate",
         *pixels,
-        f"held out, each pose predicted by the others: {px}{_rms(held.mm):.3g} mm, "
-        f"{np.degrees(_rms(held.rotation)):.2g} deg (rms)",
+        f"held out, each pose predicted by the others: {px}{held_mm:.3g} mm, {np.degrees(held_rad):.2g} deg (rms)",
         *(few if factor > _FEW_FREEDOM else ()),
         *estimate.doubts,
     )
@@ -124,15 +125,3 @@ def _shown(value: float, sigma: float) -> tuple[str, str]:
 def _noise(sigma: float, own: float) -> str:
     """Return a noise with its sigma, or its bound where it is not significant."""
     return f"{sigma:.2g} +- {own:.1g}" if sigma > own else f"not seen (below {2 * max(own, sigma):.1g})"
-
-
-def _camera_pose(estimate: HandEyeEstimate) -> Rigid:
-    return estimate.flange_from_held if estimate.mounting == "eye-in-hand" else estimate.base_from_fixed
-
-
-def _target_pose(estimate: HandEyeEstimate) -> Rigid:
-    return estimate.base_from_fixed if estimate.mounting == "eye-in-hand" else estimate.flange_from_held
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -34,12 +34,12 @@ def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
 
     The sigmas are those without what no photo can determine, which has a row of its own.
     """
-    camera_from_part = photo.viewpoint.camera_from_world @ pose.world_from_part
+    camera_from_part = photo.camera_from_world @ pose.world_from_part
     known = pose.determined
     sigma = np.sqrt(np.diag(known.covariance))
     rows = [("part's origin in the camera, mm", _three(camera_from_part.translation, 3))]
     rows += [("rotation vector, camera from part, deg", _three(np.degrees(so3.log(camera_from_part.rotation)), 3))]
-    if np.abs(photo.viewpoint.camera_from_world.matrix - np.eye(4)).max() > 0:
+    if np.abs(photo.camera_from_world.matrix - np.eye(4)).max() > 0:
         rows.append(("part's origin in the world, mm", _three(pose.world_from_part.translation, 3)))
     rows += [
         ("sigma along the part's x, y, z, mm", ", ".join(f"{s:.2g}" for s in sigma[:3])),
@@ -113,7 +113,7 @@ def used_samples(location: Location) -> tuple[int, float]:
 def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, Any]:
     """Return the result as JSON: the pose is under "pose", or under "best" where it is not accepted."""
     used, rms = used_samples(location)
-    camera_from_part = photos[0].viewpoint.camera_from_world @ location.pose.world_from_part
+    camera_from_part = photos[0].camera_from_world @ location.pose.world_from_part
     pose = pose_estimate_as_json(location.pose)
     return {
         "found": location.found,

@@ -16,13 +16,12 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import false_discoveries_below
 from cadcam.verify.bodies.findings import (
-    OF_DISPLACED,
     Case,
     Findings,
     elsewhere_by,
     findings_of,
     findings_redrawn,
-    sure,
+    surely_elsewhere,
 )
 from cadcam.verify.bodies.redrawn import off_px
 from cadcam.verify.bodies.states import FeatureEvidence, displaced_px
@@ -219,7 +218,7 @@ def _elsewhere(case: Case, look: Findings, number: int, moved: Displacement | No
     drawn = off_px(survey, survey.members[number], survey.by[part])
     if min(drawn, displaced_px(survey, number, moved)) <= CAPTURE_PX:
         return False
-    return elsewhere_by(case, look, part) >= sure(look.presence, OF_DISPLACED * case.alarms / (1 - OF_DISPLACED))
+    return elsewhere_by(case, look, part) >= surely_elsewhere(look.presence, case.alarms)
 
 
 def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdges) -> list[Presence]:
@@ -231,14 +230,10 @@ def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdge
         if pose is None:
             out.append(found)
             continue
-        worst, rim = [], []
-        for group in side_by_side(measured, rows):
-            its = [group & (measured.lines.edge == e) for e in np.unique(measured.lines.edge[group])]
-            offsets = [measured.across_px(edge, pose) for edge in its]
-            worst.append(max(offsets, key=lambda t: abs(t[0]) / t[1]))
-            rim.append(bool(np.isin(measured.lines.edge[group], larger).all()))
-        offset, sigma = np.array(worst).T
-        more = in_place_ratio(offset, sigma, survey.clutter.share, rim=np.array(rim))
+        groups = side_by_side(measured, rows)
+        rim = np.array([np.isin(measured.lines.edge[group], larger).all() for group in groups])
+        offset, sigma = np.array([measured.farthest_px(group, pose) for group in groups]).T
+        more = in_place_ratio(offset, sigma, survey.clutter.share, rim=rim)
         out.append(replace(found, log_ratio=found.log_ratio + more))
     return out
 

@@ -218,8 +218,7 @@ def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection)
     of = [i for i, v in enumerate(verdicts) if v is verdict]
     worst = max(of, key=lambda i: abs(pieces[i][0][1]) + (each.k * pieces[i][0][2] if verdict is Verdict.PASS else 0))
     station, edge = pieces[worst]
-    where = f"{edge.kind} {edge.chain} of {edge.part}"
-    reason = f"worst of {len(pieces)} pieces, on {where}; k {each.k:.2f} for all together"
+    reason = f"worst of {len(pieces)} pieces, on {edge.name}; k {each.k:.2f} for all together"
     found_there = Judgement(name, each, float(station[1]), float(station[2]), verdict, reason)
     return explained(found_there, shares_of(edge.variances))
 

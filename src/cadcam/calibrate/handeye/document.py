@@ -77,17 +77,15 @@ def read_hand_eye(path: str | os.PathLike[str]) -> HandEyeEstimate:
 def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
     """Return the JSON document that `write_hand_eye` writes."""
     camera, target = NAMES[estimate.mounting]
-    noise = estimate.robot_noise
-    in_hand = estimate.mounting == "eye-in-hand"
-    held, fixed = estimate.flange_from_held, estimate.base_from_fixed
+    noise, (px, mm, rotation) = estimate.robot_noise, estimate.held_out.rms
     return {
         **head_as_json(FORMAT, VERSION),
         "mounting": estimate.mounting,
-        camera: pose_as_json(held if in_hand else fixed),
+        camera: pose_as_json(estimate.pose_of_camera),
         f"{camera}_sigma": _sigmas(estimate.covariance_of_camera),
-        target: pose_as_json(fixed if in_hand else held),
+        target: pose_as_json(estimate.pose_of_target),
         f"{target}_sigma": _sigmas(estimate.covariance_of_target),
-        "covariance_of": [camera, target] if in_hand else [target, camera],
+        "covariance_of": [camera, target] if estimate.in_hand else [target, camera],
         "covariance_mm_rad": estimate.covariance.tolist(),
         "degrees_of_freedom": or_nulls(estimate.degrees_of_freedom),
         "robot_noise": {
@@ -99,9 +97,9 @@ def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
         "noise_px": estimate.noise_px,
         "camera": None if estimate.camera is None else bare_camera_as_json(estimate.camera),
         "held_out_rms": {
-            "px": None if estimate.noise_px is None else _rms(estimate.held_out.px),
-            "mm": _rms(estimate.held_out.mm),
-            "rotation_rad": _rms(estimate.held_out.rotation),
+            "px": None if estimate.noise_px is None else px,
+            "mm": mm,
+            "rotation_rad": rotation,
         },
         "scale": {"value": estimate.scale, "sigma": or_null(estimate.scale_sigma)},
         "poses": [_pose_json(estimate, i) for i in range(len(estimate.names))],
@@ -182,7 +180,3 @@ def _or(place: Place, unknown: float) -> float:
 def _sigmas(covariance: Array) -> dict[str, list[float]]:
     sigma = np.sqrt(np.diag(covariance))
     return {"translation_mm": sigma[:3].tolist(), "rotation_rad": sigma[3:].tolist()}
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

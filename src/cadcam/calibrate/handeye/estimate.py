@@ -45,6 +45,12 @@ class HeldOut(Brief):
         for name in ("px", "mm", "rotation", "chance"):
             object.__setattr__(self, name, frozen(getattr(self, name), f"held-out {name}", (None,), finite=False))
 
+    @property
+    def rms(self) -> tuple[float, float, float]:
+        """Return the root mean squares over all poses: px (nan without pixels), mm and rad."""
+        px, mm, rotation = (float(np.sqrt(np.mean(np.square(each)))) for each in (self.px, self.mm, self.rotation))
+        return px, mm, rotation
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RobotNoise:
@@ -103,6 +109,21 @@ class HandEyeEstimate:
         object.__setattr__(self, "second_pose", frozen(self.second_pose, "second poses", (None,), np.bool_))
 
     @property
+    def in_hand(self) -> bool:
+        """Return whether the camera is on the flange, and not in the cell."""
+        return self.mounting == "eye-in-hand"
+
+    @property
+    def pose_of_camera(self) -> Rigid:
+        """Return flange_from_camera, or base_from_camera."""
+        return self.flange_from_held if self.in_hand else self.base_from_fixed
+
+    @property
+    def pose_of_target(self) -> Rigid:
+        """Return base_from_target, or flange_from_target."""
+        return self.base_from_fixed if self.in_hand else self.flange_from_held
+
+    @property
     def flange_from_camera(self) -> Rigid:
         """Return the pose of the camera on the flange; eye-in-hand only."""
         self._only("eye-in-hand", "flange_from_camera", "base_from_camera")
@@ -129,12 +150,12 @@ class HandEyeEstimate:
     @property
     def covariance_of_camera(self) -> Array:
         """Return the covariance (6, 6) of xi in flange_from_camera @ exp(xi), or base_from_camera: camera axes."""
-        return self._block(camera=True)
+        return self.covariance[:6, :6] if self.in_hand else self.covariance[6:, 6:]
 
     @property
     def covariance_of_target(self) -> Array:
         """Return the covariance (6, 6) of xi in base_from_target @ exp(xi), or flange_from_target: target axes."""
-        return self._block(camera=False)
+        return self.covariance[6:, 6:] if self.in_hand else self.covariance[:6, :6]
 
     def coverage_factor(self, level: float = 0.95) -> Array:
         """Return the factors (6,) of the camera's sigmas for an interval of this level.
@@ -145,8 +166,7 @@ class HandEyeEstimate:
 
         if not 0 < level < 1:
             raise BadValue("level", level, "a share between 0 and 1, such as 0.95")
-        held = self.mounting == "eye-in-hand"
-        freedom = np.minimum(self.degrees_of_freedom[:6] if held else self.degrees_of_freedom[6:], 1e6)
+        freedom = np.minimum(self.degrees_of_freedom[:6] if self.in_hand else self.degrees_of_freedom[6:], 1e6)
         return np.asarray(stdtrit(freedom, (1 + level) / 2))
 
     @property
@@ -186,7 +206,7 @@ class HandEyeEstimate:
         Covariance of base_from_camera @ exp(xi), in camera axes. Eye-in-hand: the calibration's and the robot's noise
         together. Eye-to-hand: the camera does not move and the robot's noise does not enter.
         """
-        if self.mounting == "eye-to-hand":
+        if not self.in_hand:
             return self.base_from_fixed, self.covariance_of_camera
         Ad = self.flange_from_held.inv.adjoint()
         covariance = self.covariance_of_camera + Ad @ self._flange_covariance @ Ad.T
@@ -207,8 +227,7 @@ class HandEyeEstimate:
         of a pixel coordinate, by default that of the camera's estimate or of this calibration.
         """
         expect(camera, "camera", Camera, CameraEstimate)
-        in_hand = self.mounting == "eye-in-hand"
-        expect_motion(base_from_flange, "base_from_flange", optional=not in_hand)
+        expect_motion(base_from_flange, "base_from_flange", optional=not self.in_hand)
         flange = Rigid() if base_from_flange is None else base_from_flange
         place = self.base_from_camera_at(flange)[0]
         if isinstance(camera, CameraEstimate):
@@ -218,7 +237,7 @@ class HandEyeEstimate:
         of_camera = np.zeros((11 + len(view.camera.lens.parameters), 6))
         of_camera[:6] = -twist_by_local(view.camera_from_world.origin) @ place.adjoint()
         errors = [(ErrorSource("hand-eye calibration", self.covariance_of_camera, self), of_camera)]
-        if in_hand:
+        if self.in_hand:
             noise = ErrorSource(f"robot at {name}", self._flange_covariance, object())
             errors.append((noise, of_camera @ self.flange_from_held.inv.adjoint()))
         return replace(view, errors=(*view.errors, *errors))
@@ -228,19 +247,12 @@ class HandEyeEstimate:
         noise = self.robot_noise
         return np.diag(np.repeat([noise.translation**2, noise.rotation**2], 3))
 
-    def _block(self, *, camera: bool) -> Array:
-        held = camera == (self.mounting == "eye-in-hand")
-        return self.covariance[:6, :6] if held else self.covariance[6:, 6:]
-
     def _only(self, mounting: Mounting, name: str, other: str) -> None:
         if self.mounting != mounting:
             raise BadValue(f"{name} of an {self.mounting} calibration", "not defined", f"{other}, which it has")
 
     def __repr__(self) -> str:
-        what = "flange_from_camera" if self.mounting == "eye-in-hand" else "base_from_camera"
-        pose = self.flange_from_held if self.mounting == "eye-in-hand" else self.base_from_fixed
+        what = "flange_from_camera" if self.in_hand else "base_from_camera"
         noise, rotation = self.robot_noise.translation, np.degrees(self.robot_noise.rotation)
-        robot = f"robot's noise {noise:.2g} mm, {rotation:.2g} deg"
-        return (
-            f"HandEyeEstimate({self.mounting}, {len(self.names)} poses, {what} {pose}, {robot}{doubted(self.doubts)})"
-        )
+        robot = f"robot's noise {noise:.2g} mm, {rotation:.2g} deg{doubted(self.doubts)}"
+        return f"HandEyeEstimate({self.mounting}, {len(self.names)} poses, {what} {self.pose_of_camera}, {robot})"

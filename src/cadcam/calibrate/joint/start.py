@@ -42,11 +42,11 @@ def start(
     """
     some = np.unique(np.linspace(0, len(views) - 1, min(_SOME, len(views))).round().astype(int))
     few, flat = model.with_views(some), _flattened(model)
-    candidates = _internals(model, flat, views, size, fixed)
-    posed = [_posed(few, flat.at(some), i) for i in candidates]
+    told, guesses = _internals(model, flat, views, size, fixed)
+    posed = [_posed(few, flat.at(some), i) for i in (*told, *guesses)]
     if not any(np.isfinite(_cost(few, c)) for c in posed):
         posed = [_in_sight(few, c) for c in posed]
-    state = _staged(few, posed, _NEAR * max(size))
+    state = _staged(few, posed, _NEAR * max(size), guessed=not told)
     everywhere = _posed(model, flat, state.internals)
     whole = replace(state, R=everywhere.R, t=everywhere.t)
     whole.R[some], whole.t[some] = state.R, state.t
@@ -56,7 +56,7 @@ def start(
 def guessed(model: JointModel, camera: Camera, fixed: Mapping[str, float]) -> JointState:
     """Return the state of a guessed camera with fixed values set, and its lens if it is of the model's kind."""
     values = internals_by_name(camera) | dict(fixed)
-    state = _posed(model, _flattened(model), np.array([values[n] for n in INTERNALS]))
+    state = _posed(model, _flattened(model), _row(values))
     if type(camera.lens) is type(model.lens):
         free = {n: v for n, v in camera.lens.parameters.items() if n in model.free}
         state = replace(state, lens=np.array(list({**model.lens.parameters, **free}.values())))
@@ -127,32 +127,35 @@ def _internals(
     views: Sequence[Observations],
     size: tuple[int, int],
     fixed: Mapping[str, float],
-) -> list[Array]:
-    """Rows of internals to try, fixed ones as given."""
-    usual = {"aspect": 1.0, "skew": 0.0, "U0": (size[1] - 1) / 2, "V0": (size[0] - 1) / 2}
+) -> tuple[list[Array], list[Array]]:
+    """Return rows of internals to try, fixed ones as given: those that views tell, and those with a guessed focal."""
+    usual = {"aspect": 1.0, "skew": 0.0, "U0": (size[1] - 1) / 2, "V0": (size[0] - 1) / 2, **fixed}
     if "focal" in fixed:
-        return [np.array([{**usual, **fixed}[n] for n in INTERNALS])]
-    rows = _of_flat(model, flat.H[flat.thick < _FLAT], size, {**usual, **fixed})
-    deep = np.flatnonzero(flat.thick >= _FLAT)
+        return [_row(usual)], []
+    H, deep = flat.H[flat.thick < _FLAT], np.flatnonzero(flat.thick >= _FLAT)
+    told, focal = _of_flat(model, H, size, usual) if len(H) else ([], None)
     if deep.size:
-        rows += _of_deep([views[int(j)] for j in deep], size, fixed, model.lens, alone=not rows)
-    focals = [] if rows else [k * max(size) for k in _FOCALS]
-    return rows + [np.array([{**usual, "focal": f, **fixed}[n] for n in INTERNALS]) for f in focals]
+        told += _of_deep([views[int(j)] for j in deep], size, fixed, model.lens, alone=not len(H))
+    unsure = len(H) > 0 and focal is None
+    guesses = [_row({**usual, "focal": k * max(size)}) for k in _FOCALS] if unsure or not told else []
+    return told, guesses
 
 
-def _of_flat(model: JointModel, H: Array, size: tuple[int, int], known: Mapping[str, float]) -> list[Array]:
-    if not len(H):
-        return []
-    rows = []
+def _of_flat(
+    model: JointModel, H: Array, size: tuple[int, int], usual: Mapping[str, float]
+) -> tuple[list[Array], float | None]:
+    """Return internals from homographies (k, 3, 3), and the focal length that they tell beside usual values, if any."""
+    rows, held = [], {n: usual[n] for n in usual if n not in model.free}
     for skew in (True, False) if "skew" in model.free else (False,):
         K = seeds.internals_of_homographies(H, size, skew=skew) if len(H) >= (3 if skew else 2) else None
         if K is not None:
-            values = dict(zip(INTERNALS, internals_of(K), strict=True))
-            held = {n: known[n] for n in known if n not in model.free}
-            rows.append(np.array([{**values, **held}[n] for n in INTERNALS]))
-    focal = seeds.focal_of_homographies(H, size, known["aspect"], np.array([known["V0"], known["U0"]]))
-    guesses = [k * max(size) for k in _FOCALS] if focal is None else [focal]
-    return rows + [np.array([{**known, "focal": f}[n] for n in INTERNALS]) for f in guesses]
+            rows.append(_row({**dict(zip(INTERNALS, internals_of(K), strict=True)), **held}))
+    focal = seeds.focal_of_homographies(H, size, usual["aspect"], np.array([usual["V0"], usual["U0"]]))
+    return rows + ([] if focal is None else [_row({**usual, "focal": focal})]), focal
+
+
+def _row(values: Mapping[str, float]) -> Array:
+    return np.array([values[n] for n in INTERNALS])
 
 
 def _of_deep(
@@ -188,17 +191,18 @@ def _posed(model: JointModel, flat: _Flattened, internals: Array) -> JointState:
     return JointState(internals.copy(), lens, np.zeros(2), np.zeros((P, 3)), R, t)
 
 
-def _staged(model: JointModel, candidates: list[JointState], near: float) -> JointState:
+def _staged(model: JointModel, candidates: list[JointState], near: float, *, guessed: bool) -> JointState:
     """Return the best state of the model's views, the free parameters released one group after the other.
 
-    A candidate whose residual is below `near` (px) is accepted without trying the others.
+    A candidate whose residual is below `near` (px) is accepted without trying the others. guessed: whether nothing is
+    known of the candidates' focal lengths; then these are released first.
     """
     first, *rest = _stages(model)
     costs = [_cost(model, c) for c in candidates]
     best = int(np.argmin(costs))
     if costs[best] < near**2 * model.measured.sum():
         candidates = [candidates[best]]
-    if len(candidates) == len(_FOCALS):  # mere guesses: the focal length alone first
+    elif guessed:
         held = [_descend(model.with_free([n for n in first if n == "focal"]), c) for c in candidates]
         candidates = [s for s in held if s is not None]
     finer = [s for s in (_descend(model.with_free(first), c) for c in candidates) if s is not None]

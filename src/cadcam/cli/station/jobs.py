@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import numbers
 from cadcam.cli.cameras import read_any_camera
-from cadcam.cli.output import check_target, print_json, print_tables, progress, say
+from cadcam.cli.output import check_target, print_json, print_tables, progress, say_written
 from cadcam.cli.station.inputs import PictureSource, gray_picture, look_of, sightings, source
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 
@@ -33,8 +33,7 @@ def calibrate(arguments: argparse.Namespace) -> None:
     from cadcam.station.gantry import calibrate_gantry
     from cadcam.station.survey import read_survey
 
-    if arguments.output:
-        check_target(arguments.output, (".json",))
+    check_target(arguments.output, (".json",))
     plate = read_plate(arguments.plate)
     survey, given = read_survey(arguments.survey, plate), source(arguments)
     shots = {picture: given.shot(picture) for picture in given.pictures}
@@ -54,7 +53,7 @@ def calibrate(arguments: argparse.Namespace) -> None:
         print_tables(tables + (map_tables([p.name for p in positions], station.map()) if len(positions) > 1 else []))
     if arguments.output:
         write_station(arguments.output, station)
-        say(f"wrote {arguments.output}")
+        say_written(arguments.output)
 
 
 def map_deviations(arguments: argparse.Namespace) -> None:
@@ -62,8 +61,7 @@ def map_deviations(arguments: argparse.Namespace) -> None:
     from cadcam.report.station.tables import map_as_json, map_tables, pairs_table
     from cadcam.station.document import read_stations
 
-    if arguments.plot:
-        check_target(arguments.plot, (".svg", ".png", ".pdf"))
+    check_target(arguments.plot, (".svg", ".png", ".pdf"))
     stations = read_stations(arguments.stations)
     documents = []
     for camera, station in stations.items():
@@ -83,7 +81,7 @@ def map_deviations(arguments: argparse.Namespace) -> None:
         from cadcam.report.station.plots import deviation_figure
 
         write_figure(arguments.plot, deviation_figure(stations))
-        say(f"wrote {arguments.plot}")
+        say_written(arguments.plot)
 
 
 def recalibrate(arguments: argparse.Namespace) -> None:
@@ -93,8 +91,7 @@ def recalibrate(arguments: argparse.Namespace) -> None:
     from cadcam.station.interpolation import NEAR_MM
     from cadcam.station.measure import measure_marks
 
-    if arguments.output:
-        check_target(arguments.output, (".json",))
+    check_target(arguments.output, (".json",))
     station = read_station(arguments.station_file)
     seen, _ = sightings(arguments, {station.camera: station})
     known = numbers("--known", arguments.known, 2, form="X,Y in mm")
@@ -116,7 +113,7 @@ def recalibrate(arguments: argparse.Namespace) -> None:
         print(f"off by {off[0]:+.2f}, {off[1]:+.2f} mm (x, y): {done}")
     if arguments.output:
         write_station(arguments.output, after)
-        say(f"wrote {arguments.output}")
+        say_written(arguments.output)
 
 
 def report(arguments: argparse.Namespace) -> None:
@@ -134,7 +131,7 @@ def report(arguments: argparse.Namespace) -> None:
     write_station_page(arguments.output, StationReport(stations, log, together))
     if arguments.json:
         print_json({"output": arguments.output, "cameras": list(stations), "measurements": len(log)})
-    say(f"wrote {arguments.output}")
+    say_written(arguments.output)
 
 
 def _one_camera(given: str, shots: Mapping[str, ShotPosition]) -> str:

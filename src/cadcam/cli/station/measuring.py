@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import refuse
-from cadcam.cli.output import check_target, print_json, print_tables, say
+from cadcam.cli.output import check_target, print_json, print_tables, say, say_written
 from cadcam.cli.station.inputs import sightings
 from cadcam.errors import BadValue
 from cadcam.whole import write_whole
@@ -50,8 +50,7 @@ def measure_marks(arguments: argparse.Namespace) -> None:
 
 
 def _refuse_unused(arguments: argparse.Namespace) -> None:
-    if arguments.csv:
-        check_target(arguments.csv, (".csv",))
+    check_target(arguments.csv, (".csv",))
     if not arguments.drawing:
         refuse(
             arguments, "--distance", "--csv", why="without --drawing", expected="--drawing FILE with the marks' places"
@@ -114,7 +113,7 @@ def _write(
         _keep(arguments.store, measured)
     if arguments.csv:
         write_whole(arguments.csv, distances_csv(checks).encode())
-        say(f"wrote {arguments.csv}")
+        say_written(arguments.csv)
 
 
 def _keep(file: str, measured: _Measured) -> None:

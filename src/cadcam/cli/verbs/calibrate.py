@@ -24,7 +24,7 @@ from cadcam.cli.estimating import (
     lens_as_asked,
     size_as_asked,
 )
-from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.output import check_target, print_json, print_tables, say, say_written, working
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import READABLE
 
@@ -121,9 +121,8 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
 
     one = "one points file at a time"
     refuse(arguments, "--internals", "--method", why="for several points files", expected=one)
-    for target, suffixes in ((arguments.output, (".json",)), (arguments.poses, (".txt", ".csv"))):
-        if target:
-            check_target(target, suffixes)
+    check_target(arguments.output, (".json",))
+    check_target(arguments.poses, (".txt", ".csv"))
     views, size = [read_points_as_asked(arguments, path) for path in arguments.points], size_as_asked(arguments)
     for view in views:
         check_in_picture(view, size)
@@ -170,8 +169,7 @@ def _run_alone(arguments: argparse.Namespace, path: str) -> None:
     from cadcam.files.camera import camera_as_json, write_camera
     from cadcam.report.camera import estimate_tables, held_words
 
-    if arguments.output:
-        check_target(arguments.output, (".json",))
+    check_target(arguments.output, (".json",))
     observations = read_points_as_asked(arguments, path)
     with working(f"estimating a camera from {len(observations)} points"):
         estimate = estimate_as_asked(arguments, observations)
@@ -184,5 +182,4 @@ def _run_alone(arguments: argparse.Namespace, path: str) -> None:
         print_json(camera_as_json(estimate))
     else:
         print_tables(estimate_tables(estimate))
-    if arguments.output:
-        say(f"wrote {arguments.output}")
+    say_written(arguments.output)

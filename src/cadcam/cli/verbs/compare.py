@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import Verbs, add_json, size, verb
-from cadcam.cli.output import check_target, print_json, print_tables, say
+from cadcam.cli.output import check_target, print_json, print_tables, say_written
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -49,8 +49,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.fit.compare import compare_cameras
     from cadcam.report.difference import difference_as_json, difference_table, write_difference
 
-    if arguments.output:
-        check_target(arguments.output, (".png", ".svg"))
+    check_target(arguments.output, (".png", ".svg"))
     a = _camera(arguments, arguments.a, arguments.camera_a)
     b = _camera(arguments, arguments.b, arguments.camera_b)
     difference = compare_cameras(a, b, rotate=arguments.rotate)
@@ -60,8 +59,7 @@ def run(arguments: argparse.Namespace) -> None:
         print_json({"a": arguments.a, "b": arguments.b, **difference_as_json(difference)})
     else:
         print_tables([difference_table(difference, (arguments.a, arguments.b))])
-    if arguments.output:
-        say(f"wrote {arguments.output}")
+    say_written(arguments.output)
 
 
 def _camera(arguments: argparse.Namespace, path: str, name: str | None) -> Camera:

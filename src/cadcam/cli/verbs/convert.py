@@ -196,12 +196,11 @@ def _write(arguments: argparse.Namespace, found: Foreign) -> Written:
 
 
 def _table(found: Foreign, what: str) -> Table:
-    from cadcam.report.table import Table
+    from cadcam.report.table import Table, counted
 
     rows = tuple(_row(named) for named in found.cameras)
     columns = ("camera", "size px", "fx px", "fy px", "cx px", "cy px", "skew px", "lens", "stands at mm")
-    title = f"{what}: {len(rows)} camera{'s' * (len(rows) != 1)}"
-    return Table(title, columns, rows, left=("camera", "lens"))
+    return Table(f"{what}: {counted(len(rows), 'camera')}", columns, rows, left=("camera", "lens"))
 
 
 def _row(named: NamedCamera) -> tuple[str, ...]:

@@ -21,7 +21,7 @@ from cadcam.cli.arguments import (
 )
 from cadcam.cli.boards import BOARD_HELP, found_boards
 from cadcam.cli.cameras import read_any_camera
-from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.output import check_target, print_json, print_tables, say, say_written, working
 from cadcam.cli.photos import picture_files
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
@@ -116,8 +116,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.calibrate.handeye.document import hand_eye_as_json, write_hand_eye
     from cadcam.report.handeye import hand_eye_tables
 
-    if arguments.output:
-        check_target(arguments.output, (".json",))
+    check_target(arguments.output, (".json",))
     estimate = _estimate(arguments)
     if arguments.output:
         write_hand_eye(arguments.output, estimate)
@@ -125,14 +124,14 @@ def run(arguments: argparse.Namespace) -> None:
         print_json(hand_eye_as_json(estimate))
     else:
         print_tables(hand_eye_tables(estimate))
-    if arguments.output:
-        say(f"wrote {arguments.output}")
+    say_written(arguments.output)
 
 
 def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
-    from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye, calibrate_hand_eye_from_poses
+    from cadcam.calibrate.handeye.adjustment import calibrate_hand_eye, calibrate_hand_eye_from_poses, target_poses
     from cadcam.files.poses import read_poses
     from cadcam.files.robot_poses import read_robot_numbers
+    from cadcam.geometry.rigid import Rigid
 
     robot = read_robot_numbers(*arguments.robot)
     if arguments.camera_poses:
@@ -140,7 +139,7 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
         poses_alone = "none: poses need no camera and no pictures"
         refuse(arguments, *unused, why="beside --camera-poses", expected=poses_alone)
         labels, robot, poses = _paired(arguments, robot, read_poses(arguments.camera_poses))
-        seen = _stacked(poses)
+        seen = Rigid.stack(poses)
         flange = _base_from_flange(arguments, robot, lambda: seen)
         with working(f"estimating from {len(labels)} poses"):
             return calibrate_hand_eye_from_poses(flange, seen, mounting=arguments.mounting, names=labels)
@@ -151,7 +150,7 @@ def _estimate(arguments: argparse.Namespace) -> HandEyeEstimate:
     camera = _camera(arguments)
     found = _boards(arguments, camera) if arguments.board else _views(arguments)
     labels, robot, views = _paired(arguments, robot, found)
-    flange = _base_from_flange(arguments, robot, lambda: _target_poses(views, camera, labels))
+    flange = _base_from_flange(arguments, robot, lambda: target_poses(views, _held(camera), names=labels))
     with working(f"estimating from {len(labels)} poses and their pictures"):
         return calibrate_hand_eye(flange, views, camera, mounting=arguments.mounting, names=labels)
 
@@ -205,12 +204,6 @@ def _nearest_unit(scale: float) -> str:
 
 def _as_options(convention: str, inverted: bool, unit: str | None) -> str:
     return f"{convention}{f' --robot-unit {unit}' if unit else ''}{' --inverted' * inverted}"
-
-
-def _target_poses(views: Sequence[Observations], camera: Camera | CameraEstimate, labels: Sequence[str]) -> Rigid:
-    from cadcam.calibrate.handeye.adjustment import target_poses
-
-    return target_poses(views, _held(camera), names=labels)
 
 
 def _held(camera: Camera | CameraEstimate) -> Camera:
@@ -313,9 +306,3 @@ def _by_number(path: Path) -> tuple[int, str]:
     """Sort key: the last number in a name, then the name."""
     digits = re.findall(r"\d+", path.stem)
     return (int(digits[-1]) if digits else -1, path.stem)
-
-
-def _stacked(poses: Sequence[Rigid]) -> Rigid:
-    from cadcam.geometry.rigid import Rigid
-
-    return Rigid.stack(poses)

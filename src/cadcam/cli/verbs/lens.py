@@ -6,7 +6,7 @@ import argparse
 from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import Verbs, add_json, real, size, verb
-from cadcam.cli.output import check_target, print_json, print_tables, say
+from cadcam.cli.output import check_target, print_json, print_tables, say, say_written
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -61,8 +61,7 @@ def run(arguments: argparse.Namespace) -> None:
         else:
             print_tables([formats_table()])
         return
-    if arguments.diagram:
-        check_target(arguments.diagram, (".png", ".svg", ".pdf"))
+    check_target(arguments.diagram, (".png", ".svg", ".pdf"))
     sensor = _sensor(arguments)
     optics = solve_optics(
         sensor,
@@ -83,8 +82,7 @@ def run(arguments: argparse.Namespace) -> None:
         print_tables([lens_table(o) for o in (optics, *others)])
         if exposure_s is not None:
             say(f"smear below half a pixel at {arguments.speed:g} mm/s: up to {exposure_s:.3g} s")
-    if arguments.diagram:
-        say(f"wrote {arguments.diagram}")
+    say_written(arguments.diagram)
 
 
 def _sensor(arguments: argparse.Namespace) -> SensorFormat:

@@ -20,7 +20,7 @@ from cadcam.cli.locating import (
     views_as_asked,
 )
 from cadcam.cli.models import add_model_options, check_order, load_as_asked, model_as_json
-from cadcam.cli.output import check_target, print_json, print_tables, say
+from cadcam.cli.output import check_target, print_json, print_tables, say, say_written
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.cli.wires import LINE, LOOKS, add_line_options
 from cadcam.image.suffixes import WRITABLE
@@ -79,8 +79,7 @@ def run(arguments: argparse.Namespace) -> int:
         check_target(arguments.output, WRITABLE)
     else:
         refuse(arguments, *LOOKS, why="where no lines are drawn", expected="-o FILE beside it")
-    if arguments.pose_out:
-        check_target(arguments.pose_out, (".json",))
+    check_target(arguments.pose_out, (".json",))
     check_order(arguments.photos, arguments.model)
     shots = read_shots(arguments.photos, arguments)
     start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
@@ -182,6 +181,4 @@ def _print(arguments: argparse.Namespace, part: Part, location: Location, shots:
         if not faults:
             said.append("the picture itself is fit for use: is it this part, this camera, not mirrored, all in view?")
         say("\n".join(said))
-    for path in (arguments.output, arguments.pose_out if location.found else None):
-        if path:
-            say(f"wrote {path}")
+    say_written(arguments.output, arguments.pose_out if location.found else None)

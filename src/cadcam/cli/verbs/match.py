@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any
 from cadcam.cli.arguments import NO, Verbs, add_json, real, refuse, verb, whole
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.models import check_order, load_as_asked, model_as_json
-from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.output import check_target, print_json, print_tables, say_written, working
 from cadcam.cli.whites import add_full_scale, white_as_asked
-from cadcam.errors import BadValue, SizeMismatch
+from cadcam.errors import BadValue
 from cadcam.image.suffixes import READABLE, WRITABLE
 
 if TYPE_CHECKING:
@@ -104,8 +104,7 @@ def _add_part_options(parser: argparse.ArgumentParser) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Match, write, report."""
-    if arguments.output:
-        check_target(arguments.output, WRITABLE)
+    check_target(arguments.output, WRITABLE)
     check_order([arguments.photo], arguments.what)
     if arguments.what.lower().endswith(READABLE):
         template = "for a picture as template"
@@ -167,7 +166,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
         print_json(document | peaks_as_json(peaks))
     else:
         print_tables([peaks_table(peaks, f"Peaks of {arguments.what} in {arguments.photo}")])
-        _say_written(arguments)
+        say_written(arguments.output)
     return 0 if len(peaks) else NO
 
 
@@ -225,15 +224,14 @@ def _photo(arguments: argparse.Namespace) -> tuple[Photo, Any, dict[str, Any]]:
     """Return the photo, the part's pose, and what the document says of camera and photo."""
     from cadcam.image.picture import to_gray
     from cadcam.locate.photo import Photo
+    from cadcam.render.overlay import fitting
     from cadcam.report.photos import photos_as_json
 
     known, start = camera_and_pose(arguments.camera, arguments.pose)
     picture, read = _picture(arguments)
     said = {"camera": view_as_json(known.camera, start), "photos": photos_as_json([read])}
-    try:
-        return Photo.of(to_gray(picture), known.calibrated), start, said
-    except SizeMismatch as error:
-        raise SizeMismatch(arguments.photo, error.size, error.expected) from None
+    gray = to_gray(fitting(picture, known.camera, name=arguments.photo))
+    return Photo.of(gray, known.calibrated), start, said
 
 
 def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: Closeness) -> None:
@@ -252,7 +250,7 @@ def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: 
         print(f"no more edges of the photo lie on the visible lines {where} than by chance")
     if matches.found and matches.pose is not None:
         _print_pose(matches)
-    _say_written(arguments)
+    say_written(arguments.output)
 
 
 def _why_not(matches: TemplateMatches) -> str:
@@ -274,8 +272,3 @@ def _print_pose(matches: TemplateMatches) -> None:
     mm, deg = (" ".join(f"{v:.3g}" for v in part) for part in (sigma[:3], np.degrees(sigma[3:])))
     known = "calibration included" if matches.pose.from_calibration.any() else "the camera taken as exact"
     print(f"+- {mm} mm, {deg} degrees along and about the part's axes, {known}")
-
-
-def _say_written(arguments: argparse.Namespace) -> None:
-    if arguments.output:
-        say(f"wrote {arguments.output}")

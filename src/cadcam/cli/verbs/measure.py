@@ -7,7 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, names, numbers, real, refuse, verb
-from cadcam.cli.output import check_target, print_json, print_tables, say
+from cadcam.cli.output import check_target, print_json, print_tables, say, say_written
 from cadcam.errors import BadValue, UnknownName
 
 if TYPE_CHECKING:
@@ -138,8 +138,7 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.files.pixels import measurement_as_json, read_pixels, write_measurement
     from cadcam.report.measure import measurement_tables
 
-    if arguments.output:
-        check_target(arguments.output, (".csv", ".json"))
+    check_target(arguments.output, (".csv", ".json"))
     _check_options(arguments)
     pixels = read_pixels(arguments.pixels, columns=arguments.columns)
     viewpoints = _rig_viewpoints(arguments, pixels) if arguments.rig else _viewpoints(arguments, pixels)
@@ -161,8 +160,7 @@ def run(arguments: argparse.Namespace) -> None:
         print_tables(tables)
     if measured.refused:
         say(f"{len(measured.refused)} of {len(pixels.names)} points could not be measured")
-    if arguments.output:
-        say(f"wrote {arguments.output}")
+    say_written(arguments.output)
 
 
 def _distances(measured: Measurement, pairs: Sequence[Sequence[str]]) -> list[dict[str, Any]]:

@@ -18,10 +18,10 @@ from cadcam.cli.arguments import (
 )
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, read_any_camera, view_as_json
 from cadcam.cli.models import add_model_options, check_order, load_as_asked, model_as_json
-from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.output import check_target, print_json, print_tables, say_written, working
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.cli.wires import add_line_options, lines_as_json, lines_in_words, naming, scene_of, style_of, wireframe_of
-from cadcam.errors import BadValue, SizeMismatch
+from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
@@ -92,7 +92,7 @@ def run(arguments: argparse.Namespace) -> None:
         print_json(document | {"camera": view_as_json(camera, pose)} | _residual_as_json(estimate))
     else:
         _print(said, estimate)
-        say(f"wrote {arguments.output}")
+        say_written(arguments.output)
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
@@ -121,17 +121,13 @@ def _camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid, CameraEstimat
 
 
 def _photo(arguments: argparse.Namespace, camera: Camera) -> Picture:
-    """Return the photo; a size other than the camera's is an error that names the file."""
+    """Return the photo, of the camera's size."""
     from cadcam.image.camera_picture import read_camera_picture
     from cadcam.render.overlay import fitting
 
     path, white = arguments.photo, white_as_asked(arguments, [arguments.photo])
     with working(f"reading {path}"):
-        photo = read_camera_picture(path, full_scale=white)
-    try:
-        return fitting(photo, camera)
-    except SizeMismatch as error:
-        raise SizeMismatch(path, error.size, error.expected) from None
+        return fitting(read_camera_picture(path, full_scale=white), camera, name=path)
 
 
 def _write(arguments: argparse.Namespace, photo: Picture, scene: Scene, wireframe: Wireframe) -> None:

@@ -124,9 +124,8 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.files.rig import rig_as_json, write_rig
     from cadcam.report.rig import rig_tables
 
-    for target, suffixes in ((arguments.output, (".json",)), (arguments.poses, (".txt", ".csv"))):
-        if target:
-            check_target(target, suffixes)
+    check_target(arguments.output, (".json",))
+    check_target(arguments.poses, (".txt", ".csv"))
     named = _named("--camera", arguments.camera)
     frames, files = _frames({name: _files(path, arguments.board) for name, path in named.items()})
     known = _known(arguments.known, named)

@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from cadcam.cli.arguments import Verbs, add_jobs, job, real, seed, verb
-from cadcam.cli.output import check_target, print_json, say
+from cadcam.cli.output import check_target, print_json, say, say_written
 from cadcam.cli.sensors import generator
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import READABLE, WRITABLE
@@ -57,7 +57,7 @@ def run_show(arguments: argparse.Namespace) -> None:
             raise BadValue("-o", "given without a profile", "which one: cadcam sensor show ccir-1996 -o FILE")
         check_target(arguments.output, (".json",))
         write_sensor(arguments.output, named_sensor(arguments.profile))
-        say(f"wrote {arguments.output}")
+        say_written(arguments.output)
     elif arguments.profile is not None:
         print_json(sensor_as_json(named_sensor(arguments.profile)))
     else:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import NO, Verbs, add_jobs, add_json, job, real, refuse, verb, whole
 from cadcam.cli.cameras import read_any_camera
-from cadcam.cli.output import check_target, print_json, print_tables, progress, refuse_swapped, say
+from cadcam.cli.output import check_target, print_json, print_tables, progress, refuse_swapped, say, say_written
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
@@ -116,8 +116,7 @@ def run_print(arguments: argparse.Namespace) -> None:
 
     refuse_swapped("mark", arguments.mark, arguments.output, _SHEETS)
     check_target(arguments.output, _SHEETS)
-    if arguments.plan:
-        check_target(arguments.plan, (".csv",))
+    check_target(arguments.plan, (".csv",))
     if arguments.grid is None:
         refuse(arguments, "--numbers", why="without --grid", expected="both: a sheet of one mark has one number")
     columns, rows, spacing = _grid(arguments.grid)
@@ -171,9 +170,8 @@ def run_find(arguments: argparse.Namespace) -> int:
     from cadcam.errors import TooFewMarks
     from cadcam.target.marks.mark import parse_mark
 
-    for path, suffixes in ((arguments.csv, (".csv",)), (arguments.output, WRITABLE)):
-        if path:
-            check_target(path, suffixes)
+    check_target(arguments.csv, (".csv",))
+    check_target(arguments.output, WRITABLE)
     mark, files = parse_mark(arguments.mark), picture_files(arguments.pictures)
     if arguments.output and len(files) > 1:
         raise BadValue("--output", arguments.output, "left out for several pictures")
@@ -240,9 +238,7 @@ def _report(arguments: argparse.Namespace, mark: Mark, found: dict[str, list[Fou
         print_json(marks_as_json(str(mark), found))
     else:
         print_tables([marks_table(f"{file}: {len(marks)} x {mark}", marks) for file, marks in found.items()])
-    for path in (arguments.csv, arguments.output):
-        if path:
-            say(f"wrote {path}")
+    say_written(arguments.csv, arguments.output)
 
 
 def _write_overlay(path: str, gray: Picture, mark: Mark, marks: list[FoundMark]) -> None:

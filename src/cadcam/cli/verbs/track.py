@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, overlaid, part_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
-from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say, working
+from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say, say_written, working
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
 from cadcam.cli.whites import check_counts, say_white
 from cadcam.cli.wires import LOOKS, add_line_options
@@ -112,8 +112,7 @@ def run(arguments: argparse.Namespace) -> int:
 def _check_options(arguments: argparse.Namespace) -> None:
     check_order(arguments.frames, arguments.model, frames=True)
     check_target(arguments.output, (".jsonl",))
-    if arguments.csv:
-        check_target(arguments.csv, (".csv",))
+    check_target(arguments.csv, (".csv",))
     if arguments.overlays:
         check_folder(arguments.overlays)
     else:
@@ -162,6 +161,4 @@ def _report(arguments: argparse.Namespace, entries: list[dict[str, Any]]) -> Non
         print_json(said | {"lost": [list(stretch) for stretch in lost_stretches(entries)]})
         return
     print_tables([track_table(entries)])
-    for path in (arguments.output, arguments.csv, arguments.overlays):
-        if path:
-            say(f"wrote {path}")
+    say_written(arguments.output, arguments.csv, arguments.overlays)

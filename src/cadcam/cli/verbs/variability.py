@@ -19,7 +19,7 @@ from cadcam.cli.arguments import (
     whole,
 )
 from cadcam.cli.estimating import add_estimate_options, estimate_as_asked
-from cadcam.cli.output import check_folder, print_json, print_tables, progress, say, working
+from cadcam.cli.output import check_folder, print_json, print_tables, progress, say_written, working
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -67,6 +67,12 @@ class _Studies:
     markov: Variability | None
     alternating: Alternating | None
     map: ProjectionMap
+
+    @property
+    def sampled(self) -> dict[str, Variability]:
+        """Return those of both methods that were made, by name."""
+        both = {"Monte Carlo": self.monte_carlo, "Markov chain": self.markov}
+        return {name: study for name, study in both.items() if study is not None}
 
 
 def add_to(verbs: Verbs) -> None:
@@ -128,8 +134,7 @@ def run(arguments: argparse.Namespace) -> None:
     else:
         print_tables(_tables(arguments, studies))
     if arguments.plots:
-        for path in _written(arguments, studies):
-            say(f"wrote {path}")
+        say_written(*_written(arguments, studies))
 
 
 def _check(arguments: argparse.Namespace) -> None:
@@ -250,8 +255,8 @@ def _tables(arguments: argparse.Namespace, studies: _Studies) -> list[Table]:
 
 
 def _matrices(studies: _Studies) -> dict[str, Any]:
-    sampled = {"Monte Carlo": studies.monte_carlo, "Markov chain": studies.markov}
-    return {k: v.correlation for k, v in sampled.items() if v is not None} or {"first order": studies.first.correlation}
+    sampled = {name: study.correlation for name, study in studies.sampled.items()}
+    return sampled or {"first order": studies.first.correlation}
 
 
 def _as_json(studies: _Studies) -> dict[str, Any]:
@@ -270,11 +275,4 @@ def _as_json(studies: _Studies) -> dict[str, Any]:
 def _written(arguments: argparse.Namespace, studies: _Studies) -> list[str]:
     from cadcam.report.variability_plots import write_plots
 
-    sampled = {"Monte Carlo": studies.monte_carlo, "Markov chain": studies.markov}
-    return write_plots(
-        arguments.plots,
-        {k: v for k, v in sampled.items() if v is not None},
-        studies.first,
-        studies.map,
-        kind=arguments.format,
-    )
+    return write_plots(arguments.plots, studies.sampled, studies.first, studies.map, kind=arguments.format)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from cadcam.cli.arguments import Verbs, add_json, real, refuse, share, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
-from cadcam.cli.output import check_target, print_json, print_tables, say, working
+from cadcam.cli.output import check_target, print_json, print_tables, say_written, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import WRITABLE
@@ -107,14 +107,13 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     for path in arguments.output:
         check_target(path, (".yaml", ".yml") if arguments.template else _SUFFIXES)
-    shots = _shots(arguments)
-    asked = None if shots is None else _asked(arguments, shots)
+    asked = _asked(arguments)
+    if asked is None and not arguments.template:
+        raise BadValue("photos", "none given", "cadcam verify PHOTO MODEL --camera FILE; or --list, --template")
     part = _part(arguments)
-    if arguments.template:
-        _template(arguments, part, shots, asked)
+    if asked is None or arguments.template:
+        _template(arguments, part, asked)
         return 0
-    assert shots is not None  # `_shots` refuses
-    assert asked is not None
     tolerances = whole_parts(part.scene) if asked.tolerances is None else asked.tolerances
     try:
         tolerances.check(part.scene)
@@ -122,17 +121,7 @@ def run(arguments: argparse.Namespace) -> int:
         if arguments.tolerances is None:
             raise
         raise UnreadableFile(arguments.tolerances, str(error)) from None
-    located = _located(arguments, part, shots, asked)
-    return _verified(arguments, part, shots, located, tolerances, asked)
-
-
-def _shots(arguments: argparse.Namespace) -> Shots | None:
-    check_order(arguments.photos, arguments.model)
-    if arguments.photos:
-        return read_shots(arguments.photos, arguments)
-    if arguments.template:
-        return None
-    raise BadValue("photos", "none given", "cadcam verify PHOTO MODEL --camera FILE; or --list, --template")
+    return _verified(arguments, part, asked, tolerances)
 
 
 def _part(arguments: argparse.Namespace) -> Part:
@@ -148,19 +137,25 @@ def _part(arguments: argparse.Namespace) -> Part:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Asked:
-    """The contents of the command line and its files: read before the model, which may take long."""
+    """What is asked of photos: the contents of the command line and its files, read before the model."""
 
+    shots: Shots
     tolerances: Tolerances | None
     start: Rigid | None
     freedom: Freedom
     options: InspectionOptions
 
 
-def _asked(arguments: argparse.Namespace, shots: Shots) -> _Asked:
+def _asked(arguments: argparse.Namespace) -> _Asked | None:
+    """Return what is asked; None without photos."""
     from cadcam.files.pose_estimate import read_part_pose
     from cadcam.verify.inspection import InspectionOptions
     from cadcam.verify.tolerances.file import read_tolerances
 
+    check_order(arguments.photos, arguments.model)
+    if not arguments.photos:
+        return None
+    shots = read_shots(arguments.photos, arguments)
     view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments)
     if arguments.start or arguments.points:
         refuse(arguments, "--pose", why="beside --start or --points", expected="one of them")
@@ -168,28 +163,28 @@ def _asked(arguments: argparse.Namespace, shots: Shots) -> _Asked:
     if arguments.pose:
         start = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
     tolerances = None if arguments.tolerances is None else read_tolerances(arguments.tolerances)
-    return _Asked(tolerances, start, freedom, InspectionOptions(reach_px=arguments.reach, alarms=arguments.alarms))
+    options = InspectionOptions(reach_px=arguments.reach, alarms=arguments.alarms)
+    return _Asked(shots, tolerances, start, freedom, options)
 
 
-def _located(arguments: argparse.Namespace, part: Part, shots: Shots, asked: _Asked) -> Location:
+def _located(arguments: argparse.Namespace, part: Part, asked: _Asked) -> Location:
     """Return the pose of the part, as given by the options."""
     from cadcam.cli.locating import located
     from cadcam.locate.refine.options import EdgeOptions
     from cadcam.locate.refine.refinement import refine_pose
 
     if not arguments.pose or asked.start is None:
-        return located(part, shots, asked.start, asked.freedom)
+        return located(part, asked.shots, asked.start, asked.freedom)
     options = EdgeOptions(search_px=_POSED_PX)
     with working("finding the part"):
-        return refine_pose(part, shots.photos, asked.start, freedom=asked.freedom, options=options)
+        return refine_pose(part, asked.shots.photos, asked.start, freedom=asked.freedom, options=options)
 
 
-def _verified(
-    arguments: argparse.Namespace, part: Part, shots: Shots, located: Location, tolerances: Tolerances, asked: _Asked
-) -> int:
+def _verified(arguments: argparse.Namespace, part: Part, asked: _Asked, tolerances: Tolerances) -> int:
     from cadcam.verify.judge import verify_part
     from cadcam.verify.tolerances.verdict import Verdict
 
+    located, shots = _located(arguments, part, asked), asked.shots
     with working("comparing edges"):
         found = verify_part(part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom)
     _report(arguments, shots, found, _origin(arguments, shots))
@@ -215,8 +210,7 @@ def _report(arguments: argparse.Namespace, shots: Shots, found: Verification, or
         print_json(document)
     else:
         print_tables(verification_tables(found))
-        for path in arguments.output:
-            say(f"wrote {path}")
+        say_written(*arguments.output)
 
 
 def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
@@ -246,24 +240,24 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
     )
 
 
-def _template(arguments: argparse.Namespace, part: Part, shots: Shots | None, asked: _Asked | None) -> None:
+def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -> None:
     """Write or print a tolerance file; with photos and a pose, of what these show."""
     from cadcam.verify.tolerances.file import template
     from cadcam.whole import write_whole
 
     seen: tuple[str, ...] = ()
-    if shots is not None and asked is not None:
+    if asked is not None:
         from cadcam.verify.edges.sightlines import sightlines
 
-        pose = _located(arguments, part, shots, asked).pose.world_from_part
-        shown = set(sightlines(part, shots.photos, pose)[0].part.tolist())
+        pose = _located(arguments, part, asked).pose.world_from_part
+        shown = set(sightlines(part, asked.shots.photos, pose)[0].part.tolist())
         seen = tuple(name for i, name in enumerate(part.scene.mesh.part_names) if i in shown)
     text = template(part.scene, seen=seen)
     if not arguments.output:
         print(text, end="")
     for path in arguments.output:
         write_whole(path, text.encode())
-        say(f"wrote {path}")
+        say_written(path)
 
 
 def _list(arguments: argparse.Namespace) -> None:
@@ -273,8 +267,7 @@ def _list(arguments: argparse.Namespace) -> None:
 
     for path in arguments.output:
         check_target(path, WRITABLE)
-    shots = _shots(arguments) if arguments.photos else None
-    asked = None if shots is None else _asked(arguments, shots)
+    asked = _asked(arguments)
     part = _part(arguments)
     chosen = None if arguments.list is True else Selection(arguments.list)
     table = part_table(part.scene) if chosen is None else chain_table(part.scene, chosen)
@@ -284,8 +277,8 @@ def _list(arguments: argparse.Namespace) -> None:
         print_tables([table])
     if arguments.output:
         over = None
-        if shots is not None and asked is not None:
-            over = shots.photos[0], _located(arguments, part, shots, asked).pose.world_from_part
+        if asked is not None:
+            over = asked.shots.photos[0], _located(arguments, part, asked).pose.world_from_part
         _draw_names(arguments.output, part, chosen, over)
 
 
@@ -303,8 +296,8 @@ def _draw_names(paths: Sequence[str], part: Part, chosen: Selection | None, over
         picture = names_on_paper(part.lines, *standard_view(shown), chosen)
     else:
         photo, world_from_part = over
-        pose = photo.viewpoint.camera_from_world @ world_from_part
+        pose = photo.camera_from_world @ world_from_part
         picture = names_over_photo(to_rgb(photo.gray), part.lines, photo.camera, pose, chosen)
     for path in paths:
         write_picture(path, picture)
-        say(f"wrote {path}")
+        say_written(path)

@@ -111,12 +111,10 @@ def read_cameras(
     format_name: one of `NAMES`, else recognised from the content. size: the picture's, for formats that have none.
     unit: of the file's lengths where its format has none; mm by default, with a note. Raises `UnreadableFile`.
     """
-    mm = MM[unit_name(unit)] if unit is not None else 1.0
-    source = ForeignFile(os.fspath(path), size=size, mm=mm)
+    source = ForeignFile(os.fspath(path), size=size, mm=_mm(unit))
     _refuse_missing(source)
     form = format_of(source) if format_name is None else format_named(format_name)
-    if unit is not None and form.unit is not None and unit_name(unit) != form.unit:
-        raise BadValue("unit", unit, f"none: {form.title} is in {form.unit} by its rules")
+    _refuse_unit(form, unit)
     found = _read(form, source)
     if size is not None and any(named.camera.size != tuple(size) for named in found.cameras):
         raise BadValue("size", size, f"none, or that in the file: {found.cameras[0].camera.size}")
@@ -147,7 +145,8 @@ def write_cameras(
     are read back before they are written to disk.
     """
     form = format_for(path) if format_name is None else format_named(format_name)
-    target = WriteOptions(os.fspath(path), _mm_written(form, unit), pixel_mm)
+    _refuse_unit(form, unit)
+    target = WriteOptions(os.fspath(path), _mm(unit), pixel_mm)
     named = _as_named(cameras, camera_from_world)
     chosen, notes = _chosen(named, form)
     with np.errstate(all="ignore"):
@@ -168,9 +167,13 @@ def write_cameras(
     return Written(form.name, paths, tuple(losses), tuple(notes), px)
 
 
-def _mm_written(form: Format, unit: str | None) -> float:
+def _refuse_unit(form: Format, unit: str | None) -> None:
+    """Refuse another unit than that of a format which has one."""
     if unit is not None and form.unit is not None and unit_name(unit) != form.unit:
         raise BadValue("unit", unit, f"none: {form.title} is in {form.unit} by its rules")
+
+
+def _mm(unit: str | None) -> float:
     return MM[unit_name(unit)] if unit is not None else 1.0
 
 

@@ -109,7 +109,7 @@ class _Matches:
         for k, photo in enumerate(self.photos):
             mine = np.flatnonzero(self.photo == k)
             if mine.size:
-                T = photo.viewpoint.camera_from_world @ state
+                T = photo.camera_from_world @ state
                 q, J_mine = pose_jacobian(photo.camera, T.rotation[None], T.translation[None], self.p[None, mine])
                 r[mine], J[mine] = q[0] - self.q[mine], J_mine[0]
         r = (self.whiten @ r[..., None])[..., 0]
@@ -153,7 +153,7 @@ def _poses_of_triples(
     rotations, translations, tried = [np.zeros((0, 3, 3))], [np.zeros((0, 3))], 0
     for k, photo in enumerate(photos):
         mine = np.flatnonzero(c.photo[c.feature] == k)
-        camera_from_world = photo.viewpoint.camera_from_world
+        camera_from_world = photo.camera_from_world
         expected = camera_from_world @ start
         triples = _triples(c, mine, _turns(c, photo.camera, expected), rng, _TRIPLES // len(photos))
         if not len(triples):
@@ -220,7 +220,7 @@ def _misses(c: PlaceCandidates, photos: Sequence[Photo], R: Array, t: Array) -> 
     """Return squared distances (px^2) and angles (rad) of candidates from their features, (S, M); inf if unseen."""
     q, side = np.full((len(R), len(c.p_part), 2), np.nan), np.zeros((len(R), len(c.p_part), 2))
     for k, photo in enumerate(photos):
-        mine, place = c.photo == k, photo.viewpoint.camera_from_world
+        mine, place = c.photo == k, photo.camera_from_world
         R_k, t_k = place.rotation @ R, t @ place.rotation.T + place.translation
         q[:, mine] = photo.camera.project(c.p_part[mine] @ np.swapaxes(R_k, -1, -2) + t_k[:, None])
         side[:, mine] = photo.camera.project(c.right[mine] @ np.swapaxes(R_k, -1, -2) + t_k[:, None]) - q[:, mine]

@@ -167,7 +167,7 @@ def match_templates(
 
 def _close(part: Part, photos: Sequence[Photo], pose: Rigid) -> float:
     """Return how close the part's lines at a pose lie to edges, over the lines of all photos together."""
-    each = [edge_closeness(p.gray, part.lines.draw(p.camera, p.viewpoint.camera_from_world @ pose)) for p in photos]
+    each = [edge_closeness(p.gray, part.lines.draw(p.camera, p.camera_from_world @ pose)) for p in photos]
     length = np.array([float(c.length.sum()) for c in each])
     return float(np.dot([c.total for c in each], length) / max(float(length.sum()), 1e-9))
 
@@ -214,7 +214,7 @@ class _Matching:
 
     def _windows(self, photo: Photo, pose: Rigid, options: TemplateOptions) -> Windows:
         """Return the salient windows of the part drawn as one photo should show it."""
-        camera_from_part = photo.viewpoint.camera_from_world @ pose
+        camera_from_part = photo.camera_from_world @ pose
         grey = Look(background=(0.5, 0.5, 0.5))
         view = self.renderer.render(photo.camera, camera_from_part, channels=Channel.IMAGE | Channel.DEPTH, look=grey)
         wireframe = self.part.lines.draw(photo.camera, camera_from_part)

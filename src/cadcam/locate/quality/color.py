@@ -88,7 +88,7 @@ def in_color(part: Part, sights: Sequence[Sight], world_from_part: Rigid) -> tup
 
 def _covered(part: Part, sight: Sight, world_from_part: Rigid, q: Array) -> Mask:
     """Return at which places q (..., 2) px of the photo the part would be visible."""
-    camera_from_part = sight.photo.viewpoint.camera_from_world @ world_from_part
+    camera_from_part = sight.photo.camera_from_world @ world_from_part
     caster, eye = part.caster, camera_from_part.origin
     ray = sight.photo.camera.unproject(q.reshape(-1, 2)) @ camera_from_part.rotation
     ray /= np.linalg.norm(ray, axis=1, keepdims=True)

@@ -32,7 +32,7 @@ def showing(part: Part, sights: Sequence[Sight], world_from_part: Rigid) -> list
 def _without(part: Part, sight: Sight, world_from_part: Rigid) -> Mask:
     """Return which samples (N,) of a sight are known to lack contrast."""
     photo = sight.photo
-    camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+    camera_from_part = photo.camera_from_world @ world_from_part
     view = open_renderer(part.scene).render(photo.camera, camera_from_part, channels=Channel.NORMAL | Channel.FACE)
     normal, color = view.normal, colors_of(part, view.face)  # normals in the camera frame: the light may move with it
     at = sight.project(world_from_part)

@@ -98,7 +98,7 @@ class PoseAnswer:
 
 
 def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
-    """Return the location of a solution. chosen, wider: as for `locate.refine`."""
+    """Return the location of a solution. chosen, wider: as for `refine_pose`."""
     B = freedom.at(fitted.pose)
     estimate = replace(_estimate(fitted, B), undetermined=unseen_turns(part, freedom, fitted.pose))
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)

@@ -51,7 +51,6 @@ _SHOWN = 0.25  # quality from which a photo by itself tells where the part is, i
 _FAR_PX = 40.0  # search range where the part may be shown elsewhere in the photo
 _CLEARLY, _CLEARER = 0.5, 0.2  # quality of what is found far off: at least, and more than at the pose of all
 _LEAST_NOISE = 0.1  # of a photo's own variance: the least that is assumed between it and the pose of all
-_REFUSED = 0.45  # quality of a pose that photos contradict
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,8 +140,7 @@ class Consistency:
         said = f"{self._words(photos)}: does every camera stand where its file says?"
         if not self.contradicted:
             return replace(location, reason=f"{location.reason}; the photos disagree: {said}")
-        reason = f"not certain: the photos contradict each other: {said} ({location.reason})"
-        return replace(location, quality=min(_REFUSED, location.quality), reason=reason)
+        return location.uncertain(f"the photos contradict each other: {said}")
 
     def _less_certain(self, location: Location, part: Part, photos: Sequence[Photo]) -> Location:
         """Return the location with the cameras' variance carried into the covariance of its pose, and its reason."""
@@ -177,7 +175,7 @@ def _gains(fitted: PoseSolution) -> list[Array]:
 def _photo_shift(fitted: PoseSolution, k: int, gain: Array, options: EdgeOptions) -> PhotoShift | None:
     """Return where the k-th photo alone shows the part, or None if it does not tell. gain: its part of `_gains`."""
     sight, pose = fitted.sights[k], fitted.pose
-    turn = _turning(sight.photo.viewpoint.camera_from_world)
+    turn = _turning(sight.photo.camera_from_world)
     if not len(sight.samples):
         return None
     alone = _fitted_alone(sight, pose, turn, options)
@@ -250,13 +248,13 @@ def _turning(camera_from_world: Rigid) -> Freedom:
 
 def _across(sight: Sight, pose: Rigid, c: Array) -> Array:
     """Return two unit vectors (2, 3) of the world across the line of sight to a point of the part."""
-    seen_at = pose @ c - sight.photo.viewpoint.camera_from_world.origin
+    seen_at = pose @ c - sight.photo.camera_from_world.origin
     return np.stack(axes_across(seen_at / np.linalg.norm(seen_at)))
 
 
 def _off(sight: Sight, pose: Rigid, c: Array) -> Array:
     """Return the twists (6, 6) of the part that a camera sees if it is off by 1 mm in place, or turned by 1 mm at c."""
-    camera = sight.photo.viewpoint.camera_from_world
+    camera = sight.photo.camera_from_world
     away = float(np.linalg.norm(pose @ c - camera.origin))
     placed = np.concatenate([np.eye(3), np.zeros((3, 3))])
     return np.asarray(pose.inv.adjoint() @ np.concatenate([placed, _turning(camera).basis / away], axis=1))

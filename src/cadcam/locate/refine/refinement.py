@@ -343,7 +343,7 @@ def _beside(fitted: PoseSolution) -> list[Rigid]:
     """
     moved = []
     for sight in fitted.sights:
-        camera_from_part = sight.photo.viewpoint.camera_from_world @ fitted.pose
+        camera_from_part = sight.photo.camera_from_world @ fitted.pose
         q, J = sight.photo.camera.project_with_jacobian(camera_from_part @ sight.samples.p)
         moves = by_twist(sight.samples.p[:, None], J @ camera_from_part.rotation)
         moved.append(moves[np.isfinite(q).all(axis=1)])

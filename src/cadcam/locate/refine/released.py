@@ -25,7 +25,6 @@ from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solv
 
 _SURELY = 36.0  # squared sds of a certain difference from the restriction
 _LEAST_PX = 0.2  # least motion of the lines: less may be due to the lens, or a chamfer
-_REFUSED = 0.45  # quality of a pose that the photos contradict
 
 
 def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOptions) -> Location:
@@ -45,10 +44,10 @@ def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOption
     degrees = float(np.degrees(np.linalg.norm(away[3:])))
     said = f"free to move it would lie {mm:.2g} mm and {degrees:.2g} degrees off ({px:.1f} px)"
     asked = "does it stand as the start has it, and move as it is said to?"
+    less_sure = replace(found, pose=pose)
     if px <= CLOSE_PX:
-        return replace(found, pose=pose, reason=f"{found.reason}; {said}: {asked}")
-    reason = f"not certain: the photos contradict the restricted motion: {said}: {asked} ({found.reason})"
-    return replace(found, pose=pose, quality=min(_REFUSED, found.quality), reason=reason)
+        return replace(less_sure, reason=f"{found.reason}; {said}: {asked}")
+    return less_sure.uncertain(f"the photos contradict the restricted motion: {said}: {asked}")
 
 
 def _contradicted(best: PoseAnswer, free: Location) -> bool:

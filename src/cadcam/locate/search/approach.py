@@ -39,8 +39,6 @@ _WITHIN_PX, _WITHIN = 4.0, 2.0  # error of lines after the climb: px of the phot
 _FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and for how many of the best
 _FLAT, _TILTED = 0.3, 0.002  # mirror poses: most thickness over breadth; least 1 - cosine of the tilt that they change
 _SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii at the part's border; most poses of those
-
-
 _CLIMBS = (  # from the coarsest field on: level, samples, blurs, poses kept
     Climb(0, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 16, near=True),
     Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 6, near=True),
@@ -87,24 +85,22 @@ def approach(
         if number == _FLIPPED and free.shape[1] == 6:
             poses = np.concatenate([poses, _flips(part.aspects, stages[0], poses[:_MOST_FLIPPED])])
         stage = stages[max(len(stages) - 1 - climb.level, 0)]
-        poses, score, agreement = climbed(part.aspects, stage, poses, free, climb)
+        poses, score = climbed(part.aspects, stage, poses, free, climb)
         kept = distinct(part.aspects, poses, score, climb.kept)
-        poses, score, agreement = poses[kept], score[kept], agreement[kept]
+        poses, score = poses[kept], score[kept]
     within = max(_WITHIN_PX, *(_WITHIN * field.reduction for field in stages[0].fields))
-    found = zip(rigids_of(poses), score.tolist(), agreement.tolist(), strict=True)
-    return [Hypothesis(*each, within) for each in found]
+    return [Hypothesis(*each, within) for each in zip(rigids_of(poses), score.tolist(), strict=True)]
 
 
 def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[FieldLevel]:
     """Return the field levels of all photos that see the part at its start, finest first."""
     aspects, fields, places = part.aspects, [], []
     for photo in photos:
-        pose = photo.viewpoint.camera_from_world
+        pose = photo.camera_from_world
         span = _span(aspects, photo.camera, pose @ start)
-        region = None if span is None else _region(span, photo.camera, reach)
-        if region is None:
+        if span is None or (region := _region(span, photo.camera, reach)) is None:
             continue
-        size = float(np.max(span[1] - span[0])) if span is not None else 0.0
+        size = float(np.max(span[1] - span[0]))
         k = max(1, math.ceil(size / _FINE_PX))
         levels = min(1 + max(int(math.log2(size / k / _COARSE_PX)), 0), _LEVELS) if size else _LEVELS
         fields.append(direction_fields(photo.lines, photo.camera, reduction=k, levels=levels, region=region))
@@ -117,7 +113,7 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
 
 def _outside(aspects: Aspects, photo: Photo, start: Rigid) -> str:
     """Return where a start puts a part that no photo shows, and what may be wrong with it."""
-    x, y, z = photo.viewpoint.camera_from_world @ start @ aspects.centre
+    x, y, z = photo.camera_from_world @ start @ aspects.centre
     r = aspects.radius
     place = f"its middle at ({x:.4g}, {y:.4g}, {z:.4g}) mm of camera {photo.viewpoint.name!r}"
     if math.hypot(x, y, z) < r:
@@ -170,8 +166,8 @@ def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array
     A step of the grid moves the part's border by `_SPREAD` radii, or more where that would take too many poses.
     """
     middle, radius = start @ aspects.centre, aspects.radius
-    near = min(photos, key=lambda p: float(np.linalg.norm(middle - p.viewpoint.camera_from_world.origin)))
-    distance = float(np.linalg.norm(middle - near.viewpoint.camera_from_world.origin))
+    near = min(photos, key=lambda p: float(np.linalg.norm(middle - p.camera_from_world.origin)))
+    distance = float(np.linalg.norm(middle - near.camera_from_world.origin))
     far = reach.shift_px * distance / near.camera.fx + reach.depth * distance  # mm that the middle may be off
     # What a unit of each motion moves, in mm: the middle, and by rotation the border.
     middle_by = np.linalg.norm(np.concatenate([np.eye(3), -so3.hat(aspects.centre)], axis=1) @ free, axis=0)

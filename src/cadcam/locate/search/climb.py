@@ -108,16 +108,13 @@ def _shown(aspects: Aspects, stage: FieldLevel, poses: Array) -> tuple[list[Aspe
     return [aspects.made[key] for key in keys], which.reshape(len(poses), len(stage.fields))
 
 
-def climbed(
-    aspects: Aspects, stage: FieldLevel, poses: Array, freedom: Array, climb: Climb
-) -> tuple[Array, Array, Array]:
-    """Return poses (N, 12) after climbing at one level, their scores (N,) and agreements (N,)."""
+def climbed(aspects: Aspects, stage: FieldLevel, poses: Array, freedom: Array, climb: Climb) -> tuple[Array, Array]:
+    """Return poses (N, 12) after climbing at one level, and their scores (N,)."""
     edges, held = pose_edges(aspects, stage, poses, climb.samples, telling=climb.near), _HELD if climb.near else 0.0
     done = in_threads(lambda s: edges.part(s).climb(poses[s], freedom, climb.blur, held=held), _slices(len(poses)))
     poses, raw = (np.concatenate([d[k] for d in done]) for k in range(2))
     total = raw.sum(axis=1)
-    score = (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
-    return poses, score, total[:, 0] / np.maximum(total[:, 3], 1e-9)
+    return poses, (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
 
 
 def in_threads(work: Callable[[_A], _B], items: Sequence[_A]) -> list[_B]:

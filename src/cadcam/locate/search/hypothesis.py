@@ -12,10 +12,9 @@ class Hypothesis:
     """A pose that the photos may show, and the evidence for it.
 
     score: mean edge certainty under the visible lines minus that under lines at random places, in standard deviations
-    of the latter. agreement in [0, 1]: mean certainty under the lines in the picture. within_px: bound of their error.
+    of the latter. within_px: bound of the lines' error.
     """
 
     world_from_part: Rigid
     score: float
-    agreement: float
-    within_px: float = 8.0
+    within_px: float

@@ -84,7 +84,7 @@ def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE)
         for eye, photo in enumerate(photos)
         for distance in _distances(part.aspects, photo.camera, views)
     ]
-    eye = photos[0].viewpoint.camera_from_world.origin
+    eye = photos[0].camera_from_world.origin
     found = _of_one_side(part, eye, np.concatenate([np.zeros((0, 12)), *rows]))
     starts = _to_approach(scales, found)
     around = _approached(part, photos, scales, rigids_of(found[starts]))
@@ -145,7 +145,7 @@ class _Scales:
     def __init__(self, aspects: Aspects, photos: Sequence[Photo]) -> None:
         self.aspects = aspects
         self._fields = [_fields(photo) for photo in photos]
-        self.places = tuple(photo.viewpoint.camera_from_world for photo in photos)
+        self.places = tuple(photo.camera_from_world for photo in photos)
         self.focal = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
 
     def stage(self, reductions: Array) -> FieldLevel:
@@ -229,7 +229,7 @@ def _promising(scales: _Scales, eye: int, distance: float, looks: tuple[Longs, A
     poses = _swept(aspects, scales.swept(eye, chosen[0]), scales.places[eye], distance, looks)
     for climb in _CLIMBS:
         stage = scales.alike(eye, chosen[min(climb.level, len(chosen) - 1)], poses)
-        poses, score, _ = climbed(aspects, stage, poses, np.eye(6), climb)
+        poses, score = climbed(aspects, stage, poses, np.eye(6), climb)
         if climb is _CLIMBS[-1]:
             moved = scales.beside(poses, 2)
             beside = climbed(aspects, stage, np.concatenate(moved), np.eye(6), _BESIDE)[1]

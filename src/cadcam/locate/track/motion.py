@@ -80,7 +80,7 @@ class MotionFilter:
         self._T = Rigid(np.broadcast_to(Z.rotation, (n, 3, 3)), np.broadcast_to(Z.translation, (n, 3)))
         self._v, self._W, self._E = np.zeros((n, 6)), np.zeros((n, 12, 12)), np.zeros((n, 12, 6))
         self._W[:, 6:, 6:] = self._first**2 * self._free
-        self._E[:, :6] = _root(R)
+        self._E[:, :6] = symmetric_root(R)
         self._P = self._W + self._E @ self._E.swapaxes(1, 2)
 
     def _ahead(self) -> tuple[Rigid, Array, Array, Array]:
@@ -103,7 +103,7 @@ class MotionFilter:
         moved = (gain @ y)[:, :, 0]
         self._T, self._v = T @ Rigid.exp(moved[:, :6] / self._scale), self._v + moved[:, 6:]
         kept = np.eye(12) - np.concatenate([gain, np.zeros_like(gain)], axis=2)
-        self._W, self._E = kept @ W @ kept.swapaxes(1, 2), kept @ E + gain @ _root(R)
+        self._W, self._E = kept @ W @ kept.swapaxes(1, 2), kept @ E + gain @ symmetric_root(R)
         self._P = kept @ P @ kept.swapaxes(1, 2) + gain @ R @ gain.swapaxes(1, 2)
 
     def _mixed(self, T: Rigid, P: Array, like: PoseEstimate) -> PoseEstimate:
@@ -129,7 +129,7 @@ def _inverse(S: Array) -> tuple[Array, Array]:
     return (axes * (free / values)[:, None, :]) @ axes.swapaxes(1, 2), np.log(values).sum(axis=1)
 
 
-def _root(R: Array) -> Array:
-    """Return the symmetric square root of a covariance that may be singular."""
+def symmetric_root(R: Array) -> Array:
+    """Return the symmetric square root of a covariance that may be singular: eigenvalues below zero are rounding."""
     values, axes = np.linalg.eigh(R)
     return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T)

@@ -194,7 +194,7 @@ def aligned(
 ) -> Alignment | None:
     """Return the pose near a start, some px off, at which patches are found again; None where too few are."""
     seen = [
-        _Followed(one, canvas, photo.viewpoint.camera_from_world)
+        _Followed(one, canvas, photo.camera_from_world)
         for one, canvas, photo in zip(patches, canvases, photos, strict=True)
         if canvas is not None and len(one)
     ]

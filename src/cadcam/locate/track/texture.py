@@ -27,6 +27,7 @@ from cadcam.locate.evidence import PoseEvidence
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.track.motion import symmetric_root
 from cadcam.locate.track.patches import LEAST, Canvas, Patches, aligned
 from cadcam.render.view import Renderer
 
@@ -62,9 +63,9 @@ class Followed:
         C, R, S, P = (
             scale[:, None] * A * scale for A in (fitted, self.by_one_frame, self.alone, self.evidence.covariance)
         )
-        by_edges = _root(_inverse(C) - _inverse(P))
+        by_edges = symmetric_root(_inverse(C) - _inverse(P))
         left = np.eye(6) - C @ by_edges @ by_edges
-        E = left @ _root(R) + C @ by_edges
+        E = left @ symmetric_root(R) + C @ by_edges
         return np.asarray((E @ E.T + left @ S @ left.T) / scale[:, None] / scale)
 
 
@@ -141,7 +142,7 @@ class Texture:
         """Return whether edges keep pulling the pose to the same side, as when a texture slides over the part."""
         there, scale = followed.evidence, np.repeat([1.0, self._radius], 3)
         off = scale * (there.world_from_part.inv @ pose.world_from_part).log()
-        sigmas = _root(_inverse(scale[:, None] * there.covariance * scale)) @ off
+        sigmas = symmetric_root(_inverse(scale[:, None] * there.covariance * scale)) @ off
         self._pull, self._pulls = _MEMORY * self._pull + sigmas, _MEMORY**2 * self._pulls + 1
         return bool(self._pull @ self._pull > _DENIED * self._pulls)
 
@@ -185,15 +186,9 @@ class Texture:
 
 
 def _views(photos: Sequence[Photo], world_from_part: Rigid) -> list[Rigid]:
-    return [photo.viewpoint.camera_from_world @ world_from_part for photo in photos]
+    return [photo.camera_from_world @ world_from_part for photo in photos]
 
 
 def _inverse(A: Array) -> Array:
     """Return the inverse of a covariance within the free directions."""
     return np.asarray(np.linalg.pinv(A, rcond=_NEVER_FREE, hermitian=True))
-
-
-def _root(A: Array) -> Array:
-    """Return the symmetric square root; eigenvalues made negative by rounding count as zero."""
-    values, axes = np.linalg.eigh(A)
-    return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T)

@@ -32,8 +32,7 @@ from cadcam.locate.track.texture import Followed, Texture
 _PATIENCE = 8  # frames between two searches without a start, once a part has been lost for long
 _SIGMAS, _BESIDE = 3.0, 1.0  # search range around predicted lines: sds, and px added for painted lines
 _LEAST_PX, _MOST_PX = 2.0, EDGES.search_px
-# A pose farther than this from the last one needs a quality of _CLEAR to be believed, and else gets _UNCERTAIN.
-_FAR_PX, _CLEAR, _UNCERTAIN = 16.0, 0.7, 0.45
+_FAR_PX, _CLEAR = 16.0, 0.7  # a pose farther than this from the last one needs this quality to be believed
 _ANYWHERE = ("followed", "searched")  # ways of finding the part that do not depend on the last pose
 # Constraints credited to a pose that is known to some px from the motion, as a fit anywhere else would not have been
 # accepted; and to one by texture, as edges agree there that were not used to fit it.
@@ -166,8 +165,7 @@ class Tracker:
                 location = memory.nearest(location)
                 if how in _ANYWHERE or location.quality >= _CLEAR or not memory.left(location.pose, frame.photos):
                     return how, location
-                why = f"not certain: far from where the part was, which takes a quality of {_CLEAR} ({location.reason})"
-                location = replace(location, quality=_UNCERTAIN, reason=why)
+                location = location.uncertain(f"far from where the part was, which takes a quality of {_CLEAR}")
             tried.append(location)
         return "lost", max(reversed(tried), key=lambda one: one.quality)
 
@@ -302,7 +300,7 @@ class _Memory:
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
     """Return the largest distance (px) between a corner's (N, 3) mm images at two poses, of those in the photo."""
-    place = photo.viewpoint.camera_from_world
+    place = photo.camera_from_world
     apart = np.linalg.norm(
         np.subtract(*(photo.camera.project((place @ pose) @ corners) for pose in (one, other))), axis=1
     )
@@ -311,7 +309,7 @@ def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
 
 def _spread_px(corners: Array, pose: PoseEstimate, photo: Photo) -> float:
     """Return the largest sd (px) of the images of the corners (N, 3) mm; inf where not all are in the photo."""
-    camera_from_part = photo.viewpoint.camera_from_world @ pose.world_from_part
+    camera_from_part = photo.camera_from_world @ pose.world_from_part
     _, J = photo.camera.project_with_jacobian(camera_from_part @ corners)
     J = J[np.isfinite(J).all(axis=(1, 2))] @ camera_from_part.rotation
     if len(J) < len(corners):

@@ -15,6 +15,7 @@ from cadcam.plan.sight.candidate import Candidate
 from cadcam.plan.sight.visibility import Why
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.table import Table
+from cadcam.verify.reasons import vector_words
 from cadcam.verify.tolerances.tolerance import Limit, Rule
 
 CAUSES = {"pixels": "pixel noise", "calibration": "calibration", "motion": "motion", "plane": "height of the plane"}
@@ -119,7 +120,7 @@ def limit_table(layout: Layout) -> Table:
 
 
 def limit_cells(layout: Layout, i: int) -> tuple[str, ...]:
-    """Return the note on one limit."""
+    """Return the cells of one limit, in its worst pose."""
     seen, found = layout.survey, layout.assessment
     limit, pose = seen.asked.limits[i], int(found.worst_pose[i])
     sigma, ratio = float(found.sigma[pose, i]), float(found.ratio[pose, i])
@@ -309,8 +310,7 @@ def in_unit(limit: Limit, value: float) -> str:
 
 def vector(v: Array) -> str:
     """Return a direction; its sign is arbitrary: the largest number is shown positive."""
-    v = v * np.sign(v[np.argmax(np.abs(v))])
-    return "(" + ", ".join(f"{0.0 if abs(x) < 5e-3 else x:.2f}" for x in v) + ")"
+    return vector_words(v * np.sign(v[np.argmax(np.abs(v))]))
 
 
 def _least(layout: Layout, i: int) -> float:

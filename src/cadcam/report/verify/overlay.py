@@ -13,9 +13,9 @@ from cadcam.arrays import Array
 from cadcam.image.picture import encoded
 from cadcam.image.svg import hex_color
 from cadcam.locate.photo import Photo
-from cadcam.report.verify.words import vector
 from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
+from cadcam.verify.reasons import vector_words
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement
 from cadcam.whole import write_whole
@@ -83,12 +83,11 @@ def overlay_svg(
 
 
 def _edge(edge: EdgeDeviation, full: float, gone: set[str]) -> str:
-    name = f"{edge.kind} {edge.chain} of {edge.part}"
     if gone & set(edge.features):
-        return _line(edge.q, MISSING, f"{name}: missing", 2.5, dash=True)
+        return _line(edge.q, MISSING, f"{edge.name}: missing", 2.5, dash=True)
     if not np.isfinite(edge.value):
-        return _line(edge.q, UNSEEN, f"{name}: not seen", 1.2, dash=True)
-    title = f"{name}: {edge.value:+.3f} mm, U {2 * edge.sigma:.3f} mm (k 2), along {vector(edge.direction)}"
+        return _line(edge.q, UNSEEN, f"{edge.name}: not seen", 1.2, dash=True)
+    title = f"{edge.name}: {edge.value:+.3f} mm, U {2 * edge.sigma:.3f} mm (k 2), along {vector_words(edge.direction)}"
     width = 3.5 if edge.off else 2.5
     dark = _line(edge.q, "#000000", "", width + 1.5, opacity=0.45)
     return dark + _line(edge.q, deviation_color(edge.value, full), title, width)
@@ -136,7 +135,7 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: 
 
 def _moves(photo: Photo, seen: Inspection) -> list[tuple[FeatureDeviation, Array, Array]]:
     """Return the displaced and missing features in the picture, each with its pixel (2,) and its displacement, px."""
-    camera_from_part = photo.viewpoint.camera_from_world @ seen.pose.world_from_part
+    camera_from_part = photo.camera_from_world @ seen.pose.world_from_part
     moves = []
     for f in seen.features:
         if f.state not in (State.DISPLACED, State.MISSING) or not np.isfinite(f.p).all():

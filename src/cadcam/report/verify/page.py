@@ -23,12 +23,12 @@ from cadcam.report.verify.words import (
     rule_words,
     shares_in_words,
     to_do,
-    vector,
     weakest_direction,
 )
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
+from cadcam.verify.reasons import vector_words
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
 from cadcam.whole import write_whole
@@ -173,7 +173,7 @@ def _feature_cells(f: FeatureDeviation, kept: bool) -> list[str]:
     turn, U = np.degrees(f.turn), np.degrees(2 * f.turn_sigma)
     turned = f"{round(float(turn), 3) + 0.0:+.3f} ± {U:.3f} deg" if np.isfinite(U) else ""
     size = f"{f.size:.3f} ± {2 * f.sigma:.3f} mm"
-    return [*cells, size, vector(f.vector), turned, f"{f.p_value:.2g}"]
+    return [*cells, size, vector_words(f.vector), turned, f"{f.p_value:.2g}"]
 
 
 def _plots(found: Verification, seen: Inspection) -> str:
@@ -207,7 +207,14 @@ def _edges(seen: Inspection) -> str:
         value = f"{e.value:+.3f} ± {2 * e.sigma:.3f} mm" if np.isfinite(e.value) else "not seen"
         mark = " <b>(off)</b>" if e.off else ""
         share = f"{e.seen} of {e.places} places"
-        cells = [f"{e.kind} {e.chain}", escape(e.part), share, value + mark, vector(e.direction), f"{e.mm_per_px:.3f}"]
+        cells = [
+            f"{e.kind} {e.chain}",
+            escape(e.part),
+            share,
+            value + mark,
+            vector_words(e.direction),
+            f"{e.mm_per_px:.3f}",
+        ]
         rows.append(row(heads, cells))
     said = (
         "Each against a pose fitted without it, ± 2 sigma; the direction (part axes) is that of a positive deviation."

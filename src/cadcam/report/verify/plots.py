@@ -94,7 +94,7 @@ def edges_plot(seen: Inspection) -> str:
     for i, e in enumerate(edges):
         x = frame.left + (frame.right - frame.left) * (i + 0.5) / len(edges)
         color = COLORS[Verdict.FAIL] if e.off else "#0072b2"
-        title = f"<title>{escape(f'{e.kind} {e.chain} of {e.part}: {e.value:+.3f} mm, U {2 * e.sigma:.3f}')}</title>"
+        title = f"<title>{escape(f'{e.name}: {e.value:+.3f} mm, U {2 * e.sigma:.3f}')}</title>"
         bar = _stroke(x, y(e.value - 2 * e.sigma), x, y(e.value + 2 * e.sigma), color, 1.5)
         body.append(f'<g>{bar}<circle cx="{x:.1f}" cy="{y(e.value):.1f}" r="2.6" fill="{color}"/>{title}</g>')
     body.append(frame.caption(f"{len(edges)} edges, from the most negative to the most positive"))

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array
 from cadcam.geometry.rotation import hat
 from cadcam.report.table import Table, counted
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
+from cadcam.verify.reasons import vector_words
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
@@ -80,7 +80,7 @@ def feature_table(found: Verification, seen: Inspection) -> Table:
     for f in seen.features:
         if f.state is State.OUT_OF_VIEW:
             continue
-        moved = "" if f.displacement is None else vector(f.vector)
+        moved = "" if f.displacement is None else vector_words(f.vector)
         size = "" if f.displacement is None else f"{f.size:.3f}"
         U = "" if f.displacement is None else f"+- {2 * f.sigma:.3f}"
         edges = f"{f.presence.seen}/{f.presence.expected}"
@@ -153,8 +153,8 @@ def weakest_direction(seen: Inspection) -> tuple[str, float]:
     w, V = np.linalg.eigh(T @ seen.pose.covariance @ T.T)
     v, sigma = V[:, -1], float(np.sqrt(max(w[-1], 0.0)))
     if np.linalg.norm(v[:3]) >= np.linalg.norm(v[3:]):
-        return f"translation along {vector(v[:3] / np.linalg.norm(v[:3]))}", sigma
-    return f"rotation about {vector(v[3:] / np.linalg.norm(v[3:]))}", sigma
+        return f"translation along {vector_words(v[:3] / np.linalg.norm(v[:3]))}", sigma
+    return f"rotation about {vector_words(v[3:] / np.linalg.norm(v[3:]))}", sigma
 
 
 def assumptions(found: Verification) -> list[str]:
@@ -167,7 +167,7 @@ def assumptions(found: Verification) -> list[str]:
         "Each feature is rigid; its displacement is that of all its edges together, against a pose fitted without it.",
     ]
     if seen.measured.eye is not None:
-        sight = vector(seen.measured.axis(np.ones(len(seen.measured.lines), bool)))
+        sight = vector_words(seen.measured.axis(np.ones(len(seen.measured.lines), bool)))
         out.append(
             f"One photo: a displacement along the line of sight (about {sight}, part axes) is not seen; all "
             "displacements are those across it."
@@ -194,8 +194,3 @@ def shares_in_words(f: FeatureDeviation) -> str:
     """Return the causes of a feature's uncertainty, the largest first."""
     shares = sorted(f.shares.items(), key=lambda item: -item[1])
     return ", ".join(f"{CAUSE_WORDS[cause]} {share:.0%}" for cause, share in shares if share >= 0.005)
-
-
-def vector(v: Array) -> str:
-    """Return a vector's components with two decimals."""
-    return "(" + ", ".join(f"{0.0 if abs(x) < 5e-3 else x:.2f}" for x in np.asarray(v).tolist()) + ")"

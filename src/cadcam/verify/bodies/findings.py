@@ -18,7 +18,7 @@ from cadcam.verify.bodies.likelihood import log_likelihoods
 from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
 from cadcam.verify.bodies.tones import Tones
 from cadcam.verify.bodies.uncovered import uncovered_ratio
-from cadcam.verify.deviations.measured import MeasuredEdges
+from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.presence import EdgeVisibility, Presence, edge_visibility, log_ratio
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import Tolerances
@@ -62,7 +62,7 @@ class Case:
         """Return the camera's place (3,) in the part frame; None if there are several photos."""
         if len(self.photos) > 1:
             return None
-        return np.asarray((self.photos[0].viewpoint.camera_from_world @ self.world_from_part).inv.translation)
+        return np.asarray((self.photos[0].camera_from_world @ self.world_from_part).inv.translation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -122,13 +122,13 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
     seen = edge_visibility(evidence, np.ones(len(evidence.seen), bool))
     for _ in range(_ROUNDS):
         before = look.explained(seen, clutter)
-        for number in _suspects(case, look):
-            to, gain = _likeliest(case, look, number)
-            again = None if to is None else _redrawn_look(case, look, number, to)
+        for suspect in _suspects(case, look):
+            to, gain = _likeliest(case, look, suspect)
+            again = None if to is None else _redrawn_look(case, look, suspect.part, to)
             if again is None:
                 continue
             by_edges = again.explained(seen, clutter) - before
-            if _likelier(by_edges, gain, least=_least_gain(case, look, number)):
+            if _likelier(by_edges, gain, least=_least_gain(case, look, suspect)):
                 look = again
                 break
         else:
@@ -136,36 +136,42 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
     return look
 
 
-def _suspects(case: Case, look: Findings) -> list[int]:
+@dataclass(frozen=True, slots=True, eq=False)
+class _Suspect:
+    """A feature that may be elsewhere than drawn: its number, the part that it is, its displacement where measured."""
+
+    number: int
+    part: int
+    moved: Displacement | None
+
+
+def _suspects(case: Case, look: Findings) -> list[_Suspect]:
     """Return the features, whole parts, that may be elsewhere: measured off the place where they are drawn, or unclear.
 
     The farthest first; last those displaced by less, those with an edge that is not seen in place but beside it, and
     those that may be absent.
     """
-    out = []
+    out: list[tuple[float, _Suspect]] = []
     for i, found in enumerate(look.presence):
         part, moved = look.survey.whole_part(i), displaced(look.measured, i)
         if part is None or not found.expected:
             continue
         if look.survey.shows_beside(i) or (moved is None and found.log_ratio < DOUBTFUL):
-            out.append((0.0, i))
-            continue
-        if moved is None:
-            continue
-        px = off_px(look.survey, look.survey.rows(i), moved.basis @ moved.estimate.value - look.survey.by[part])
-        if px > AGREES_PX or moved.p_value <= OF_DISPLACED * case.alarms / len(look.presence):
-            out.append((px, i))
-    return [i for _, i in sorted(out)[::-1]]
+            out.append((0.0, _Suspect(i, part, moved)))
+        elif moved is not None:
+            px = off_px(look.survey, look.survey.rows(i), moved.vector - look.survey.by[part])
+            if px > AGREES_PX or moved.p_value <= OF_DISPLACED * case.alarms / len(look.presence):
+                out.append((px, _Suspect(i, part, moved)))
+    return [suspect for _, suspect in sorted(out, key=lambda one: (one[0], one[1].number), reverse=True)]
 
 
-def _likeliest(case: Case, look: Findings, number: int) -> tuple[Array | None, float]:
+def _likeliest(case: Case, look: Findings, suspect: _Suspect) -> tuple[Array | None, float]:
     """Return the displacement (3,) mm of a body that makes the drawn part resemble the photos most, and by how much.
 
     The gain is 0 where it was measured there already; the place is None for the body as drawn, or absent.
     """
-    survey, part, moved = look.survey, look.survey.whole_part(number), displaced(look.measured, number)
-    assert part is not None  # a suspect
-    measured = None if moved is None else moved.basis @ moved.estimate.value
+    survey, number, part = look.survey, suspect.number, suspect.part
+    measured = None if suspect.moved is None else suspect.moved.vector
     places = _places(case, survey, number, survey.by[part], measured)
     guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
     drawable = [(p, guess) for p, guess in guesses if guess is not None]
@@ -207,14 +213,13 @@ def _likelier(by_edges: float, by_pixels: float, *, least: float) -> bool:
     return by_edges + by_pixels > 0 and max(by_edges, by_pixels) > least
 
 
-def _least_gain(case: Case, look: Findings, number: int) -> float:
+def _least_gain(case: Case, look: Findings, suspect: _Suspect) -> float:
     """Return how much more of the photos (log likelihood) a body drawn elsewhere has to explain.
 
     As much as for an alarm, if its edges, measured from where it is drawn, say that it is in place.
     """
-    moved = displaced(look.measured, number)
-    in_place = moved is not None and moved.p_value > AS_IN_PLACE
-    return sure(look.presence, OF_DISPLACED * case.alarms / (1 - OF_DISPLACED)) if in_place else 0.0
+    in_place = suspect.moved is not None and suspect.moved.p_value > AS_IN_PLACE
+    return surely_elsewhere(look.presence, case.alarms) if in_place else 0.0
 
 
 def _with(by: Array, part: int, to: Array) -> Array:
@@ -223,10 +228,8 @@ def _with(by: Array, part: int, to: Array) -> Array:
     return out
 
 
-def _redrawn_look(case: Case, look: Findings, number: int, to: Array) -> Findings | None:
-    """Return the look with a feature's part drawn displaced `to` (3,) mm; None where nothing is measured."""
-    part = look.survey.whole_part(number)
-    assert part is not None  # a suspect
+def _redrawn_look(case: Case, look: Findings, part: int, to: Array) -> Findings | None:
+    """Return the look with a part drawn displaced `to` (3,) mm; None where nothing is measured."""
     by = _with(look.survey.by, part, to)
     drawn = redrawn(case.part, by)
     if drawn is None:
@@ -245,6 +248,11 @@ def sure(presence: Sequence[Presence], alarms: float) -> float:
     Bonferroni over the visible bodies.
     """
     return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - OF_DISPLACED) * alarms)))
+
+
+def surely_elsewhere(presence: Sequence[Presence], alarms: float) -> float:
+    """Return the log likelihood ratio beyond which a body is called displaced, none of all wrongly (Bonferroni)."""
+    return sure(presence, OF_DISPLACED * alarms / (1 - OF_DISPLACED))
 
 
 def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:

@@ -43,16 +43,15 @@ def log_likelihoods(
     """
     scores = np.zeros(len(guesses) + 1)
     for photo, first in zip(photos, shown, strict=True):
-        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
-        window = _window(photo, camera_from_part, guesses, body)
+        window = _window(photo, world_from_part, guesses, body)
         if window is not None:
-            scores += _in_photo(photo, camera_from_part, guesses, body, window, first)
+            scores += _in_photo(photo, world_from_part, guesses, body, window, first)
     return scores[:-1], float(scores[-1])
 
 
-def _window(photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body: int) -> Window | None:
+def _window(photo: Photo, world_from_part: Rigid, guesses: Sequence[Part], body: int) -> Window | None:
     """Return the rows and columns of a photo in which any of the guesses has a body; None if none has."""
-    points = []
+    points, camera_from_part = [], photo.camera_from_world @ world_from_part
     for part in guesses:
         mesh = part.scene.mesh
         points.append(photo.camera.project(camera_from_part @ mesh.vertices[np.unique(mesh.faces[mesh.part == body])]))
@@ -66,13 +65,13 @@ def _window(photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body
 
 
 def _in_photo(
-    photo: Photo, camera_from_part: Rigid, guesses: Sequence[Part], body: int, window: Window, first: ShownFaces
+    photo: Photo, world_from_part: Rigid, guesses: Sequence[Part], body: int, window: Window, first: ShownFaces
 ) -> Array:
     from scipy.ndimage import binary_dilation
 
     shown = [replace(first, face=first.face[window])]
-    shown += [ShownFaces.of(part, photo, camera_from_part, window=window) for part in guesses[1:]]
-    shown.append(ShownFaces.of(guesses[0], photo, camera_from_part, without=body, window=window))
+    shown += [ShownFaces.of(part, photo, world_from_part, window=window) for part in guesses[1:]]
+    shown.append(ShownFaces.of(guesses[0], photo, world_from_part, without=body, window=window))
     covered = np.any([s.shows(body) for s in shown], axis=0)
     if not covered.any():
         return np.zeros(len(shown))

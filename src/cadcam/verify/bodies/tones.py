@@ -105,8 +105,7 @@ class Tones:
 
         All are 0 where the photo shows too little of the body to be evidence.
         """
-        camera_from_part = photo.viewpoint.camera_from_world @ self.world_from_part
-        covered = _Covered.of(self.part, photo, camera_from_part, whole, body)
+        covered = _Covered.of(self.part, photo, self.world_from_part, whole, body)
         if covered is None:
             return 0.0, 0.0, 0.0
         own, behind = covered.surfaces()
@@ -142,7 +141,7 @@ class _Covered:
     inside: Mask
 
     @classmethod
-    def of(cls, part: Part, photo: Photo, camera_from_part: Rigid, whole: ShownFaces, body: int) -> _Covered | None:
+    def of(cls, part: Part, photo: Photo, world_from_part: Rigid, whole: ShownFaces, body: int) -> _Covered | None:
         """Return the window of a body, None where too little of it is seen; whole: what the part shows in the photo."""
         from scipy.ndimage import binary_erosion
 
@@ -154,7 +153,7 @@ class _Covered:
         inside = binary_erosion(its, iterations=_RIM_PX)
         if inside.sum() < _LEAST_PX:
             return None
-        hidden = ShownFaces.of(part, photo, camera_from_part, without=body, window=window)
+        hidden = ShownFaces.of(part, photo, world_from_part, without=body, window=window)
         return cls(photo.gray[window].astype(np.float64), shown, hidden, its, inside)
 
     def surfaces(self) -> tuple[_SurfacePixels, _SurfacePixels]:

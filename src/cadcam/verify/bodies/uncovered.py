@@ -29,7 +29,7 @@ def uncovered_ratio(without: Part, photos: Sequence[Photo], world_from_part: Rig
     behind = _behind(survey.shown, body, lines) & searchable(lines, photos)
     if not behind.any():
         return 0.0
-    shown = [ShownFaces.of(without, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]
+    shown = [ShownFaces.of(without, photo, world_from_part) for photo in photos]
     beside = edge_surroundings(photos, shown, lines)
     found = nearby_edges(lines, sights, reach_px=2.0, way=beside.way)
     matched = associated(lines, sights, found, np.where(behind, 0, -1), reach_px=1.0)

@@ -228,12 +228,7 @@ def _off(measured: MeasuredEdges, rows: Mask, places: Sequence[Mask]) -> tuple[A
     pose = measured.pose_without(rows) if len(places) else None
     if pose is None:
         return np.zeros(len(places)), np.zeros(len(places))
-    worst = []
-    for place in places:
-        its = [place & (measured.lines.edge == e) for e in np.unique(measured.lines.edge[place])]
-        offsets = [np.abs(measured.across_px(edge, pose)) for edge in its]
-        worst.append(max(offsets, key=lambda t: t[0] / t[1]))
-    off, sigma = np.array(worst).T
+    off, sigma = np.abs([measured.farthest_px(place, pose) for place in places]).T
     return off / sigma, np.maximum(off - _SURELY * sigma, 0.0)
 
 

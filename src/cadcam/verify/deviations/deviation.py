@@ -73,6 +73,11 @@ class EdgeDeviation(Brief):
     off: bool = False
     station: Array = field(default_factory=lambda: np.zeros((0, 3)))
 
+    @property
+    def name(self) -> str:
+        """Return which edge it is, in words."""
+        return f"{self.kind} {self.chain} of {self.part}"
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class FeatureDeviation:

@@ -32,7 +32,7 @@ def unexplained(
     out: list[Extra] = []
     renderer = open_renderer(part.scene)
     for i, photo in enumerate(photos):
-        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+        camera_from_part = photo.camera_from_world @ world_from_part
         view = renderer.render(photo.camera, camera_from_part, channels=Channel.PART | Channel.DEPTH)
         lines = part.lines.draw(photo.camera, camera_from_part, options=LineOptions(hidden=False)).visible
         explained = np.concatenate([lines.points_along(2.0)[0], shifted[i]])

@@ -36,6 +36,11 @@ class Displacement:
     edges: int
     known: bool = True
 
+    @property
+    def vector(self) -> Array:
+        """Return the displacement (3,) mm in the part frame, zero in directions not seen."""
+        return np.asarray(self.basis @ self.estimate.value)
+
 
 @dataclass(frozen=True)
 class MeasuredEdges:
@@ -130,7 +135,7 @@ class MeasuredEdges:
         basis, pose = told
         p_value = self._p_value(rows, basis, pose)
         if along is not None:
-            return Displacement(basis, self._followed(rows, basis, pose), p_value, self._edges(rows))
+            return Displacement(basis, self._followed(rows, basis, pose), p_value, self._edge_count(rows))
         if not basis.shape[1]:
             return None
         every = np.column_stack([basis, _perpendicular(basis)])
@@ -138,7 +143,9 @@ class MeasuredEdges:
         p_value = either(p_value, tail_probability(estimate.value, estimate.covariance, self.dof))
         plane = self._leaning(rows, basis, every @ estimate.covariance @ every.T)
         best, known = self._best_told(rows, estimate.along(plane.T @ every))
-        return Displacement(plane @ best, estimate.along(best.T @ plane.T @ every), p_value, self._edges(rows), known)
+        return Displacement(
+            plane @ best, estimate.along(best.T @ plane.T @ every), p_value, self._edge_count(rows), known
+        )
 
     def p_value(self, rows: Mask) -> float:
         """Return the probability of offsets like those of these places if they are in place; nan: undetermined."""
@@ -165,7 +172,7 @@ class MeasuredEdges:
         body = BodyLines(self.lines.by_point[rows], self.lever[rows], self.ground[rows])
         return following(self.adjustment, rows, body, pose, basis=basis, prior_mm=self._unseen_mm(rows))
 
-    def _edges(self, rows: Mask) -> int:
+    def _edge_count(self, rows: Mask) -> int:
         return len(np.unique(self.lines.edge[rows]))
 
     def _leaning(self, rows: Mask, basis: Array, covariance: Array) -> Array:
@@ -252,6 +259,11 @@ class MeasuredEdges:
         value, sigma, _ = self.across(rows, pose=pose)
         px = 1.0 / float(np.median(self.lines.mm_per_px[rows]))
         return value * px, sigma * px
+
+    def farthest_px(self, rows: Mask, pose: FittedPose) -> tuple[float, float]:
+        """Return mean offset (px) and sigma of the edge of these places that is farthest off, in sigmas."""
+        each = [rows & (self.lines.edge == e) for e in np.unique(self.lines.edge[rows])]
+        return max((self.across_px(edge, pose) for edge in each), key=lambda found: abs(found[0]) / found[1])
 
     def stations(self, rows: Mask, *, pose: FittedPose | None) -> Array:
         """Return (s, 3): position along the edge (px), deviation and sigma (mm) of pieces about `STATION_PX` long."""

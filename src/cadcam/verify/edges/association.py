@@ -8,7 +8,7 @@ found on a grid; among equally well supported shifts the nominal place is prefer
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -26,6 +26,7 @@ _MOST = 6  # candidates per place
 _COARSE_PX = 0.3  # approximate sigma of a candidate
 _PARALLEL = np.cos(np.radians(20.0))
 _STRAYS = 3.5  # robust sigmas
+_IN_PLACE = np.zeros(2)  # px: no shift
 _LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree for it to count as seen
 
 
@@ -112,66 +113,83 @@ def associated(
     found displaced, the others are searched for once more: their edges are not those of the displaced ones.
     """
     ought = np.ones(len(lines), bool) if ought is None else ought
-    coarse, shift = _assigned(lines, found, body, ought, reach_px=reach_px)
-    growth = _rims(lines, found, coarse, body, shift, reach_px=reach_px)
-    asked, coarse_sigma = body >= 0, np.full(len(lines), _COARSE_PX)
-    coarse[strays(coarse, coarse_sigma, lines.edge, lines.along, asked, ought)] = np.nan
-    offset, sigma, common, step = fitted_steps(lines, sights, body, coarse, shift, growth)
-    offset[~np.isfinite(coarse)] = np.nan
-    offset[strays(offset, sigma, lines.edge, lines.along, asked, ought)] = np.nan
-    return Association(coarse, offset, np.where(np.isfinite(offset), sigma, np.nan), common, step, shift, growth)
+    search = _Search(lines, found, body, ought, reach_px)
+    coarse, shift, growth = search.with_rims(*search.assigned())
+    coarse = search.without_strays(coarse, np.full(len(lines), _COARSE_PX))
+    fitted = fitted_steps(lines, sights, body, coarse, shift, growth)
+    offset = search.without_strays(np.where(np.isfinite(coarse), fitted.offset, np.nan), fitted.sigma)
+    sigma = np.where(np.isfinite(offset), fitted.sigma, np.nan)
+    return Association(coarse, offset, sigma, fitted.common, fitted.step, shift, growth)
 
 
-def _assigned(lines: Sightlines, found: Array, body: Longs, ought: Mask, *, reach_px: float) -> tuple[Array, Array]:
-    """Return the coarse offsets (N,) and shifts (N, 2) px of all bodies, those beside displaced ones searched twice."""
-    free = np.where(_explained(lines, found, body, np.zeros((len(lines), 2))), np.nan, found)
-    coarse, shift = _shifted(lines, found, free, body, ought, reach_px=reach_px)
-    moved = np.hypot(*shift.T) > NEAR_PX
-    if not moved.any():
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """The search for the bodies of N places among the candidates beside them; see `associated`."""
+
+    lines: Sightlines
+    found: Array
+    body: Longs
+    ought: Mask
+    reach_px: float
+
+    def assigned(self) -> tuple[Array, Array]:
+        """Return the coarse offsets (N,) and shifts (N, 2) px of bodies, those beside displaced ones found again."""
+        free = np.where(_explained(self.lines, self.found, self.body, _IN_PLACE), np.nan, self.found)
+        coarse, shift = self._shifted(free)
+        moved = np.hypot(*shift.T) > NEAR_PX
+        if not moved.any():
+            return coarse, shift
+        taken = _explained(self.lines, self.found, self.body, shift, by=moved)
+        others = np.where(np.isin(self.body, self.body[moved]), -1, self.body)
+        left = replace(self, found=np.where(taken, np.nan, self.found), body=others)
+        coarse_again, shift_again = left._shifted(np.where(taken, np.nan, free))
+        again = others >= 0
+        return np.where(again, coarse_again, coarse), np.where(again[:, None], shift_again, shift)
+
+    def _shifted(self, free: Array) -> tuple[Array, Array]:
+        """Return the coarse offsets (N,) and shifts (N, 2) of bodies, each searched for separately in each photo.
+
+        free (N, K): the candidates that no other body explains.
+        """
+        lines, body = self.lines, self.body
+        coarse, shift = np.full(len(lines), np.nan), np.zeros((len(lines), 2))
+        for number in np.unique(body[body >= 0]):
+            for photo in np.unique(lines.photo[body == number]):
+                rows = np.flatnonzero((body == number) & (lines.photo == photo))
+                normal = lines.normal[rows]
+                edge = pieces(lines.edge[rows], normal)
+                s = best_shift(self.found[rows], normal, free=free[rows], reach_px=self.reach_px)
+                if np.hypot(*s) > NEAR_PX and not _believed(free[rows], normal, edge, s, self.ought[rows]):
+                    s = best_shift(self.found[rows], normal, reach_px=NEAR_PX)
+                shift[rows] = s
+                coarse[rows] = nearest(self.found[rows], normal @ s)
         return coarse, shift
-    taken = _explained(lines, found, body, shift, by=moved)
-    others = np.where(np.isin(body, body[moved]), -1, body)
-    left, left_free = np.where(taken, np.nan, found), np.where(taken, np.nan, free)
-    coarse_again, shift_again = _shifted(lines, left, left_free, others, ought, reach_px=reach_px)
-    again = others >= 0
-    return np.where(again, coarse_again, coarse), np.where(again[:, None], shift_again, shift)
 
+    def with_rims(self, coarse: Array, shift: Array) -> tuple[Array, Array, Array]:
+        """Return coarse offsets and shifts, those of larger rims set right, and by how many px (N,) rims are larger.
 
-def _shifted(
-    lines: Sightlines, found: Array, free: Array, body: Longs, ought: Mask, *, reach_px: float
-) -> tuple[Array, Array]:
-    """Return the coarse offsets (N,) and shifts (N, 2) of bodies, each searched for separately in each photo."""
-    coarse, shift = np.full(len(lines), np.nan), np.zeros((len(lines), 2))
-    for number in np.unique(body[body >= 0]):
-        for photo in np.unique(lines.photo[body == number]):
-            rows = np.flatnonzero((body == number) & (lines.photo == photo))
+        A rim is an edge that faces several ways; it may be larger by more than a displacement of its body explains.
+        """
+        lines, asked = self.lines, self.body >= 0
+        coarse, shift, growth = coarse.copy(), shift.copy(), np.zeros(len(lines))
+        rims = [e for e in np.unique(lines.edge[asked]) if _faces_all_ways(lines, lines.edge == e)]
+        if not rims:
+            return coarse, shift, growth
+        free = np.where(_explained(lines, self.found, lines.edge, _IN_PLACE), np.nan, self.found)
+        for e in rims:
+            rows = np.flatnonzero((lines.edge == e) & asked)
             normal = lines.normal[rows]
-            edge = pieces(lines.edge[rows], normal)
-            s = best_shift(found[rows], normal, free=free[rows], reach_px=reach_px)
-            if np.hypot(*s) > NEAR_PX and not _believed(free[rows], normal, edge, s, ought[rows]):
-                s = best_shift(found[rows], normal, reach_px=NEAR_PX)
-            shift[rows] = s
-            coarse[rows] = nearest(found[rows], normal @ s)
-    return coarse, shift
+            size, by = grown(self.found[rows], free[rows], normal, shift[rows[0]], reach_px=self.reach_px)
+            if size:
+                growth[rows], shift[rows] = size, by
+                coarse[rows] = nearest(free[rows], normal @ by + size)
+        return coarse, shift, growth
 
-
-def _rims(lines: Sightlines, found: Array, coarse: Array, body: Longs, shift: Array, *, reach_px: float) -> Array:
-    """Return by how many px (N,) rims are larger than drawn; sets their coarse offsets and shifts accordingly.
-
-    A rim is an edge that faces several ways; it may be larger by more than a displacement of its body explains.
-    """
-    growth = np.zeros(len(lines))
-    rims = [e for e in np.unique(lines.edge[body >= 0]) if _faces_all_ways(lines, lines.edge == e)]
-    if not rims:
-        return growth
-    free = np.where(_explained(lines, found, lines.edge, np.zeros((len(lines), 2))), np.nan, found)
-    for e in rims:
-        rows = np.flatnonzero((lines.edge == e) & (body >= 0))
-        size, by = grown(found[rows], free[rows], lines.normal[rows], shift[rows[0]], reach_px=reach_px)
-        if size:
-            growth[rows], shift[rows] = size, by
-            coarse[rows] = nearest(free[rows], lines.normal[rows] @ by + size)
-    return growth
+    def without_strays(self, offset: Array, sigma: Array) -> Array:
+        """Return offsets (N,) px with nan in place of `strays`; sigma (N,): of each."""
+        lines = self.lines
+        stray = strays(offset, sigma, lines.edge, lines.along, self.body >= 0, self.ought)
+        return np.where(stray, np.nan, offset)
 
 
 def _faces_all_ways(lines: Sightlines, rows: Mask) -> bool:
@@ -179,10 +197,10 @@ def _faces_all_ways(lines: Sightlines, rows: Mask) -> bool:
     return lines.kind[rows][0] != EdgeKind.CONTOUR and all_round(lines.normal[rows])
 
 
-def _explained(lines: Sightlines, found: Array, body: Longs, shift: Array, *, by: Mask | None = None) -> Mask:
-    """Return which candidates (N, K) are a line of another body of the model, each place shifted by `shift` (N, 2) px.
+def _explained(lines: Sightlines, found: Array, owner: Longs, shift: Array, *, by: Mask | None = None) -> Mask:
+    """Return which candidates (N, K) are a line of the model with another owner (N,), a body or an edge.
 
-    by (N,): places of which bodies count, by default of all.
+    shift (2,) or (N, 2) px: displacement of the places; by (N,): places whose lines count, by default all.
     """
     from scipy.spatial import cKDTree
 
@@ -199,7 +217,7 @@ def _explained(lines: Sightlines, found: Array, body: Longs, shift: Array, *, by
             i, j = mine[known], there[neighbour[known]]
             across = np.abs(np.einsum("ni,ni->n", q[i] - places[j], lines.normal[j]))
             parallel = np.abs(np.einsum("ni,ni->n", lines.normal[row[i]], lines.normal[j])) > _PARALLEL
-            other = body[row[i]] != body[j]
+            other = owner[row[i]] != owner[j]
             out[row[i], k[i]] |= other & parallel & (across < ON_LINE_PX)
     return out
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
-from cadcam.cad.edges import FeatureEdges
+from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
@@ -17,8 +17,6 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 
 Window = tuple[slice, slice]
-_PAIR, _ONE = np.zeros((0, 2), np.int32), np.zeros(0, np.int32)
-_NO_EDGES = FeatureEdges(_PAIR, _PAIR, _ONE, _ONE, _ONE)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,19 +39,19 @@ class ShownFaces:
         cls,
         part: Part,
         photo: Photo,
-        camera_from_part: Rigid,
+        world_from_part: Rigid,
         *,
         without: int = -1,
         window: Window | None = None,
     ) -> ShownFaces:
-        """Return what a part shows in a photo, or in a window of it, the body `without` left out."""
-        mesh, camera = part.scene.mesh, photo.camera
+        """Return what a part at a pose shows in a photo, or in a window of it, the body `without` left out."""
+        mesh, camera, camera_from_part = part.scene.mesh, photo.camera, photo.camera_from_world @ world_from_part
         kept = mesh.part != without
         if window is not None:
             rows, columns = window
             camera = camera.crop(columns.start, rows.start, (columns.stop - columns.start, rows.stop - rows.start))
         if kept.any():
-            scene = part.scene if kept.all() else Scene.of(mesh.select(kept), edges=_NO_EDGES)
+            scene = part.scene if kept.all() else Scene.of(mesh.select(kept), edges=NO_EDGES)
             seen = open_renderer(scene).render(camera, camera_from_part, channels=Channel.FACE).face
         else:  # a part that is a single body
             seen = np.full((camera.height, camera.width), -1, np.int32)

@@ -112,7 +112,7 @@ def sightlines(part: Part, photos: Sequence[Photo], world_from_part: Rigid) -> t
 def _in_photo(
     part: Part, photo: Photo, number: int, world_from_part: Rigid, sources: list[ErrorSource]
 ) -> tuple[Sightlines, Sight]:
-    camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+    camera_from_part = photo.camera_from_world @ world_from_part
     wires = part.lines.draw(photo.camera, camera_from_part, options=_LINES).visible
     samples = sample_lines(wires, photo.camera, step_px=STEP_PX, reach_px=2 * REACH_PX)
     samples = samples.select(_imaged(samples, photo, camera_from_part))

@@ -135,7 +135,7 @@ def surveyed(
     body = _bodies(members)
     usable = searchable(lines, photos)
     moved_as_one = np.where(usable, body, -1)
-    shown = [ShownFaces.of(part, photo, photo.viewpoint.camera_from_world @ world_from_part) for photo in photos]
+    shown = [ShownFaces.of(part, photo, world_from_part) for photo in photos]
     beside = edge_surroundings(photos, shown, lines)
     ought = usable & (beside.contrast > FAINT)
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
@@ -174,7 +174,7 @@ def _relative_to_cad(
     shift = matched.shift.copy()
     for i, photo in enumerate(photos):
         rows = lines.photo == i
-        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+        camera_from_part = photo.camera_from_world @ world_from_part
         at, place = (photo.camera.project(camera_from_part @ p) for p in (lines.p[rows], (lines.p - mm)[rows]))
         shift[rows] += at - place
     return replace(matched, offset=matched.offset + np.einsum("ni,ni->n", lines.by_point, mm), shift=shift)
