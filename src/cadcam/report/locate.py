@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
@@ -66,6 +67,7 @@ def evidence_table(location: Location) -> Table:
     rows = [("quality", f"{location.quality:.3f} (found from {FOUND} on)")]
     rows += [("places on edges", f"{used} of {len(location.matches)} fit")]
     rows += [("their distance from the photo's edges, rms", f"{rms:.2f} px")] if used else []
+    rows += [("hidden", f"{location.covered}: they do not count")] if location.covered else []
     rows += [("why", location.reason)] if location.reason else []
     return Table("Evidence", ("", ""), tuple(rows), ("",))
 
@@ -124,6 +126,7 @@ def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, A
         **({} if location.found else {"best": pose}),
         "frames": frames_as_json([photo.viewpoint for photo in photos]),
         "disagreements": disagreements_as_json(location),
+        "covered": asdict(location.covered) if location.covered else None,
         "camera_from_part": pose_as_json(camera_from_part),
         "edges": {"samples": len(location.matches), "used": used, "rms_px": rms if used else None},
         "alternatives": [

@@ -12,9 +12,11 @@ from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.location import Covered
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import false_discoveries_below
+from cadcam.verify.bodies.behind import covered_places, hidden_apart
 from cadcam.verify.bodies.findings import (
     OF_DISPLACED,
     Case,
@@ -38,6 +40,7 @@ from cadcam.verify.tolerances.tolerance import Tolerances, whole_parts
 
 _SURVEYS, _REDRAW_PX = 3, 0.3  # the lines are redrawn, at most so often, while the datum moves any body's by more
 _MOST = 0.9  # share of the lines, of all bodies or of one, that move by no more
+_USUAL_PX = 0.1  # common error of an edge, before it is estimated
 _LEAST_SEEN = 0.35  # least share of the datum's places that must show an edge for the pose to be believed
 _CARRIED = (
     "the datum edges seen do not hold the part: fitted to them it would move by {:.0f} px, and edges were looked for "
@@ -75,7 +78,7 @@ class Inspection(Brief):
     the others and were not used (never of a stated datum). tau_px: common error of an edge; noise_scale: scatter along
     edges over what the photos' noise predicts; clutter: see `cadcam.verify.edges.presence`; seen_share: share of the
     datum's places where the photos show an edge. found: whether the part is where the pose has it; if not, `reason`
-    says why.
+    says why. covered: what something before the part hides, where features are unclear because of it.
     """
 
     pose: PoseEstimate
@@ -93,6 +96,7 @@ class Inspection(Brief):
     measured: MeasuredEdges | None
     survey: Survey
     passable: float = float("nan")  # log likelihood ratio from which a required feature passes as present
+    covered: Covered | None = None
 
     def feature(self, name: str) -> FeatureDeviation:
         """Return a feature by its name."""
@@ -148,10 +152,14 @@ def _why_not(survey: Survey) -> str:
     if not (survey.datum & survey.usable).any():
         return "none of the datum's edges is in view: choose others, or take another photo"
     if survey.seen_share < _LEAST_SEEN:
-        return (
+        seen = (
             f"the photos show an edge at only {100 * survey.seen_share:.0f} % of the places where this pose has one "
-            f"(at least {100 * _LEAST_SEEN:.0f} % are needed): the part is not there, or not this part"
+            f"(at least {100 * _LEAST_SEEN:.0f} % are needed)"
         )
+        behind, covered = covered_places(survey, _USUAL_PX)
+        if covered and survey.seen_share_of(~behind) >= _LEAST_SEEN:
+            return f"{seen}: {covered}; take it away, or take another view"
+        return f"{seen}: the part is not there, or not this part"
     return ""
 
 
@@ -167,10 +175,11 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
     by_calibration = fitted.by_cause @ fitted.by_cause.T
     moved = case.world_from_part @ Rigid.exp(fitted.xi)
     pose = PoseEstimate(moved, fitted.covariance, by_calibration, measured.adjustment.freedom, measured.dof)
+    features, covered = hidden_apart(survey, evidence.deviations(), measured.tau_px)
     shifted = [_shifted(survey, i) for i in range(len(photos))]
     return Inspection(
         pose=pose,
-        features=evidence.deviations(),
+        features=features,
         edges=_edges(part, survey, measured, options.alarms),
         extra=tuple(unexplained(part, photos, pose.world_from_part, shifted=shifted)),
         datum=tuple(names[i] for i in np.unique(measured.body[measured.adjustment.datum])),
@@ -184,6 +193,7 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
         measured=measured,
         survey=survey,
         passable=float(-np.log(options.alarms)),
+        covered=covered,
     )
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
@@ -80,6 +80,7 @@ def verification_as_json(found: Verification, origin: VerificationOrigin) -> dic
         "noise_scale": seen.noise_scale,
         "clutter": seen.clutter,
         "seen_share": seen.seen_share,
+        "covered": asdict(seen.covered) if seen.covered else None,
         "features": [_feature(f) | {"role": role(found, f)} for f in seen.features],
         "edges": [_edge(e) for e in seen.edges],
         "extra": [_extra(e) for e in seen.extra],

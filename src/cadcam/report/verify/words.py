@@ -100,6 +100,7 @@ def feature_notes(seen: Inspection) -> list[str]:
         "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far "
         "as the photos show it"
     ]
+    notes += [str(seen.covered)] if seen.covered else []
     notes += unclear_words(seen)
     if seen.left_out:
         notes.append(f"left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}")
