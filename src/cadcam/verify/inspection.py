@@ -12,6 +12,7 @@ from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect_numbers
 from cadcam.locate.location import Covered
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -61,6 +62,7 @@ class InspectionOptions:
     alarms: float = 0.01
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if not 2 <= self.reach_px <= 60:
             raise BadValue("reach_px", self.reach_px, "2 to 60 px")
         if not 0 < self.alarms < 1:

@@ -18,7 +18,14 @@ if TYPE_CHECKING:
     from cadcam.plan.sight.candidate import Candidate
     from cadcam.plan.what_if import WhatIf
 
-_OF_A_SET = ("-k", "--output", "--pictures", "--cameras", "--each", "--no-what-if")  # options without effect with --next
+_OF_A_SET = (
+    "-k",
+    "--output",
+    "--pictures",
+    "--cameras",
+    "--each",
+    "--no-what-if",
+)  # options without effect with --next
 _SUFFIXES = (".html", ".json")
 _DESCRIPTION = """\
 Before there is a factory: which cameras to mount where, and how well they will measure. From CAD, places where cameras
@@ -33,7 +40,7 @@ _EXAMPLES = """\
   cadcam layout scene.yaml -k 3 --json                       three cameras, everything as JSON
   cadcam layout scene.yaml --keep 'gallery 6' --next         what is the next camera to buy beside this one?
   cadcam layout scene.yaml --pictures views/                 what each chosen camera will see, as PNG
-  cadcam layout scene.yaml --cameras mounted/                each as a camera file: to render, to make pictures for trials
+  cadcam layout scene.yaml --cameras mounted/                each as a camera file: to render with, for trials
   cadcam layout scene.yaml -k 0 --keep 'gallery 6' --keep 'gallery 9'     this very set, another day
 
 scene file (YAML; mm and degrees; all keys are in docs/layout.md):

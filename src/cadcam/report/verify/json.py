@@ -10,7 +10,7 @@ import numpy as np
 
 from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.image.picture import PictureInfo
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_each
 from cadcam.record.export import record_as_json
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.report.locate import disagreements_as_json
@@ -36,6 +36,12 @@ class VerificationOrigin:
     station: str = ""
     time: datetime = field(default_factory=lambda: datetime.now(UTC))
     photos: tuple[PictureInfo, ...] = ()
+
+    def __post_init__(self) -> None:
+        expect(self.part, "part", str)
+        expect(self.time, "time", datetime)
+        for name, kind in (("sources", Source), ("cameras", str), ("photos", PictureInfo)):
+            object.__setattr__(self, name, expect_each(getattr(self, name), name, kind))
 
 
 def record_of(found: Verification, origin: VerificationOrigin) -> Record:

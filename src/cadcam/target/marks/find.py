@@ -18,7 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_numbers
 from cadcam.target.marks.candidates import METHODS, MarkCandidates, approached, mark_candidates, screened
 from cadcam.target.marks.cross import surface, taps, template
 from cadcam.target.marks.fit import MarkFit, fit_marks
@@ -101,6 +101,7 @@ class MarkOptions:
     any_number: bool = False
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if self.method not in METHODS:
             raise UnknownName("method", self.method, METHODS)
         if self.subpixel not in SUBPIXEL:
