@@ -10,6 +10,7 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sized
 from dataclasses import fields
+from functools import cache
 from typing import TYPE_CHECKING, Any, SupportsFloat, TypeVar
 
 from cadcam.errors import BadValue
@@ -104,6 +105,8 @@ def expect(value: object, what: str, *kinds: type, optional: bool = False) -> No
 
 def expect_number(value: object, what: str) -> None:
     """Raise `BadValue` naming `what` unless value is one real number: Python's or numpy's; NaN and inf pass."""
+    if type(value) is float or type(value) is int:
+        return  # the usual ones, in no time
     if isinstance(value, str) or not isinstance(value, SupportsFloat) or getattr(value, "shape", ()) != ():
         raise BadValue(what, said(value), "a number")
 
@@ -114,18 +117,28 @@ def expect_numbers(value: DataclassInstance) -> None:
     Of fields `float`, `int` (a whole number) and `tuple[float, float]` and the like, and of those `| None`; the others
     are not looked at. It tells kinds, not sizes: NaN and inf pass.
     """
-    for field in fields(value):
-        told, given = _NUMBERS.fullmatch(str(field.type)), getattr(value, field.name)
-        if told is None or (given is None and told["none"]):
+    for name, one, several, optional in _annotated(type(value)):
+        given = getattr(value, name)
+        if given is None and optional:
             continue
-        if told["one"]:
-            _expect_number_of(given, field.name, told["one"])
+        if one:
+            _expect_number_of(given, name, one)
             continue
-        kinds = told["several"].split(", ")
-        if isinstance(given, str) or not hasattr(given, "__getitem__") or _length(given) != len(kinds):
-            raise BadValue(field.name, said(given), f"{len(kinds)} numbers")
-        for i, kind in enumerate(kinds):
-            _expect_number_of(given[i], f"{field.name}[{i}]", kind)
+        if isinstance(given, str) or not hasattr(given, "__getitem__") or _length(given) != len(several):
+            raise BadValue(name, said(given), f"{len(several)} numbers")
+        for i, kind in enumerate(several):
+            _expect_number_of(given[i], f"{name}[{i}]", kind)
+
+
+@cache
+def _annotated(kind: type[DataclassInstance]) -> tuple[tuple[str, str, tuple[str, ...], bool], ...]:
+    """Return of each field annotated as numbers its name, "float" or "int" or those of a tuple, and whether None is."""
+    told = ((f.name, _NUMBERS.fullmatch(str(f.type))) for f in fields(kind))
+    return tuple(
+        (name, t["one"] or "", tuple(filter(None, (t["several"] or "").split(", "))), bool(t["none"]))
+        for name, t in told
+        if t
+    )
 
 
 def _expect_number_of(value: object, what: str, kind: str) -> None:
