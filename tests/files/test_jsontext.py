@@ -37,11 +37,14 @@ def test_a_decimal_comma_is_told_as_one() -> None:
         ("lug: {position_mm: 0,5}", f"lug has an unknown key '5' (known: part, position_mm); {point}"),
         ("lug:\n  position_mm: 0,5", f'lug.position_mm is "0,5"; a number is expected: {point}'),
     ):
-        place = parsed_yaml(TextFile("t.yaml", text, "0" * 64)).at("lug")
         with pytest.raises(UnreadableFile) as refused:
-            place.only("part", "position_mm")
-            place.at("position_mm").number()
+            _position(parsed_yaml(TextFile("t.yaml", text, "0" * 64)).at("lug"))
         assert str(refused.value) == f"t.yaml: {says}"
+
+
+def _position(place: Place) -> float:
+    place.only("part", "position_mm")
+    return place.at("position_mm").number()
 
 
 def test_of_two_names_as_near_the_one_that_differs_by_case_is_meant() -> None:

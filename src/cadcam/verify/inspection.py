@@ -22,6 +22,7 @@ from cadcam.verify.bodies.findings import (
     OF_DISPLACED,
     Case,
     Findings,
+    contradictions,
     elsewhere_by,
     findings_of,
     findings_redrawn,
@@ -80,7 +81,8 @@ class Inspection(Brief):
     the others and were not used (never of a stated datum). tau_px: common error of an edge; noise_scale: scatter along
     edges over what the photos' noise predicts; clutter: see `cadcam.verify.edges.presence`; seen_share: share of the
     datum's places where the photos show an edge. found: whether the part is where the pose has it; if not, `reason`
-    says why. covered: what something before the part hides, where features are unclear because of it.
+    says why. covered: what something before the part hides, where features are unclear because of it. contradictions:
+    names of bodies of a stated datum that do not agree with the rest of it.
     """
 
     pose: PoseEstimate
@@ -99,6 +101,7 @@ class Inspection(Brief):
     survey: Survey
     passable: float = float("nan")  # log likelihood ratio from which a required feature passes as present
     covered: Covered | None = None
+    contradictions: tuple[str, ...] = ()
 
     def feature(self, name: str) -> FeatureDeviation:
         """Return a feature by its name."""
@@ -125,7 +128,7 @@ def inspect(
     asked = whole_parts(part.scene) if tolerances is None else tolerances
     asked.check(part.scene)
     F = np.eye(6) if freedom is None else np.asarray(freedom, np.float64)
-    pose = world_from_part
+    pose, contradicting = world_from_part, None
     for _ in range(_SURVEYS):
         case = Case(part, photos, pose, asked, F, options.reach_px, options.alarms)
         survey = surveyed(part, photos, pose, asked, reach_px=options.reach_px)
@@ -136,6 +139,10 @@ def inspect(
             look = findings_of(case, part, survey)
         except DegenerateGeometry as error:
             return _not_found(survey, pose, F, str(error))
+        if (
+            survey.stated and contradicting is None
+        ):  # at the first pose: a datum that contradicts itself leads the next ones astray
+            contradicting = contradictions(case, look)
         xi = look.measured.adjustment.pose().xi
         moved = np.abs(survey.lines.by_pose @ xi)
         if max(quantile(moved[survey.body == body], _MOST) for body in np.unique(survey.body)) < _REDRAW_PX:
@@ -144,7 +151,7 @@ def inspect(
         if moved_px > options.reach_px:  # farther than edges were searched for: few of them, too few to judge
             return _not_found(survey, pose, F, _CARRIED.format(moved_px, options.reach_px))
         pose = pose @ Rigid.exp(xi)  # there other lines are visible, and fewer mistaken for others
-    return _reported(case, findings_redrawn(case, look), options)
+    return replace(_reported(case, findings_redrawn(case, look), options), contradictions=contradicting or ())
 
 
 def _why_not(survey: Survey) -> str:

@@ -24,6 +24,7 @@ from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOption
 from cadcam.verify.reasons import (
     ANOTHER_VIEW,
     IN_VIEW,
+    contradicting,
     direction_words,
     explained,
     not_found,
@@ -94,7 +95,8 @@ def verify_part(
     beside = [] if judgements else [said for said in [unjudged(seen.features)] if said]
     open_ = verdict is Verdict.UNDECIDED or not judgements
     before = [str(seen.covered)] if seen.covered and open_ else []
-    reason = "; ".join([summary(verdict, judgements), *beside, *before, *map(str, located.disagreements)])
+    datum = [contradicting(seen.contradictions)] if seen.contradictions else []
+    reason = "; ".join([summary(verdict, judgements), *beside, *datum, *before, *map(str, located.disagreements)])
     return Verification(verdict, reason, judgements, seen, tolerances, located)
 
 

@@ -89,6 +89,12 @@ def unjudged(features: Sequence[FeatureDeviation]) -> str:
     return "; ".join([*said[:_NAMED], *more])
 
 
+def contradicting(names: Sequence[str]) -> str:
+    """Return in one line which features of the stated datum do not agree with the rest of it, and what to do."""
+    them, stand = ("it", "stands") if len(names) == 1 else ("them", "stand")
+    return f"the datum contradicts itself: {', '.join(names)} {stand} out; leave {them} out of the datum"
+
+
 def not_found(located: Location, photos: Sequence[Photo]) -> str:
     """Return in one line why the part was not found, and the faults of the photos that may be to blame."""
     why = (located.reason or "no pose fits").removeprefix("not found: ")

@@ -81,6 +81,7 @@ def verification_as_json(found: Verification, origin: VerificationOrigin) -> dic
     return out | {
         "datum": list(seen.datum),
         "left_out_of_datum": list(seen.left_out),
+        "datum_contradictions": list(seen.contradictions),
         "weakest_direction": {"motion": direction, "sigma_mm": sigma},
         "edge_error_px": seen.tau_px,
         "noise_scale": seen.noise_scale,

@@ -11,6 +11,7 @@ from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
+from cadcam.verify.reasons import contradicting
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
@@ -104,6 +105,8 @@ def feature_notes(seen: Inspection) -> list[str]:
     notes += unclear_words(seen)
     if seen.left_out:
         notes.append(f"left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}")
+    if seen.contradictions:
+        notes.append(f"{contradicting(seen.contradictions)}, or what is measured from it is off")
     if seen.extra:
         notes.append(
             f"{counted(len(seen.extra), 'curve')} inside the part that no edge of the model explains: shadows, dirt, "
