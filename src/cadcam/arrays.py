@@ -86,6 +86,11 @@ def brief(value: object) -> str:
     return f"{told[:_WIDTH]}...'" if isinstance(value, str) else f"{type(value).__name__}(...)"
 
 
+def significant(value: float, digits: int = 2) -> str:
+    """Return a number with so many digits that count, never as a power of ten: 0.00012, 3.1, 110."""
+    return np.format_float_positional(value, precision=digits, fractional=False, trim="-")
+
+
 def component_major(points: tuple[int, ...], *components: int) -> Array:
     """Return zeros (*points, *components) laid out so that one component of all points is a run of memory.
 
