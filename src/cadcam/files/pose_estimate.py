@@ -8,7 +8,8 @@ known; undetermined, which no photo can show: sigmas and covariances hold it as 
 
 A file of its own (`write_part_pose`) says all that another program must know to use it: which frames these are, by
 which rule a point goes from one to the other, the same pose as a 4x4 matrix and as a quaternion, and where each camera
-sees the part. These repeat world_from_part, which alone is read; where one of them contradicts it, the file is refused.
+stood and sees the part. The pose that is read is world_from_part; where one of the others contradicts it, the file is
+refused.
 """
 
 from __future__ import annotations
