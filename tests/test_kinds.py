@@ -256,6 +256,21 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
     "record, deviations": (lambda t: cadcam.Record("part", deviations=None), "deviations is None; expected a list"),
     "tolerances, names": (lambda t: cadcam.Tolerances(["rib"]), r"features\[0\] is the text 'rib'; expected a Feature"),
     "origin, time": (lambda t: cadcam.VerificationOrigin("part", time="now"), "time is the text 'now'"),
+    "data set, matrices": (lambda t: cadcam.DatasetPlan(2, t.camera, poses=[np.eye(4)]), r"poses\[0\] is an array"),
+    "data set, ground": (
+        lambda t: cadcam.DatasetPlan(2, t.camera, backgrounds="plain"),
+        "backgrounds is the text 'plain'",
+    ),
+    "data set, light": (lambda t: cadcam.DatasetPlan(2, t.camera, lights="hall"), "lights is the text 'hall'"),
+    "aperture of a camera": (lambda t: cadcam.Aperture.of(t.camera), "optics is a Camera; expected an Optics"),
+    "marks, radius": (
+        lambda t: cadcam.find_marks(PICTURE, cadcam.parse_mark("dot:9mm"), radius_px="9 px"),
+        "radius_px is .*9 px.*expected numbers",
+    ),
+    "marks, count": (
+        lambda t: cadcam.find_marks(PICTURE, cadcam.parse_mark("dot:9mm"), count="2"),
+        "count is the text",
+    ),
     "data set, jitter": (lambda t: cadcam.DatasetPlan(2, t.camera, focal_jitter="1"), "focal_jitter is the text '1'"),
     "scale, none": (lambda t: t.mesh.scaled(None), "scale factor is None"),
     "move, matrix": (lambda t: t.mesh.transformed(np.eye(4)), "b_from_a is an array of shape.*from_matrix"),
@@ -358,6 +373,7 @@ def test_every_value_of_ours_is_told_in_two_lines_of_a_terminal(things: Things) 
     measured = cadcam.predict_points([calibrated, calibrated], np.zeros((40, 3)))
     values = [*things, things.located.pose, things.located.matches, things.scene.edges, things.wires.visible]
     values += [calibrated, measured, cadcam.KnownMotion(things.pose), cadcam.Frame.of(0, things.photo)]
+    values += [cadcam.predict_points([calibrated, calibrated], np.zeros((1, 3)))]  # a mapping of small arrays
     values += [cadcam.find_board(PICTURE, things.pattern), things.estimate.extended_pinhole, cadcam.ViewRange.above()]
     for value in values:
         assert len(repr(value)) < 400

@@ -78,8 +78,10 @@ def brief(value: object) -> str:
         return f"{value:.6g}"
     if isinstance(value, (tuple, list)) and (len(value) > _TOLD or len(repr(value)) > _WIDTH):
         return f"{len(value)} of {type(value[0]).__name__}"
-    if isinstance(value, Mapping) and len(repr(value)) > _WIDTH:
-        return f"{len(value)} of {type(next(iter(value.values()))).__name__}"
+    if isinstance(value, Mapping):
+        told = ", ".join(f"{key!r}: {brief(one)}" for key, one in value.items())
+        few = len(value) <= _TOLD and len(told) <= _WIDTH
+        return f"{{{told}}}" if few else f"{len(value)} of {type(next(iter(value.values()))).__name__}"
     told = repr(value)
     if len(told) <= _WIDTH:
         return told

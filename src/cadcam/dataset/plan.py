@@ -19,7 +19,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.sensor import Sensor
-from cadcam.kinds import expect, expect_numbers
+from cadcam.kinds import expect, expect_each, expect_numbers
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 Span: TypeAlias = tuple[float, float]
@@ -98,7 +98,11 @@ class DatasetPlan(Brief):
     def __post_init__(self) -> None:
         expect(self.views, "views", int, np.integer)
         expect(self.camera, "camera", Camera)
+        for name, kind in (("around", ViewRange), ("lights", Lights), ("occluders", Occluders)):
+            expect(getattr(self, name), name, kind)
         expect(self.sensor, "sensor", Sensor, optional=True)
+        object.__setattr__(self, "poses", expect_each(self.poses, "poses", Rigid))
+        object.__setattr__(self, "backgrounds", expect_each(self.backgrounds, "backgrounds", str, Path))
         expect_numbers(self)
         if not 1 <= self.views <= 10_000_000:
             raise BadValue("views", self.views, "a whole number from 1 to 10 million")
