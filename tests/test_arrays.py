@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from cadcam.arrays import Brief, brief, component_major, frozen, in_parts, quantile
+from cadcam.arrays import Brief, brief, component_major, frozen, in_parts, quantile, significant
 from cadcam.errors import BadValue
 
 
@@ -94,3 +94,10 @@ def test_a_brief_value_tells_its_fields_without_their_numbers() -> None:
         secret: int = field(default=0, repr=False)
 
     assert repr(Found(np.zeros((1000, 2)), "a")) == "Found(q=(1000, 2) float64, name='a')"
+
+
+def test_digits_that_count_are_never_a_power_of_ten() -> None:
+    told = {0.000123: "0.00012", 0.0999: "0.1", 3.14: "3.1", 20.0: "20", 109.7: "110", 2.2e5: "220000"}
+    assert {value: significant(value) for value in told} == told
+    assert significant(1234.56, 4) == "1235"
+    assert significant(float("nan")) == "nan"

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import fields, is_dataclass
+from dataclasses import dataclass, fields, is_dataclass
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -13,7 +14,7 @@ import pytest
 import cadcam
 from cadcam.cad.parts import machined_bracket
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_each, expect_names, expect_number, said
+from cadcam.kinds import expect, expect_each, expect_names, expect_number, expect_numbers, said
 from cadcam.verify.tolerances.verdict import Verdict
 
 SIZE = (160, 120)
@@ -233,6 +234,44 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
     "aperture, text": (lambda t: cadcam.Aperture("2", 100.0), "diameter of the aperture is the text '2'"),
     "optics, no sensor": (lambda t: cadcam.Optics("1/2", 8.0, 900.0), "sensor is the text '1/2'.*sensor_format"),
     "look, text": (lambda t: cadcam.Look(head="bright"), "head is the text 'bright'"),
+    "look, direction": (lambda t: cadcam.Look(fill_from=(0, 1)), r"fill_from is a tuple of 2; expected 3 numbers"),
+    "lamp, name": (lambda t: cadcam.Lamp("north", 1.0), "towards is the text 'north'; expected 3 numbers"),
+    "lamp, strength": (lambda t: cadcam.Lamp((0, 0, 1), "full"), "strength is the text 'full'; expected a number"),
+    "light, one lamp": (lambda t: cadcam.Light(cadcam.Lamp((0, 0, 1), 1.0)), r"lamps is a Lamp.*\[lamps\]"),
+    "lines, text": (lambda t: cadcam.LineOptions(near_mm="1"), "near_mm is the text '1'; expected a number"),
+    "style, text": (lambda t: cadcam.LineStyle(width="thin"), "width is the text 'thin'"),
+    "format, one": (lambda t: cadcam.SensorFormat("own", 8.8), "size_mm is 8.8; expected 2 numbers"),
+    "format, pixels": (
+        lambda t: cadcam.SensorFormat("own", (8, 6), (640.5, 480)),
+        r"pixels\[0\] is 640.5.*whole number",
+    ),
+    "closeness, list": (lambda t: cadcam.ClosenessOptions(near=[3]), "near is a list of 1; expected a number"),
+    "templates, count": (lambda t: cadcam.TemplateOptions(peaks=2.5), "peaks is 2.5; expected a whole number"),
+    "pinhole, text": (lambda t: cadcam.ExtendedPinhole(*"abcdefghijk"), "X is the text 'a'; expected a number"),
+    "inspection, none": (lambda t: cadcam.InspectionOptions(alarms=None), "alarms is None; expected a number"),
+    "sensor, number": (lambda t: cadcam.Sensor(noise=3.0), "noise is 3.0; expected a Noise"),
+    "loss, list": (lambda t: cadcam.Loss(["huber"]), "loss is a list of 1; expected a str"),
+    "range, one": (lambda t: cadcam.ViewRange(distance_mm=[900]), "distance_mm is a list of 1; expected 2 numbers"),
+    "record, time": (lambda t: cadcam.Record("part", time="2026-01-01"), "time of a record is the text.*fromisoformat"),
+    "record, deviations": (lambda t: cadcam.Record("part", deviations=None), "deviations is None; expected a list"),
+    "tolerances, names": (lambda t: cadcam.Tolerances(["rib"]), r"features\[0\] is the text 'rib'; expected a Feature"),
+    "origin, time": (lambda t: cadcam.VerificationOrigin("part", time="now"), "time is the text 'now'"),
+    "data set, matrices": (lambda t: cadcam.DatasetPlan(2, t.camera, poses=[np.eye(4)]), r"poses\[0\] is an array"),
+    "data set, ground": (
+        lambda t: cadcam.DatasetPlan(2, t.camera, backgrounds="plain"),
+        "backgrounds is the text 'plain'",
+    ),
+    "data set, light": (lambda t: cadcam.DatasetPlan(2, t.camera, lights="hall"), "lights is the text 'hall'"),
+    "aperture of a camera": (lambda t: cadcam.Aperture.of(t.camera), "optics is a Camera; expected an Optics"),
+    "marks, radius": (
+        lambda t: cadcam.find_marks(PICTURE, cadcam.parse_mark("dot:9mm"), radius_px="9 px"),
+        "radius_px is .*9 px.*expected numbers",
+    ),
+    "marks, count": (
+        lambda t: cadcam.find_marks(PICTURE, cadcam.parse_mark("dot:9mm"), count="2"),
+        "count is the text",
+    ),
+    "data set, jitter": (lambda t: cadcam.DatasetPlan(2, t.camera, focal_jitter="1"), "focal_jitter is the text '1'"),
     "scale, none": (lambda t: t.mesh.scaled(None), "scale factor is None"),
     "move, matrix": (lambda t: t.mesh.transformed(np.eye(4)), "b_from_a is an array of shape.*from_matrix"),
     "crease, text": (lambda t: cadcam.feature_edges(t.mesh, crease_angle_deg="30"), "crease_angle_deg is the text"),
@@ -280,6 +319,35 @@ def test_numbers_are_pythons_and_numpys_and_nothing_else() -> None:
             expect_number(other, "x")
 
 
+@dataclass
+class Numbers:
+    """One field of each kind that is looked at, and one that is not."""
+
+    real: float = 1.0
+    whole: int = 1
+    perhaps: int | None = None
+    both: tuple[float, float] = (1.0, 2.0)
+    each: tuple[int, int, int] | None = None
+    other: object = "x"
+
+
+def test_numbers_of_a_dataclass_are_those_that_it_annotates() -> None:
+    for right in ({}, {"whole": np.int64(3), "both": [1, 2]}, {"both": np.zeros(2), "each": (1, 2.0, 3)}, {"real": 2}):
+        expect_numbers(Numbers(**right))
+    wrong = {
+        "real": ({}, "real is a dict of 0; expected a number"),
+        "whole": (float("nan"), "whole is nan; expected a whole number"),
+        "perhaps": (0.5, "perhaps is 0.5; expected a whole number"),
+        "both": ((1.0,), "both is a tuple of 1; expected 2 numbers"),
+        "each": ((1, 2, "3"), r"each\[2\] is the text '3'; expected a number"),
+    }
+    for name, (value, words) in wrong.items():
+        with pytest.raises(BadValue, match=f"^{words}$"):
+            expect_numbers(Numbers(**{name: value}))
+    with pytest.raises(BadValue, match="both is a dict of 2"):
+        expect_numbers(Numbers(both={0: 1, 1: 2}))
+
+
 def test_names_are_several_texts() -> None:
     assert expect_names(["k1", "k2"], "free_lens") == ("k1", "k2")
     with pytest.raises(BadValue, match=r"free_lens is the text 'k1'; expected a list of names: \['k1'\]"):
@@ -305,6 +373,7 @@ def test_every_value_of_ours_is_told_in_two_lines_of_a_terminal(things: Things) 
     measured = cadcam.predict_points([calibrated, calibrated], np.zeros((40, 3)))
     values = [*things, things.located.pose, things.located.matches, things.scene.edges, things.wires.visible]
     values += [calibrated, measured, cadcam.KnownMotion(things.pose), cadcam.Frame.of(0, things.photo)]
+    values += [cadcam.predict_points([calibrated, calibrated], np.zeros((1, 3)))]  # a mapping of small arrays
     values += [cadcam.find_board(PICTURE, things.pattern), things.estimate.extended_pinhole, cadcam.ViewRange.above()]
     for value in values:
         assert len(repr(value)) < 400
@@ -316,6 +385,20 @@ def test_no_public_value_that_holds_arrays_is_told_by_all_their_numbers() -> Non
         kind = getattr(cadcam, name)
         arrays = is_dataclass(kind) and any(re.search(r"Array\b|\bPicture\b", str(f.type)) for f in fields(kind))
         assert not (arrays and hasattr(kind.__repr__, "__wrapped__")), f"{name}: give it a repr, or make it Brief"
+
+
+def test_no_public_thing_is_told_by_its_address(things: Things, tmp_path: Path) -> None:
+    renderers = [cadcam.open_renderer(things.scene, name) for name in ("raster", "ray")]
+    cadcam.write_picture(tmp_path / "1.png", PICTURE)
+    values = [*renderers, cadcam.Photographer(things.scene, renderer="ray"), cadcam.Template(PICTURE)]
+    values += [cadcam.open_store(tmp_path / "store.db"), cadcam.Frames([tmp_path], [things.photo.viewpoint])]
+    for value in values:
+        assert repr(value).startswith(f"{type(value).__name__}(")
+        assert " at 0x" not in repr(value)
+        assert len(repr(value)) < 400
+    for name in cadcam.__all__:
+        kind = getattr(cadcam, name)
+        assert not isinstance(kind, type) or kind.__repr__ is not object.__repr__, f"{name}: give it a repr"
 
 
 def test_a_pose_is_told_with_its_sigmas_and_a_lens_by_the_terms_it_has(things: Things) -> None:

@@ -78,12 +78,19 @@ def brief(value: object) -> str:
         return f"{value:.6g}"
     if isinstance(value, (tuple, list)) and (len(value) > _TOLD or len(repr(value)) > _WIDTH):
         return f"{len(value)} of {type(value[0]).__name__}"
-    if isinstance(value, Mapping) and len(repr(value)) > _WIDTH:
-        return f"{len(value)} of {type(next(iter(value.values()))).__name__}"
+    if isinstance(value, Mapping):
+        told = ", ".join(f"{key!r}: {brief(one)}" for key, one in value.items())
+        few = len(value) <= _TOLD and len(told) <= _WIDTH
+        return f"{{{told}}}" if few else f"{len(value)} of {type(next(iter(value.values()))).__name__}"
     told = repr(value)
     if len(told) <= _WIDTH:
         return told
     return f"{told[:_WIDTH]}...'" if isinstance(value, str) else f"{type(value).__name__}(...)"
+
+
+def significant(value: float, digits: int = 2) -> str:
+    """Return a number with so many digits that count, never as a power of ten: 0.00012, 3.1, 110."""
+    return np.format_float_positional(value, precision=digits, fractional=False, trim="-")
 
 
 def component_major(points: tuple[int, ...], *components: int) -> Array:

@@ -64,7 +64,7 @@ class UnknownName(CadcamError):
     def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
         names, name = sorted(known), str(name)
         name = name if len(name) <= 80 else f"{name[:77]}..."
-        near = get_close_matches(name, names, n=1)
+        near = [n for n in names if n.casefold() == name.casefold()] or get_close_matches(name, names, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         super().__init__(f"unknown {kind} {name!r}{hint} (known: {listed(names, _LISTED) or 'none'})")
         self.kind, self.name, self.known = kind, name, tuple(names)

@@ -7,12 +7,23 @@ given through here first, so that a mesh in place of a part is not found out by 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Mapping
-from typing import Any, SupportsFloat, TypeVar
+import re
+from collections.abc import Iterable, Mapping, Sized
+from dataclasses import fields
+from functools import cache
+from typing import TYPE_CHECKING, Any, SupportsFloat, TypeVar
 
 from cadcam.errors import BadValue
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 _Value = TypeVar("_Value")
+
+# an annotation of one number or of several: "float", "int | None", "tuple[float, float]"
+_NUMBERS = re.compile(
+    r"(?:(?P<one>float|int)|tuple\[(?P<several>(?:float|int)(?:, (?:float|int))*)\])(?P<none> \| None)?"
+)
 
 # (given, wanted): how to come from the one to the other; a path is a "str", any array, list or tuple a "list"
 _WAYS: Mapping[tuple[str, str], str] = {
@@ -98,6 +109,46 @@ def expect_number(value: object, what: str) -> None:
         return
     if isinstance(value, str) or not isinstance(value, SupportsFloat) or getattr(value, "shape", ()) != ():
         raise BadValue(what, said(value), "a number")
+
+
+def expect_numbers(value: DataclassInstance) -> None:
+    """Raise `BadValue` naming the first field of a dataclass that is annotated as numbers and does not hold them.
+
+    Of fields `float`, `int` (a whole number) and `tuple[float, float]` and the like, and of those `| None`; the others
+    are not looked at. It tells kinds, not sizes: NaN and inf pass.
+    """
+    for name, one, several, optional in _annotated(type(value)):
+        given = getattr(value, name)
+        if given is None and optional:
+            continue
+        if one:
+            _expect_number_of(given, name, one)
+            continue
+        if isinstance(given, str) or not hasattr(given, "__getitem__") or _length(given) != len(several):
+            raise BadValue(name, said(given), f"{len(several)} numbers")
+        for i, kind in enumerate(several):
+            _expect_number_of(given[i], f"{name}[{i}]", kind)
+
+
+@cache
+def _annotated(kind: type[DataclassInstance]) -> tuple[tuple[str, str, tuple[str, ...], bool], ...]:
+    """Return of each field annotated as numbers its name, "float" or "int" or those of a tuple, and whether None is."""
+    told = ((f.name, _NUMBERS.fullmatch(str(f.type))) for f in fields(kind))
+    return tuple(
+        (name, t["one"] or "", tuple(filter(None, (t["several"] or "").split(", "))), bool(t["none"]))
+        for name, t in told
+        if t
+    )
+
+
+def _expect_number_of(value: object, what: str, kind: str) -> None:
+    expect_number(value, what)
+    if kind == "int" and not float(value).is_integer():  # type: ignore[arg-type]  # it is a number
+        raise BadValue(what, value, "a whole number")
+
+
+def _length(value: object) -> int:
+    return len(value) if isinstance(value, Sized) and not isinstance(value, Mapping) else -1
 
 
 def expect_names(values: Iterable[str], what: str) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ import pytest
 
 from cadcam.cad.parts.shape import box
 from cadcam.cad.write import write_model
+from cadcam.files.camera import read_camera
 from cadcam.report.layout.words import tur_words
 
 from .job import Ran
@@ -117,6 +118,31 @@ def test_what_the_next_camera_adds_is_told_by_the_uncertainty_it_takes_off(cadca
     less = 1 - np.exp(np.mean(np.log(turs(*two) / turs(*two, "--keep", "ring 7"))))
     assert float(said) == pytest.approx(100 * less, abs=0.51)
     assert "smaller" not in cadcam("layout", small, "--keep", "ring 1", "--next").out
+
+
+def test_the_chosen_cameras_are_written_where_they_are_mounted(cadcam: Cadcam, small: Path, tmp_path: Path) -> None:
+    """They are rendered with, and the set is the same another day if its names are kept."""
+    ran = cadcam("layout", small, "--cameras", tmp_path / "mounted", "--json")
+    document = json.loads(ran.out)
+    files = sorted((tmp_path / "mounted").iterdir())
+    assert [f.name for f in files] == [
+        f"{i}_{camera['name'].replace(' ', '_')}.json" for i, camera in enumerate(document["cameras"], 1)
+    ]
+    for file, camera in zip(files, document["cameras"], strict=True):
+        pose = read_camera(file).camera_from_world
+        assert pose is not None
+        np.testing.assert_allclose(pose.origin, camera["position_mm"], atol=1e-9)
+        np.testing.assert_array_equal(pose.rotation, camera["camera_from_world"]["rotation"])
+    assert cadcam("render", tmp_path / "box.obj", "--camera", files[0], "-o", tmp_path / "seen.png").code == 0
+    keep = [word for camera in document["cameras"] for word in ("--keep", camera["name"])]
+    again = json.loads(cadcam("layout", small, "-k", 0, *keep, "--json").out)
+    assert again["worst_tur"] == document["worst_tur"]
+
+
+def test_a_file_is_no_folder_for_cameras(cadcam: Cadcam, small: Path) -> None:
+    ran = cadcam("layout", small, "--cameras", small)
+    assert ran.code == 2
+    assert "is a file" in ran.err
 
 
 def test_ratios_have_three_digits_and_none_is_no_ratio(cadcam: Cadcam, small: Path) -> None:

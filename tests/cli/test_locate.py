@@ -112,6 +112,21 @@ def test_a_camera_file_with_the_pose_is_a_start(cadcam: Cadcam, here: Path) -> N
     assert off_mm(read_part_pose("pose.json")) < 0.3
 
 
+def test_what_was_located_is_drawn_there_whatever_pose_the_camera_file_has(cadcam: Cadcam, here: Path) -> None:
+    """A calibrated camera's file has the pose of its calibration, in another world than that of the part found."""
+    write_camera("camera.json", CAMERA, camera_from_world=Rigid.exp([30, -20, 900, 0.4, 0.2, 1.0]))
+    located = cadcam(*LOCATE, "--start", "start.txt", "--pose-out", "pose.json", "--json")
+    assert located.code == 0, located.err
+    (here / "located.json").write_text(located.out)
+    for pose in ("pose.json", "located.json"):
+        drawn = cadcam("overlay", *LOCATE[1:], "--pose", pose, "-o", "drawn.png", "--json")
+        assert drawn.code == 0, drawn.err
+        again = cadcam("locate", *LOCATE[1:], "--start", pose, "--pose-out", "again.json")
+        assert again.code == 0, again.err
+        matched = cadcam("match", *LOCATE[1:], "--pose", pose)
+        assert matched.code == 0, matched.err
+
+
 def test_two_cameras_know_the_place_better_than_one(cadcam: Cadcam, here: Path) -> None:
     other = Rigid.look_at(MIDDLE + np.array([-200, -200, 150]), MIDDLE)
     write_picture("other.png", seen(CAMERA, other), bits=16)

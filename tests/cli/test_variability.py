@@ -153,3 +153,21 @@ def test_a_file_in_place_of_the_figures_folder_is_refused(cadcam: Cadcam, points
     ran = cadcam("variability", points, "--size", "320x240", "--plots", points)
     assert ran.code == 2
     assert "is a file" in ran.err
+
+
+def test_chains_that_do_not_mix_leave_the_other_methods_their_results(
+    cadcam: Cadcam, points: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Chains of the usual length are left out; of a length that was asked for it is an error."""
+    monkeypatch.setattr("cadcam.cli.verbs.variability._STEPS", 2_000)
+    ran = cadcam("variability", points, "--size", "320x240", "--draws", "200", "--json")
+    assert ran.code == 0, ran.err
+    assert "Method B is left out: the Markov chains have not mixed" in ran.err
+    assert ran.json["markov_chain_left_out"] in ran.err
+    assert "markov_chain" not in ran.json
+    assert "monte_carlo" in ran.json
+    with monkeypatch.context() as any_length:
+        any_length.setattr("cadcam.cli.verbs.variability._check", lambda arguments: None)
+        asked = cadcam("variability", points, "--size", "320x240", "--draws", "200", "--steps", "2000")
+    assert asked.code == 2
+    assert "have not mixed" in asked.err

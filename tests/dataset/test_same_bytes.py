@@ -121,7 +121,8 @@ def test_a_view_that_kills_every_worker_is_named(tmp_path: Path, monkeypatch: py
 
 def test_a_mistake_of_ours_in_a_worker_is_told_with_its_traceback(tmp_path: Path) -> None:
     """It is no error of the caller's: the command line prints it as a bug."""
-    broken = plan(1, sensor="no sensor")
+    broken = plan(1)
+    object.__setattr__(broken, "sensor", "no sensor")  # past the gate that a caller's mistake is told by
     inputs, sampler = inputs_and_sampler(broken)
     job = Job(inputs, drawable_edges(inputs.scene), DatasetFiles("train", "rgb"))
     with pytest.raises(RuntimeError, match=r"in a worker:\nTraceback(.|\n)*has no attribute 'apply'"):

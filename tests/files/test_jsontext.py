@@ -7,10 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.errors import UnreadableFile
+from cadcam.errors import UnknownName, UnreadableFile
 from cadcam.files.jsontext import Place, parsed, parsed_line
 from cadcam.files.matrix import read_matrix
-from cadcam.files.text import read_text
+from cadcam.files.text import TextFile, read_text
 from cadcam.files.yamltext import parsed_yaml
 
 
@@ -28,6 +28,28 @@ def test_what_numbers_are_expected_is_said_in_words(shape: tuple[int | None, ...
     with pytest.raises(UnreadableFile) as refused:
         Place("f.json", ("a", "b"), value).array(shape)
     assert str(refused.value) == says
+
+
+def test_a_decimal_comma_is_told_as_one() -> None:
+    """In braces YAML takes it for the next key, elsewhere for a text."""
+    point = "numbers have a decimal point, 0.5 instead of 0,5"
+    for text, says in (
+        ("lug: {position_mm: 0,5}", f"lug has an unknown key '5' (known: part, position_mm); {point}"),
+        ("lug:\n  position_mm: 0,5", f'lug.position_mm is "0,5"; a number is expected: {point}'),
+    ):
+        with pytest.raises(UnreadableFile) as refused:
+            _position(parsed_yaml(TextFile("t.yaml", text, "0" * 64)).at("lug"))
+        assert str(refused.value) == f"t.yaml: {says}"
+
+
+def _position(place: Place) -> float:
+    place.only("part", "position_mm")
+    return place.at("position_mm").number()
+
+
+def test_of_two_names_as_near_the_one_that_differs_by_case_is_meant() -> None:
+    with pytest.raises(UnknownName, match="did you mean 'lug A'"):
+        raise UnknownName("part", "lug a", ("lug B", "lug A"))
 
 
 @pytest.mark.parametrize("value", [1e31, [1.0, -1e300], [[1e308]]])

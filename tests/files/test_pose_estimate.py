@@ -136,6 +136,29 @@ def test_a_pose_file_stands_alone(tmp_path: Path) -> None:
     assert "placed" in stated(tmp_path, CAMERA, CAMERA)["frames"]["world"]
 
 
+@pytest.mark.parametrize("old", [False, True])
+def test_the_one_camera_that_located_a_part_sees_it_there_whatever_its_own_file_says(tmp_path: Path, old: bool) -> None:
+    """By one photo the world is the camera; a camera placed elsewhere, on a robot, stood where the pose file has it."""
+    for place in (Rigid(), CAMERA):
+        said = stated(tmp_path, place)
+        if old:  # files of before do not say where cameras stood
+            del said["cameras"][0]["camera_from_world"]
+            (tmp_path / "pose.json").write_text(json.dumps(said))
+        view = read_view_pose(tmp_path / "pose.json", camera_from_world=Rigid.exp([9, 9, 99, 1, 0, 0]))
+        np.testing.assert_allclose(view.matrix, (place @ POSE).matrix, atol=1e-12 * 600)
+    stated(tmp_path, Rigid(), CAMERA)  # by several: which of them is this?
+    view = read_view_pose(tmp_path / "pose.json", camera_from_world=CAMERA)
+    np.testing.assert_allclose(view.matrix, (CAMERA @ POSE).matrix, atol=1e-12 * 600)
+
+
+def test_cameras_that_see_another_pose_are_refused(tmp_path: Path) -> None:
+    said = stated(tmp_path, CAMERA)
+    said["cameras"][0]["camera_from_part"]["translation_mm"][0] += 0.1
+    (tmp_path / "pose.json").write_text(json.dumps(said))
+    with pytest.raises(UnreadableFile, match="cameras contradicts world_from_part; change both"):
+        read_part_pose(tmp_path / "pose.json")
+
+
 @pytest.mark.parametrize("key", ["matrix", "quaternion_wxyz"])
 def test_a_pose_file_that_was_changed_in_one_place_is_refused(tmp_path: Path, key: str) -> None:
     said = stated(tmp_path, Rigid())

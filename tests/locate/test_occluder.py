@@ -13,8 +13,9 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.occluder import uncovered
+from cadcam.locate.quality.occluder import covered, side_words
 from cadcam.locate.refine.refinement import refine_pose
+from cadcam.report.locate import evidence_table, location_as_json
 
 from ..cad.solids import box
 from .photos import CAMERA, noisy, shot, view
@@ -40,8 +41,8 @@ def photo_behind(part: Part, pose: Rigid, hidden: Mask, rng: np.random.Generator
 def samples_left(part: Part, photo: Photo, pose: Rigid) -> tuple[Array, Array, int]:
     """Return the places (n, 2) px of all samples and of those that are left, and how many borders there are."""
     sight = Sight.of(part, photo, pose, step_px=3.0, reach_px=6.0)
-    (left,), borders = uncovered([sight], pose, 0.05)
-    return sight.project(pose).q, left.project(pose).q, borders
+    (behind,), borders = covered([sight], pose, 0.05)
+    return sight.project(pose).q, sight.select(~behind).project(pose).q, borders
 
 
 def share_of(q: Array, hidden: Mask) -> float:
@@ -58,7 +59,35 @@ def test_a_part_half_behind_something_is_found(
     photo = photo_behind(part, pose, behind(camera, along, level), rng, camera)
     found = refine_pose(part, [photo], pose)
     assert found.found, found.reason
-    assert "left out: they are behind something before the part" in found.reason
+    assert found.covered is not None
+    assert found.covered.share > 0.2
+    assert f"left out: they are behind something before the part, at its {found.covered.side}" in found.reason
+    row = dict(row[:2] for row in evidence_table(found).rows)["hidden"]
+    assert row.startswith(f"something stands before the part at its {found.covered.side} and hides ")
+    told = location_as_json(found, [photo])["covered"]
+    assert told == {"share": found.covered.share, "side": found.covered.side}
+
+
+def test_the_side_is_that_of_the_picture(part: Part, pose: Rigid, rng: np.random.Generator) -> None:
+    photo = photo_behind(part, pose, np.zeros((480, 640), bool), rng)
+    sight = Sight.of(part, photo, pose, step_px=3.0, reach_px=6.0)
+    q = sight.project(pose).q
+    middle = (q.min(axis=0) + q.max(axis=0)) / 2
+    sides = {"right": (1, 0), "left": (-1, 0), "bottom": (0, 1), "top": (0, -1), "lower left": (-1, 1)}
+    for said, way in sides.items():
+        towards = (q - middle) @ np.array(way) / np.linalg.norm(way) / np.linalg.norm(q - middle, axis=1)
+        assert side_words([sight], pose, [towards > np.cos(np.radians(20))]) == said
+    some, none = q[:, 0] < middle[0] - 40, np.zeros(len(q), bool)
+    assert side_words([sight, sight], pose, [some, none]) == f"{side_words([sight], pose, [some])} (photo 'photo')"
+    assert side_words([sight], pose, [~none]) == ""  # all of it: on no side
+
+
+def test_where_nothing_is_before_it_nothing_is_said(part: Part, pose: Rigid, rng: np.random.Generator) -> None:
+    photo = photo_behind(part, pose, np.zeros((480, 640), bool), rng)
+    found = refine_pose(part, [photo], pose)
+    assert found.covered is None
+    assert location_as_json(found, [photo])["covered"] is None
+    assert "hidden" not in {row[0] for row in evidence_table(found).rows}
 
 
 def test_exactly_what_is_behind_it_is_left_out(part: Part, pose: Rigid, rng: np.random.Generator) -> None:

@@ -14,6 +14,8 @@ from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.refine.refinement import refine_pose
+from cadcam.report.verify.json import VerificationOrigin, verification_as_json
+from cadcam.report.verify.words import feature_notes
 from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.bodies.findings import findings_of
 from cadcam.verify.bodies.states import believed, state_of
@@ -21,8 +23,10 @@ from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.measured import Displacement
 from cadcam.verify.edges.presence import Presence
 from cadcam.verify.inspection import Inspection, InspectionOptions, inspect
+from cadcam.verify.judge import verify_part
 from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
+from ..report.test_verify_page import at
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
 
 
@@ -156,6 +160,27 @@ def test_a_stated_datum_is_believed(rng: np.random.Generator) -> None:
     expected = -plate_found.seen.T @ by
     error = plate_found.displacement.value - expected
     assert error @ np.linalg.solve(plate_found.displacement.covariance, error) < 3.7**2
+    assert seen.contradictions == ()  # one body does not contradict itself
+
+
+@pytest.mark.parametrize(("by", "stand_out"), [(0.0, ()), (2.0, ("rib 1",))])
+def test_a_stated_datum_that_contradicts_itself_is_told(
+    by: float, stand_out: tuple[str, ...], rng: np.random.Generator
+) -> None:
+    """It is believed all the same, but whoever stated it reads which of its bodies to leave out."""
+    stated = Tolerances(datum=(Selection("*"),))
+    taken = photo(displaced("rib 1", np.array([0.0, by, 0.0])), rng)
+    seen = inspect(part(), [taken], off(rng), tolerances=stated)
+    assert seen.contradictions == stand_out
+    assert seen.left_out == ()
+    assert set(seen.datum) == set(plate().part_names)
+    found = verify_part(part(), [taken], at(Rigid(), 1.0), stated)
+    told = ["the datum contradicts itself: rib 1 stands out; leave it out of the datum"] if stand_out else []
+    assert [said for said in told if said in found.reason] == told
+    assert ("contradicts itself" in found.reason) == bool(stand_out)
+    assert found.inspection is not None
+    assert sum("contradicts itself" in note for note in feature_notes(found.inspection)) == len(stand_out)
+    assert verification_as_json(found, VerificationOrigin("plate"))["datum_contradictions"] == list(stand_out)
 
 
 def test_another_picture_is_not_the_part(rng: np.random.Generator) -> None:

@@ -88,8 +88,8 @@ def test_what_was_not_measured_is_named_once_for_each_reason() -> None:
     four = [unseen("rib", Quantity.POSITION), unseen("rib", Quantity.PROFILE)]
     four += [unseen(name, Quantity.POSITION) for name in ("web", "pin", "nut")]
     assert summary(Verdict.UNDECIDED, four) == (
-        "rib: position and profile cannot be decided (unseen: more light); web: position cannot be decided "
-        "(unseen: more light); pin: position cannot be decided (unseen: more light); and 1 more"
+        "rib: position and profile cannot be decided (unseen: more light); web, pin, nut: position cannot be decided "
+        "(unseen: more light)"
     )
 
 

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
+from cadcam.arrays import significant
 from cadcam.cad.formats.gltf import read_gltf
 from cadcam.cad.formats.model import Model
 from cadcam.cad.formats.obj import read_obj
@@ -203,7 +204,7 @@ def _doubts(mesh: Mesh, model: Model, unit: str, source: str) -> list[str]:
     largest = float(mesh.size_mm.max())
     if not _SMALL_MM <= largest <= _LARGE_MM:
         other = "--unit m" if largest < _SMALL_MM else "--unit mm"
-        doubts.append(f"the model is {largest:.4g} mm large: is the unit right? pass {other} if not")
+        doubts.append(f"the model is {significant(largest, 4)} mm large: is the unit right? pass {other} if not")
     if source == "argument" and model.unit is not None and model.unit != unit:
         doubts.append(f"the format is in {model.unit} by its rule; read in {unit} as asked")
     return doubts

@@ -20,7 +20,7 @@ from cadcam.arrays import Array, Floats
 from cadcam.camera.camera import Camera
 from cadcam.camera.optics import AIRY_SIGMA, WAVELENGTH_UM, Optics
 from cadcam.errors import BadValue
-from cadcam.kinds import expect_number
+from cadcam.kinds import expect, expect_number
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,6 +41,7 @@ class Aperture:
     @classmethod
     def of(cls, optics: Optics) -> Aperture:
         """Return the aperture at the f-number of some optics at their distance; `BadValue` without an f-number."""
+        expect(optics, "optics", Optics)
         return cls(optics.aperture_mm, optics.distance_mm)
 
     def defocus_px(self, camera: Camera, z_mm: Floats) -> Array:

@@ -20,6 +20,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Lens
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect_numbers
 
 # rows of our camera frame (x right, y down, z forward) in the thesis' (x' down, y' right, z' back)
 OURS_FROM_THESIS = np.array([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, -1.0]])
@@ -46,6 +47,7 @@ class ExtendedPinhole:
     V0: float
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         for name, value in zip(NAMES, astuple(self), strict=True):
             if not np.isfinite(value):
                 raise BadValue(name, value, "a finite number")

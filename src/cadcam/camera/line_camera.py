@@ -20,6 +20,7 @@ from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.fitted import Fitted, scaled
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
 from cadcam.geometry.ray import Ray
+from cadcam.kinds import expect_numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,6 +34,7 @@ class LineCamera:
     U0: float
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         for name, value in zip(LINE_NAMES, astuple(self), strict=True):
             if not np.isfinite(value):
                 raise BadValue(name, value, "a finite number")

@@ -15,7 +15,7 @@ from math import atan, degrees, inf, isfinite
 from cadcam.camera.camera import Camera
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_number
+from cadcam.kinds import expect, expect_number, expect_numbers
 
 WAVELENGTH_UM = 0.55  # green, the middle of a monochrome sensor's range
 AIRY_SIGMA = 0.42  # of wavelength times f-number: the Gaussian nearest to the Airy disc's core
@@ -42,7 +42,7 @@ class Optics:
 
     def __post_init__(self) -> None:
         expect(self.sensor, "sensor", SensorFormat)
-        expect_number(self.distance_mm, "distance")
+        expect_numbers(self)
         _positive("focal length", self.focal_mm, "mm")
         self._refuse_impossibly_wide()
         if not self.distance_mm > self.focal_mm:

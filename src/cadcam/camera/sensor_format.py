@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from math import hypot
 
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect_numbers
 
 EFFECTIVE = 0.9  # thesis 5.1
 
@@ -23,6 +24,7 @@ class SensorFormat:
     pixels: tuple[int, int] | None = None
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if not all(0 < side < 1000 for side in self.size_mm):
             raise BadValue(f"size of sensor {self.name}", f"{self.size_mm} mm", "two positive numbers, mm")
         if self.pixels is not None and not all(n == int(n) and n > 0 for n in self.pixels):

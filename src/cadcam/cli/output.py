@@ -20,14 +20,14 @@ def check_target(path: str | None, suffixes: Sequence[str]) -> None:
     if path is None:
         return
     target = Path(path)
-    if target.suffix.lower() not in suffixes:
-        raise UnknownName(f"suffix of output {path!r}:", target.suffix, suffixes)
     try:
         folder = target.is_dir()
     except OSError as error:  # a name too long for the system
         raise UnwritableFile(path, error.strerror or str(error), "choose another name") from None
     if folder:
         raise UnwritableFile(path, "is a folder", "name a file in it")
+    if target.suffix.lower() not in suffixes:
+        raise UnknownName(f"suffix of output {path!r}:", target.suffix or "none", suffixes)
     if target.parent.is_file():
         raise UnwritableFile(path, f"{str(target.parent)!r} is a file, no folder", "name a folder that is there")
     if not target.parent.is_dir():

@@ -19,7 +19,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.sensor import Sensor
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_each, expect_numbers
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 Span: TypeAlias = tuple[float, float]
@@ -33,11 +33,12 @@ _CLOSEST = 2.0  # fill: beyond it most views show only a piece of a face
 class Lights:
     """Strengths of a view's lights: `head` at the camera, two `distant` ones from any direction, `ambient`."""
 
-    head: Span = (0.1, 0.5)
-    distant: Span = (0.1, 0.5)
-    ambient: Span = (0.1, 0.3)
+    head: tuple[float, float] = (0.1, 0.5)
+    distant: tuple[float, float] = (0.1, 0.5)
+    ambient: tuple[float, float] = (0.1, 0.3)
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         for name in ("head", "distant", "ambient"):
             check_span(f"strength of the {name} light", getattr(self, name), 0.0, 10.0)
 
@@ -51,10 +52,11 @@ class Occluders:
 
     count: tuple[int, int] = (0, 0)
     shapes: tuple[str, ...] = (BOX, CYLINDER)
-    size: Span = (0.1, 0.3)
+    size: tuple[float, float] = (0.1, 0.3)
     meshes: tuple[Mesh, ...] = ()
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         low, high = self.count
         if not 0 <= low <= high <= 50:
             raise BadValue("occluders", self.count, "(fewest, most), from 0 to 50")
@@ -82,7 +84,7 @@ class DatasetPlan(Brief):
     centre_jitter_px: float = 0.0
     poses: tuple[Rigid, ...] = ()
     around: ViewRange = WHOLE_SPHERE
-    fill: Span = (0.4, 0.9)
+    fill: tuple[float, float] = (0.4, 0.9)
     off_centre: float = 0.1
     lights: Lights = field(default_factory=Lights)
     backgrounds: tuple[str | Path, ...] = (PLAIN,)
@@ -96,6 +98,12 @@ class DatasetPlan(Brief):
     def __post_init__(self) -> None:
         expect(self.views, "views", int, np.integer)
         expect(self.camera, "camera", Camera)
+        for name, kind in (("around", ViewRange), ("lights", Lights), ("occluders", Occluders)):
+            expect(getattr(self, name), name, kind)
+        expect(self.sensor, "sensor", Sensor, optional=True)
+        object.__setattr__(self, "poses", expect_each(self.poses, "poses", Rigid))
+        object.__setattr__(self, "backgrounds", expect_each(self.backgrounds, "backgrounds", str, Path))
+        expect_numbers(self)
         if not 1 <= self.views <= 10_000_000:
             raise BadValue("views", self.views, "a whole number from 1 to 10 million")
         if not 0 <= self.seed < 2**63:

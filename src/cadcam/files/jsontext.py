@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Any, TypeVar
@@ -16,6 +17,9 @@ from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.text import TextFile
 
 T = TypeVar("T")
+
+_DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
+_DECIMAL_POINT = "numbers have a decimal point, 0.5 instead of 0,5"
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,9 +50,10 @@ class Place:
 
     def only(self, *known: str) -> None:
         """Refuse keys other than these, suggesting the nearest."""
-        for key in self.object:
+        for key, value in self.object.items():
             if key not in known:
-                raise self.error(f"has an {UnknownName('key', key, known)}")
+                comma = value is None and key.isdigit()  # YAML's {position_mm: 0,5}
+                raise self.error(f"has an {UnknownName('key', key, known)}", _DECIMAL_POINT * comma)
 
     def number(self) -> float:
         """Return a finite number, at most `LARGEST` in size."""
@@ -88,6 +93,8 @@ class Place:
     def array(self, shape: tuple[int | None, ...]) -> Array:
         """Return an array of finite numbers, at most `LARGEST` in size, of this shape; None is any length."""
         expected = f"{_in_words(shape)} is expected"
+        if isinstance(self.value, str) and _DECIMAL_COMMA.fullmatch(self.value):
+            raise self.error(f"is {shortened(self.value)}", f"{expected}: {_DECIMAL_POINT}")
         if _has_other_than_numbers(self.value):
             raise self.error(f"is {shortened(self.value)}", expected)
         try:

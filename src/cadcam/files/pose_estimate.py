@@ -8,7 +8,8 @@ known; undetermined, which no photo can show: sigmas and covariances hold it as 
 
 A file of its own (`write_part_pose`) says all that another program must know to use it: which frames these are, by
 which rule a point goes from one to the other, the same pose as a 4x4 matrix and as a quaternion, and where each camera
-sees the part. These repeat world_from_part, which alone is read; where one of them contradicts it, the file is refused.
+stood and sees the part. The pose that is read is world_from_part; where one of the others contradicts it, the file is
+refused.
 """
 
 from __future__ import annotations
@@ -115,7 +116,11 @@ def part_pose_as_json(
 ) -> dict[str, Any]:
     """Return the JSON document that `write_part_pose` writes."""
     cameras = [
-        {"name": view.name, "camera_from_part": pose_as_json(view.camera_from_world @ pose.world_from_part)}
+        {
+            "name": view.name,
+            "camera_from_part": pose_as_json(view.camera_from_world @ pose.world_from_part),
+            "camera_from_world": pose_as_json(view.camera_from_world),
+        }
         for view in viewpoints
     ]
     return {
@@ -148,7 +153,7 @@ def read_part_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | N
     camera require `camera_from_world`; by default the world is the camera. A result of `cadcam locate --json` is
     accepted, too. Raises `UnreadableFile` naming line or key.
     """
-    said, pose = _said(path, _OF_PART)
+    said, pose, _ = _said(path, _OF_PART)
     return pose if said is _OF_PART or camera_from_world is None else camera_from_world.inv @ pose
 
 
@@ -165,28 +170,45 @@ def read_pose_estimate(path: str | os.PathLike[str]) -> PoseEstimate:
 def read_view_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | None = None) -> Rigid:
     """Return camera_from_world (mm) of a camera whose world is the part: for an overlay, as `read_part_pose`.
 
-    world_from_part requires `camera_from_world` of its world; by default that world is the camera.
+    world_from_part requires `camera_from_world` of its world; by default that world is the camera. Where one camera
+    located the part, the file says where that stood: by one photo it is the world itself, whatever its own file says.
     """
-    said, pose = _said(path, _OF_CAMERA)
-    return camera_from_world @ pose if said is _OF_PART and camera_from_world is not None else pose
+    said, pose, stood = _said(path, _OF_CAMERA)
+    place = camera_from_world if stood is None else stood
+    return place @ pose if said is _OF_PART and place is not None else pose
 
 
-def _said(path: str | os.PathLike[str], usual: tuple[str, str]) -> tuple[tuple[str, str], Rigid]:
-    """Return the motion of a pose file with its direction, or its inverse; usual: the direction if none is stated."""
+def _said(path: str | os.PathLike[str], usual: tuple[str, str]) -> tuple[tuple[str, str], Rigid, Rigid | None]:
+    """Return the motion of a pose file with its direction, or its inverse, and camera_from_world of the one camera.
+
+    usual: the direction if none is stated. The camera is None where the file does not tell, or tells of several.
+    """
     file = read_text(path)
     said = next((pair for pair in _DIRECTIONS if any(name in file.text for name in pair)), usual)
     if not file.text.lstrip().startswith("{"):
-        return said, rigid_in(file, said)
+        return said, rigid_in(file, said), None
     place = parsed(file)
     if place.object.get("format") == FORMAT:
         place.check_head(FORMAT, VERSION)
         _refuse_contradiction(place)
-    return said, pose_in(place.at("pose") if isinstance(place.object.get("pose"), dict) else place, said)
+    pose = pose_in(place.at("pose") if isinstance(place.object.get("pose"), dict) else place, said)
+    seen = _seen_by_one(place) if said is _OF_PART else None
+    return said, pose, None if seen is None else seen @ pose.inv
+
+
+def _seen_by_one(place: Place) -> Rigid | None:
+    """Return camera_from_part where a file, of `--pose-out` or `--json`, tells of one camera; else None."""
+    cameras, photos = place.object.get("cameras"), place.object.get("photos")
+    if isinstance(cameras, list) and len(cameras) == 1:
+        return pose_at(place.at("cameras").items()[0].at("camera_from_part"))
+    if isinstance(photos, list) and len(photos) == 1 and "camera_from_part" in place.object:
+        return pose_at(place.at("camera_from_part"))
+    return None
 
 
 def _refuse_contradiction(place: Place) -> None:
-    """Refuse a pose whose matrix or quaternion is another one, as after an edit of one of them."""
-    if not {"matrix", "quaternion_wxyz"} & set(place.object):
+    """Refuse a pose whose matrix, quaternion or cameras have another one, as after an edit of one of them."""
+    if not {"matrix", "quaternion_wxyz", "cameras"} & set(place.object):
         return
     pose = pose_at(place.at("world_from_part"))
     repeated = {}
@@ -195,7 +217,10 @@ def _refuse_contradiction(place: Place) -> None:
     if "quaternion_wxyz" in place.object:
         q, own = place.at("quaternion_wxyz").array((4,)), so3.quaternion(pose.rotation)
         repeated["quaternion_wxyz"] = (q * (np.sign(q @ own) or 1.0), own)  # q and -q are one rotation
+    for camera in place.at("cameras").items() if "cameras" in place.object else []:
+        if "camera_from_world" in camera.object:  # not in files of before
+            seen = pose_at(camera.at("camera_from_world")) @ pose
+            repeated["cameras"] = (pose_at(camera.at("camera_from_part")).matrix, seen.matrix)
     for name, (given, expected) in repeated.items():
         if np.abs(given - expected).max() > _SAME * max(1.0, float(np.abs(expected).max())):
-            both = "change both, or leave it out: only world_from_part is read"
-            raise place.at(name).error("contradicts world_from_part", both)
+            raise place.at(name).error("contradicts world_from_part", "change both, or leave it out")

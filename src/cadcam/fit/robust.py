@@ -15,6 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect, expect_numbers
 
 LossName = Literal["squared", "huber", "cauchy", "tukey"]
 
@@ -35,6 +36,8 @@ class Loss:
     scale: float | None = None
 
     def __post_init__(self) -> None:
+        expect(self.name, "loss", str)
+        expect_numbers(self)
         if self.name not in _TUNING:
             raise UnknownName("loss", self.name, _TUNING)
         if self.scale is not None and not (np.isfinite(self.scale) and self.scale > 0):

@@ -19,7 +19,7 @@ from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import to_gray
 from cadcam.image.template import Template
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_numbers
 from cadcam.native.correlate import registered, searched, shrunken
 
 _FULL_TURN = (-math.pi, math.pi)
@@ -50,6 +50,7 @@ class CorrelateOptions:
     candidates: int = 256
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if not 0 <= self.angles[1] - self.angles[0] <= 2 * math.pi + 1e-9:
             raise BadValue("angles", self.angles, "(from, to) in rad, at most a full turn")
         if not 0.1 <= self.scales[0] <= self.scales[1] <= 10:

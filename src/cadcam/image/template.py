@@ -48,6 +48,10 @@ class Template:
         self._coarsest = 0  # unknown yet
         self.round_radius = self._round_radius()
 
+    def __repr__(self) -> str:
+        counted = "" if self.mask.all() else f", {self.mask.mean():.0%} of them count"
+        return f"Template({self.size[0]} x {self.size[1]} px{counted})"
+
     @property
     def size(self) -> tuple[int, int]:
         """Return (width, height) in px."""

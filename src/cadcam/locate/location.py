@@ -35,6 +35,22 @@ class Disagreement:
         return f"{said}, and was left out" if self.left_out else said
 
 
+@dataclass(frozen=True, slots=True)
+class Covered:
+    """What something that stands before the part hides of it.
+
+    share: of its lines in view; side: of the part as pictured, such as "lower left", "" where that is open.
+    """
+
+    share: float
+    side: str
+
+    def __str__(self) -> str:
+        """Return it in words."""
+        at = f" at its {self.side}" if self.side else ""
+        return f"something stands before the part{at} and hides {self.share:.0%} of its edges"
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Location:
     """Where the part is, or the best pose that was tried.
@@ -44,7 +60,9 @@ class Location:
     planar flip), best first. doubted: whether the evidence was weak at first: few or faint lines, or a loose fit.
     disagreements: those of several photos that do not show the part there. cameras_off_mm: standard deviation by
     which the photos show each camera to be off along each axis of the world and, by its direction, at the part, in
-    addition to the covariance of its calibration; the covariance of the pose contains what follows from it.
+    addition to the covariance of its calibration; the covariance of the pose contains what follows from it. covered:
+    what was taken to be hidden by something before the part, and so does not count; None where the answer needed no
+    such thing.
     """
 
     pose: PoseEstimate
@@ -55,6 +73,7 @@ class Location:
     doubted: bool = False
     disagreements: tuple[Disagreement, ...] = ()
     cameras_off_mm: float = 0.0
+    covered: Covered | None = None
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, significant
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.geometry.rigid import Rigid
@@ -94,4 +94,4 @@ def _axis_words(axis: Array) -> str:
 
 
 def _mm(sd: float) -> str:
-    return f"{sd:.2g} mm"
+    return f"{significant(sd)} mm"

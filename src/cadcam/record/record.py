@@ -13,7 +13,7 @@ from cadcam import __version__
 from cadcam.arrays import Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect_number
+from cadcam.kinds import expect, expect_each, expect_number, expect_numbers
 
 VERDICTS = ("PASS", "FAIL", "UNDECIDED")
 UNITS = ("mm", "deg")
@@ -61,6 +61,7 @@ class Source:
     sha256: str
 
     def __post_init__(self) -> None:
+        expect(self.sha256, f"sha256 of {self.path}", str)
         if not _SHA256.fullmatch(self.sha256):
             raise BadValue(f"sha256 of {self.path}", repr(self.sha256), "64 hexadecimal digits")
 
@@ -88,14 +89,17 @@ class Record(Brief):
     id: str = field(default_factory=lambda: uuid4().hex)
 
     def __post_init__(self) -> None:
+        expect(self.part, "part of a record", str)
+        expect(self.time, "time of a record", datetime)
+        expect_numbers(self)
         if not self.part:
             raise BadValue("part of a record", "empty", "the name of the kind of part")
         if self.time.tzinfo is None:
             raise BadValue("time of a record", self.time.isoformat(), "a time with its zone, such as datetime.now(UTC)")
         _check_verdict(self.verdict, self.part)
         object.__setattr__(self, "time", self.time.astimezone(UTC))
-        object.__setattr__(self, "deviations", tuple(self.deviations))
-        object.__setattr__(self, "sources", tuple(self.sources))
+        object.__setattr__(self, "deviations", expect_each(self.deviations, "deviations", Deviation))
+        object.__setattr__(self, "sources", expect_each(self.sources, "sources", Source))
 
 
 def _check_verdict(verdict: str, of: str) -> None:

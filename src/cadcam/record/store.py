@@ -69,6 +69,9 @@ class Store:
         self._engine = engine
         self._writing = engine.execution_options(writing=True)
 
+    def __repr__(self) -> str:
+        return f"Store({self.name!r})"
+
     def __enter__(self) -> Self:
         return self
 

@@ -15,6 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect_each, expect_numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,6 +30,7 @@ class Lamp:
     size_deg: float = 0.0
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if len(self.towards) != 3 or not 0 < sum(x * x for x in self.towards) < float("inf"):
             raise BadValue("direction towards the lamp", self.towards, "a direction (x, y, z), not zero")
         _check("strength of the lamp", self.strength)
@@ -55,7 +57,8 @@ class Light:
     ambient: float = 0.0
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "lamps", tuple(self.lamps))
+        expect_numbers(self)
+        object.__setattr__(self, "lamps", expect_each(self.lamps, "lamps", Lamp))
         _check("strength of the flash", self.flash)
         _check("ambient light", self.ambient)
 

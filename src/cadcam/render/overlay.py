@@ -18,7 +18,7 @@ from cadcam.image.draw import draw_polylines
 from cadcam.image.edges import EdgePoints, canny, distance_to_edges
 from cadcam.image.picture import checked, equalized, to_gray, to_rgb
 from cadcam.image.svg import SvgLayer, write_svg
-from cadcam.kinds import expect, expect_number, expect_path
+from cadcam.kinds import expect, expect_number, expect_numbers, expect_path
 from cadcam.render.lines.wireframe import Polylines, Wireframe
 from cadcam.render.view import View
 
@@ -66,6 +66,7 @@ class LineStyle:
     dash: tuple[float, float] = (6.0, 4.0)
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if self.color_by not in ("kind", "part", "one"):
             raise BadValue("color_by", repr(self.color_by), "'kind', 'part' or 'one'")
 

@@ -50,6 +50,9 @@ class Photographer:
         self._reflectance = scene.colors[scene.paint]
         self._caster: Caster | None = None
 
+    def __repr__(self) -> str:
+        return f"Photographer({self._scene!r}, by {type(self._renderer).__name__})"
+
     @property
     def scene(self) -> Scene:
         """The scene that is photographed."""

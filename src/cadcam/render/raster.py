@@ -72,6 +72,9 @@ class RasterRenderer:
         self._buffers = Buffers()
         self._lenses: dict[tuple[Any, ...], NativeLens] = {}
 
+    def __repr__(self) -> str:
+        return f"RasterRenderer({self._scene!r}, {self._threads} threads)"
+
     @property
     def scene(self) -> Scene:
         """The scene it was made from."""

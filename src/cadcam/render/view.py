@@ -18,7 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.picture import to_gray
-from cadcam.kinds import expect, expect_number
+from cadcam.kinds import expect, expect_numbers
 
 # Muted, and distinct for people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
 PALETTE = np.array(
@@ -144,8 +144,7 @@ class Look:
     supersampling: int = 1
 
     def __post_init__(self) -> None:
-        for what in ("head", "fill", "back", "ambient", "supersampling"):
-            expect_number(getattr(self, what), what)
+        expect_numbers(self)
         if not 1 <= self.supersampling <= 16 or self.supersampling != int(self.supersampling):
             raise BadValue("supersampling", self.supersampling, "a whole number from 1 to 16")
         strengths = (self.head, self.fill, self.back, self.ambient)

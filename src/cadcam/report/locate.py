@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, significant
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.files.jsontext import or_null
 from cadcam.files.matrix import pose_as_json
@@ -42,8 +43,8 @@ def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
     if np.abs(photo.camera_from_world.matrix - np.eye(4)).max() > 0:
         rows.append(("part's origin in the world, mm", _three(pose.world_from_part.translation, 3)))
     rows += [
-        ("sigma along the part's x, y, z, mm", ", ".join(f"{s:.2g}" for s in sigma[:3])),
-        ("sigma of turns about them, deg", ", ".join(f"{s:.2g}" for s in np.degrees(sigma[3:]))),
+        ("sigma along the part's x, y, z, mm", ", ".join(map(significant, sigma[:3]))),
+        ("sigma of turns about them, deg", ", ".join(map(significant, np.degrees(sigma[3:])))),
         *_by_photo(known),
         ("weakest", weakest(pose, radius_mm=radius_mm)),
     ]
@@ -56,7 +57,7 @@ def _by_photo(pose: PoseEstimate) -> list[tuple[str, str]]:
     if not pose.from_calibration.any():
         return []
     sigma = np.sqrt(np.diag(pose.from_noise))
-    shift, turn = (", ".join(f"{s:.2g}" for s in part) for part in (sigma[:3], np.degrees(sigma[3:])))
+    shift, turn = (", ".join(map(significant, part)) for part in (sigma[:3], np.degrees(sigma[3:])))
     return [("  by the photo alone, not the camera", f"{shift} mm; {turn} deg")]
 
 
@@ -66,6 +67,7 @@ def evidence_table(location: Location) -> Table:
     rows = [("quality", f"{location.quality:.3f} (found from {FOUND} on)")]
     rows += [("places on edges", f"{used} of {len(location.matches)} fit")]
     rows += [("their distance from the photo's edges, rms", f"{rms:.2f} px")] if used else []
+    rows += [("hidden", f"{location.covered}: they do not count")] if location.covered else []
     rows += [("why", location.reason)] if location.reason else []
     return Table("Evidence", ("", ""), tuple(rows), ("",))
 
@@ -98,9 +100,9 @@ def weakest(pose: PoseEstimate, *, radius_mm: float) -> str:
     sigma, v = float(np.sqrt(max(values[-1], 0.0))), vectors[:, -1]
     shift, turn = np.linalg.norm(v[:3]), np.linalg.norm(v[3:])
     if shift >= turn:
-        return f"a shift along the part's ({_three(_signed(v[:3] / shift), 2)}), {sigma:.2g} mm"
+        return f"a shift along the part's ({_three(_signed(v[:3] / shift), 2)}), {significant(sigma)} mm"
     axis = _three(_signed(v[3:] / turn), 2)
-    return f"a turn about the part's ({axis}), {np.degrees(sigma / radius_mm):.2g} deg"
+    return f"a turn about the part's ({axis}), {significant(np.degrees(sigma / radius_mm))} deg"
 
 
 def used_samples(location: Location) -> tuple[int, float]:
@@ -124,6 +126,7 @@ def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, A
         **({} if location.found else {"best": pose}),
         "frames": frames_as_json([photo.viewpoint for photo in photos]),
         "disagreements": disagreements_as_json(location),
+        "covered": asdict(location.covered) if location.covered else None,
         "camera_from_part": pose_as_json(camera_from_part),
         "edges": {"samples": len(location.matches), "used": used, "rms_px": rms if used else None},
         "alternatives": [
@@ -150,7 +153,7 @@ def track_table(entries: Sequence[Mapping[str, Any]]) -> Table:
     if found:
         sigma = np.median([np.linalg.norm(entry["pose"]["sigma_mm"]) for entry in found])
         rows.append(("median quality", f"{np.median([entry['quality'] for entry in found]):.3f}"))
-        rows.append(("median sigma of the place, mm", f"{sigma:.2g}"))
+        rows.append(("median sigma of the place, mm", significant(float(sigma))))
     lost = lost_stretches(entries)
     notes = ("lost: " + ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in lost),) if lost else ()
     return Table("Tracked", ("", ""), tuple(rows), ("",), notes)

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from cadcam.arrays import significant
 from cadcam.record.record import Deviation, Record
 from cadcam.record.trend import Trend
 from cadcam.report.table import Table, counted, with_sigma
@@ -58,8 +59,8 @@ def pose_table(record: Record) -> Table:
     words = record.pose.undetermined_words
     rows = (
         ("origin in the world, mm", place),
-        ("sigma of shifts along the part's x, y, z, mm", ", ".join(f"{s:.2g}" for s in sigma[:3])),
-        ("sigma of turns about them, deg", ", ".join(f"{s:.2g}" for s in np.degrees(sigma[3:]))),
+        ("sigma of shifts along the part's x, y, z, mm", ", ".join(map(significant, sigma[:3]))),
+        ("sigma of turns about them, deg", ", ".join(map(significant, np.degrees(sigma[3:])))),
         *([("not determined", words)] if words else []),
     )
     return Table("Pose", ("", ""), rows, ("",))

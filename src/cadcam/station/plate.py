@@ -15,6 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
+from cadcam.kinds import expect_numbers
 
 _MOST_ORDERS = 6  # reflectors of which all orders are tried, to name a wrong one
 _GROSS = 5.0  # residual in units of the stated noise beyond which the survey is not of this plate
@@ -41,6 +42,7 @@ class Plate(Brief):
     mark: str = ""
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         for what in ("mark", "reflector"):
             points = frozen(getattr(self, f"{what}s"), f"{what}s of the plate", (None, 2))
             names = tuple(getattr(self, f"{what}_names")) or tuple(str(i + 1) for i in range(len(points)))

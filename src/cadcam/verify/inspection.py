@@ -12,12 +12,16 @@ from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect_numbers
+from cadcam.locate.location import Covered
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import false_discoveries_below
+from cadcam.verify.bodies.behind import covered_places, hidden_apart
 from cadcam.verify.bodies.findings import (
     Case,
     Findings,
+    contradictions,
     elsewhere_by,
     findings_of,
     findings_redrawn,
@@ -37,6 +41,7 @@ from cadcam.verify.tolerances.tolerance import Tolerances, whole_parts
 
 _SURVEYS, _REDRAW_PX = 3, 0.3  # the lines are redrawn, at most so often, while the datum moves any body's by more
 _MOST = 0.9  # share of the lines, of all bodies or of one, that move by no more
+_USUAL_PX = 0.1  # common error of an edge, before it is estimated
 _LEAST_SEEN = 0.35  # least share of the datum's places that must show an edge for the pose to be believed
 _CARRIED = (
     "the datum edges seen do not hold the part: fitted to them it would move by {:.0f} px, and edges were looked for "
@@ -57,6 +62,7 @@ class InspectionOptions:
     alarms: float = 0.01
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if not 2 <= self.reach_px <= 60:
             raise BadValue("reach_px", self.reach_px, "2 to 60 px")
         if not 0 < self.alarms < 1:
@@ -74,7 +80,8 @@ class Inspection(Brief):
     the others and were not used (never of a stated datum). tau_px: common error of an edge; noise_scale: scatter along
     edges over what the photos' noise predicts; clutter: see `cadcam.verify.edges.presence`; seen_share: share of the
     datum's places where the photos show an edge. found: whether the part is where the pose has it; if not, `reason`
-    says why.
+    says why. covered: what something before the part hides, where features are unclear because of it. contradictions:
+    names of bodies of a stated datum that do not agree with the rest of it.
     """
 
     pose: PoseEstimate
@@ -92,6 +99,8 @@ class Inspection(Brief):
     measured: MeasuredEdges | None
     survey: Survey
     passable: float = float("nan")  # log likelihood ratio from which a required feature passes as present
+    covered: Covered | None = None
+    contradictions: tuple[str, ...] = ()
 
     def feature(self, name: str) -> FeatureDeviation:
         """Return a feature by its name."""
@@ -118,7 +127,7 @@ def inspect(
     asked = whole_parts(part.scene) if tolerances is None else tolerances
     asked.check(part.scene)
     F = np.eye(6) if freedom is None else np.asarray(freedom, np.float64)
-    pose = world_from_part
+    pose, contradicting = world_from_part, None
     for _ in range(_SURVEYS):
         case = Case(part, photos, pose, asked, F, options.reach_px, options.alarms)
         survey = surveyed(part, photos, pose, asked, reach_px=options.reach_px)
@@ -129,6 +138,10 @@ def inspect(
             look = findings_of(case, part, survey)
         except DegenerateGeometry as error:
             return _not_found(survey, pose, F, str(error))
+        if (
+            survey.stated and contradicting is None
+        ):  # at the first pose: a datum that contradicts itself leads the next ones astray
+            contradicting = contradictions(case, look)
         xi = look.measured.adjustment.pose().xi
         moved = np.abs(survey.lines.by_pose @ xi)
         if max(quantile(moved[survey.body == body], _MOST) for body in np.unique(survey.body)) < _REDRAW_PX:
@@ -137,7 +150,7 @@ def inspect(
         if moved_px > options.reach_px:  # farther than edges were searched for: few of them, too few to judge
             return _not_found(survey, pose, F, _CARRIED.format(moved_px, options.reach_px))
         pose = pose @ Rigid.exp(xi)  # there other lines are visible, and fewer mistaken for others
-    return _reported(case, findings_redrawn(case, look), options)
+    return replace(_reported(case, findings_redrawn(case, look), options), contradictions=contradicting or ())
 
 
 def _why_not(survey: Survey) -> str:
@@ -147,10 +160,14 @@ def _why_not(survey: Survey) -> str:
     if not (survey.datum & survey.usable).any():
         return "none of the datum's edges is in view: choose others, or take another photo"
     if survey.seen_share < _LEAST_SEEN:
-        return (
+        seen = (
             f"the photos show an edge at only {100 * survey.seen_share:.0f} % of the places where this pose has one "
-            f"(at least {100 * _LEAST_SEEN:.0f} % are needed): the part is not there, or not this part"
+            f"(at least {100 * _LEAST_SEEN:.0f} % are needed)"
         )
+        behind, covered = covered_places(survey, _USUAL_PX)
+        if covered and survey.seen_share_of(~behind) >= _LEAST_SEEN:
+            return f"{seen}: {covered}; take it away, or take another view"
+        return f"{seen}: the part is not there, or not this part"
     return ""
 
 
@@ -166,10 +183,11 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
     by_calibration = fitted.by_cause @ fitted.by_cause.T
     moved = case.world_from_part @ Rigid.exp(fitted.xi)
     pose = PoseEstimate(moved, fitted.covariance, by_calibration, measured.adjustment.freedom, measured.dof)
+    features, covered = hidden_apart(survey, evidence.deviations(), measured.tau_px)
     shifted = [_shifted(survey, i) for i in range(len(photos))]
     return Inspection(
         pose=pose,
-        features=evidence.deviations(),
+        features=features,
         edges=_edges(part, survey, measured, options.alarms),
         extra=tuple(unexplained(part, photos, pose.world_from_part, shifted=shifted)),
         datum=tuple(names[i] for i in np.unique(measured.body[measured.adjustment.datum])),
@@ -183,6 +201,7 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
         measured=measured,
         survey=survey,
         passable=float(-np.log(options.alarms)),
+        covered=covered,
     )
 
 

@@ -24,6 +24,7 @@ from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOption
 from cadcam.verify.reasons import (
     ANOTHER_VIEW,
     IN_VIEW,
+    contradicting,
     direction_words,
     explained,
     not_found,
@@ -92,7 +93,10 @@ def verify_part(
     judgements = tuple(j for f in tolerances.features for j in judged(f, seen))
     verdict = overall(j.verdict for j in judgements)
     beside = [] if judgements else [said for said in [unjudged(seen.features)] if said]
-    reason = "; ".join([summary(verdict, judgements), *beside, *map(str, located.disagreements)])
+    open_ = verdict is Verdict.UNDECIDED or not judgements
+    before = [str(seen.covered)] if seen.covered and open_ else []
+    datum = [contradicting(seen.contradictions)] if seen.contradictions else []
+    reason = "; ".join([summary(verdict, judgements), *beside, *datum, *before, *map(str, located.disagreements)])
     return Verification(verdict, reason, judgements, seen, tolerances, located)
 
 
@@ -146,7 +150,8 @@ def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
     if p.expected == 0:
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "not in view", IN_VIEW)
     remedy = found.why.remedy if found.why else ANOTHER_VIEW
-    why = f"{said}: too few to be sure that these are its own: {remedy}"
+    too_few = f"too few to be sure that these are its own: {remedy}"
+    why = f"{said}: {Unclear.BEHIND.value if found.why is Unclear.BEHIND else too_few}"
     return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, why, remedy)
 
 

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cadcam.errors import listed
 from cadcam.image.faults import faults_of
 from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
@@ -59,7 +60,7 @@ def with_remedy(j: Judgement) -> Judgement:
 def summary(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
     """Return in one line why the part has its verdict: what failed, by how much; or what could not be decided, and why.
 
-    At most three features are named.
+    At most three things are said, each of one feature or of up to three alike.
     """
     if not judgements:
         return "no limits given: nothing was judged"
@@ -87,6 +88,12 @@ def unjudged(features: Sequence[FeatureDeviation]) -> str:
     said += [f"{f.name} is missing" for f in features if f.state is State.MISSING]
     more = [f"and {len(said) - _NAMED} more"] if len(said) > _NAMED else []
     return "; ".join([*said[:_NAMED], *more])
+
+
+def contradicting(names: Sequence[str]) -> str:
+    """Return in one line which features of the stated datum do not agree with the rest of it, and what to do."""
+    them, stand = ("it", "stands") if len(names) == 1 else ("them", "stand")
+    return f"the datum contradicts itself: {', '.join(names)} {stand} out; leave {them} out of the datum"
 
 
 def not_found(located: Location, photos: Sequence[Photo]) -> str:
@@ -118,16 +125,20 @@ def vector_words(v: np.typing.NDArray[np.float64]) -> str:
 
 def _undecided(judgements: Sequence[Judgement]) -> list[str]:
     """Return a line for each value too near to its limit, and for each reason for which others were not measured."""
-    said: dict[tuple[str, str], list[str]] = {}
+    said: dict[tuple[str, str], list[str]] = {}  # by value or feature, and reason: quantities
     for j in judgements:
         key = (f"{j.feature}: ", j.reason)
         if np.isfinite(j.sigma):
             but = j.reason.partition(_BUT)[2].removesuffix(f": {j.remedy}")
             key = (_off(j) + (f"{_BUT}{but}" if but else ""), j.remedy.removeprefix(_SURELY))
         said.setdefault(key, []).append(j.limit.quantity.name.lower())
+    alike: dict[tuple[str, str], list[str]] = {}  # by what is not decided, and reason: features
+    for (what, why), quantities in said.items():
+        measured = not what.endswith(": ")
+        key = (what, why) if measured else (f": {' and '.join(quantities)} cannot be decided", f" ({why})")
+        alike.setdefault(key, []).extend([] if measured else [what.removesuffix(": ")])
     return [
-        f"{what}{' and '.join(quantities)} cannot be decided ({why})" if what.endswith(": ") else f"{what}: {why}"
-        for (what, why), quantities in said.items()
+        f"{listed(names, _NAMED)}{what}{why}" if names else f"{what}: {why}" for (what, why), names in alike.items()
     ]
 
 

@@ -18,7 +18,14 @@ if TYPE_CHECKING:
     from cadcam.plan.sight.candidate import Candidate
     from cadcam.plan.what_if import WhatIf
 
-_OF_A_SET = ("-k", "--output", "--pictures", "--each", "--no-what-if")  # options without effect with --next
+_OF_A_SET = (
+    "-k",
+    "--output",
+    "--pictures",
+    "--cameras",
+    "--each",
+    "--no-what-if",
+)  # options without effect with --next
 _SUFFIXES = (".html", ".json")
 _DESCRIPTION = """\
 Before there is a factory: which cameras to mount where, and how well they will measure. From CAD, places where cameras
@@ -33,6 +40,8 @@ _EXAMPLES = """\
   cadcam layout scene.yaml -k 3 --json                       three cameras, everything as JSON
   cadcam layout scene.yaml --keep 'gallery 6' --next         what is the next camera to buy beside this one?
   cadcam layout scene.yaml --pictures views/                 what each chosen camera will see, as PNG
+  cadcam layout scene.yaml --cameras mounted/                each as a camera file: to render with, for trials
+  cadcam layout scene.yaml -k 0 --keep 'gallery 6' --keep 'gallery 9'     this very set, another day
 
 scene file (YAML; mm and degrees; all keys are in docs/layout.md):
   part: block.glb
@@ -79,6 +88,9 @@ def add_to(verbs: Verbs) -> None:
         "--pictures", metavar="FOLDER", help="write what each chosen camera sees, and the coverage, as PNG"
     )
     parser.add_argument(
+        "--cameras", metavar="FOLDER", help="write each chosen camera where it is mounted as a camera file, .json"
+    )
+    parser.add_argument(
         "--each",
         action="store_true",
         help="also list each feature from each camera: scale, slant, blur, sigma, or why not",
@@ -101,8 +113,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise BadValue("scene", "not given", "a scene file; cadcam layout --sample FOLDER writes two to start from")
     for path in arguments.output:
         check_target(path, _SUFFIXES)
-    if arguments.pictures:
-        check_folder(arguments.pictures)
+    for folder in (arguments.pictures, arguments.cameras):
+        if folder:
+            check_folder(folder)
     seen = _survey(arguments.scene)
     have = seen.kept(arguments.keep)
     if arguments.next and have:
@@ -183,6 +196,8 @@ def _report(arguments: argparse.Namespace, layout: Layout, following: list[tuple
             write_whole(path, as_json(document))
     if arguments.pictures:
         _pictures(arguments.pictures, layout)
+    if arguments.cameras:
+        _cameras(arguments.cameras, layout)
     if arguments.json:
         print_json(document)
     else:
@@ -231,6 +246,22 @@ def _pictures(folder: str, layout: Layout) -> None:
         named = [(f"camera {c.name}", p) for c, p in zip(layout.cameras, camera_pictures(layout), strict=True)]
     named += [(f"coverage {title}", p) for _, views in _covered(layout) for title, p in views]
     for name, picture in named:
-        path = Path(folder) / (re.sub(r"\W+", "_", name) + ".png")
+        path = Path(folder) / f"{_as_file_name(name)}.png"
         write_picture(path, picture)
         say(f"wrote {path}")
+
+
+def _cameras(folder: str, layout: Layout) -> None:
+    """Write the chosen cameras, where they are mounted; numbered, for two names may be alike as names of files."""
+    from pathlib import Path
+
+    from cadcam.files.camera import write_camera
+
+    for i, c in enumerate(layout.cameras, 1):
+        path = Path(folder) / f"{i}_{_as_file_name(c.name)}.json"
+        write_camera(path, c.camera, camera_from_world=c.viewpoint.camera_from_world)
+        say(f"wrote {path}")
+
+
+def _as_file_name(name: str) -> str:
+    return re.sub(r"\W+", "_", name).strip("_")

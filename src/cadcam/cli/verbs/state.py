@@ -185,7 +185,8 @@ def run_show(arguments: argparse.Namespace) -> None:
     from cadcam.report.state import record_tables
 
     if len(arguments.id) < _SHORT_ID:
-        raise BadValue("id", repr(arguments.id), f"{_SHORT_ID} characters of it or more")
+        listed = f"`cadcam state list` prints it, of one part with --serial {arguments.id}"
+        raise BadValue("id", repr(arguments.id), f"{_SHORT_ID} characters of it or more: {listed}")
     with _there(arguments) as store:
         found = store.query(id_begins=arguments.id)
     if len(found) != 1:

@@ -19,7 +19,7 @@ from cadcam.cli.arguments import (
     whole,
 )
 from cadcam.cli.estimating import add_estimate_options, estimate_as_asked
-from cadcam.cli.output import check_folder, print_json, print_tables, progress, say_written, working
+from cadcam.cli.output import check_folder, print_json, print_tables, progress, say, say_written, working
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -59,7 +59,7 @@ _MOST = 10_000_000  # draws or steps: a gigabyte of them
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Studies:
-    """All requested studies."""
+    """All requested studies; unmixed: why Method B, not asked for by --steps, has no result."""
 
     first: FirstOrder
     first_markov: FirstOrder
@@ -67,6 +67,7 @@ class _Studies:
     markov: Variability | None
     alternating: Alternating | None
     map: ProjectionMap
+    unmixed: str = ""
 
     @property
     def sampled(self) -> dict[str, Variability]:
@@ -129,6 +130,8 @@ def run(arguments: argparse.Namespace) -> None:
     with working(f"estimating a camera from {len(observations)} points"):
         estimate = estimate_as_asked(arguments, observations)
     studies = _studied(arguments, estimate)
+    if studies.unmixed:
+        say(f"Method B is left out: {studies.unmixed}")
     if arguments.json:
         print_json(_as_json(studies))
     else:
@@ -166,13 +169,16 @@ def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studie
     first = first_order_variability(estimate, sigma_mm=arguments.sigma_mm, method=arguments.method)
     plane = numbers("--plane", arguments.plane, 4) if arguments.plane else None
     map_ = projection_map(estimate, depth_mm=arguments.depth, plane=plane)
+    monte_carlo = _monte_carlo(arguments, estimate) if arguments.draws else None
+    markov, unmixed = _markov_if_mixed(arguments, estimate)
     return _Studies(
         first=first,
         first_markov=first_order_variability(estimate),
         map=map_,
         alternating=_alternating(arguments, estimate) if arguments.alternate else None,
-        monte_carlo=_monte_carlo(arguments, estimate) if arguments.draws else None,
-        markov=_markov(arguments, estimate, steps) if (steps := _steps(arguments, estimate)) else None,
+        monte_carlo=monte_carlo,
+        markov=markov,
+        unmixed=unmixed,
     )
 
 
@@ -197,6 +203,24 @@ def _steps(arguments: argparse.Namespace, estimate: CameraEstimate) -> int:
     if arguments.steps is not None or arguments.sigma_mm:
         return arguments.steps or 0
     return _STEPS if set(estimate.free) <= set(NAMES) else _STEPS // 5
+
+
+def _markov_if_mixed(arguments: argparse.Namespace, estimate: CameraEstimate) -> tuple[Variability | None, str]:
+    """Return the result of Method B, None where it is not asked for; or why its chains, by default so long, have none.
+
+    A length that was asked for has to do: then it is an error.
+    """
+    from cadcam.fit.sampling import NotMixed
+
+    steps = _steps(arguments, estimate)
+    if not steps:
+        return None, ""
+    try:
+        return _markov(arguments, estimate, steps), ""
+    except NotMixed as error:
+        if arguments.steps is not None:
+            raise
+        return None, f"{error} (--steps, --fix)"
 
 
 def _markov(arguments: argparse.Namespace, estimate: CameraEstimate, steps: int) -> Variability:
@@ -267,6 +291,8 @@ def _as_json(studies: _Studies) -> dict[str, Any]:
         document["monte_carlo"] = report.variability_as_json(studies.monte_carlo)
     if studies.markov is not None:
         document["markov_chain"] = report.variability_as_json(studies.markov)
+    if studies.unmixed:
+        document["markov_chain_left_out"] = studies.unmixed
     if studies.alternating is not None:
         document["alternating_externals"] = report.variability_as_json(studies.alternating.errors)
     return document | {"projection": report.map_as_json(studies.map)}

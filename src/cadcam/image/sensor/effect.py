@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from typing import Protocol
+from typing import Protocol, SupportsFloat
 
 import numpy as np
 
 from cadcam.arrays import Picture
 from cadcam.errors import BadValue
+from cadcam.kinds import expect_number
 
 _TOGETHER = 1 << 20  # numbers of a picture computed at a time
 
@@ -34,6 +35,7 @@ def in_rows(picture: Picture) -> Iterator[slice]:
 
 def check(what: str, value: float, low: float = -math.inf, high: float = math.inf, *, above: bool = False) -> None:
     """Raise `BadValue` unless low <= value <= high (low < value, if `above`) and the value is finite."""
+    expect_number(value, what)
     if math.isfinite(value) and (low < value if above else low <= value) and value <= high:
         return
     bounds = [f"above {low:g}" if above else f"of at least {low:g}"] * math.isfinite(low)
@@ -43,5 +45,6 @@ def check(what: str, value: float, low: float = -math.inf, high: float = math.in
 
 def check_pair(what: str, value: tuple[float, float]) -> None:
     """Raise `BadValue` unless the value is two finite numbers."""
-    if len(value) != 2 or not all(math.isfinite(v) for v in value):
+    two = isinstance(value, (tuple, list)) and len(value) == 2 and all(isinstance(v, SupportsFloat) for v in value)
+    if not two or not all(math.isfinite(v) for v in value):
         raise BadValue(what, value, "two finite numbers (x, y)")

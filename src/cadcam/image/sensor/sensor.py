@@ -44,6 +44,10 @@ class Sensor:
     quantisation: Quantisation | None = None
     jpeg: Jpeg | None = None
 
+    def __post_init__(self) -> None:
+        for name, effect in EFFECTS.items():
+            expect(getattr(self, name), name, effect, optional=True)
+
     @property
     def effects(self) -> dict[str, Effect]:
         """Return the effects that are there by their names, in the order in which they act."""

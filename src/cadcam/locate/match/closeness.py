@@ -18,7 +18,7 @@ from cadcam.arrays import Array, Brief, Ids, frozen
 from cadcam.errors import BadValue
 from cadcam.image.edges import EdgePoints, canny
 from cadcam.image.picture import checked
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_numbers
 from cadcam.render.lines.wireframe import Wireframe
 
 _SHIFTED = (17.0, -17.0, 23.0, -23.0)  # px along the normal at which the chance level is measured
@@ -40,6 +40,7 @@ class ClosenessOptions:
     cell: float = 0.5
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if not (self.near > 0 and 0 < self.within <= math.pi / 2 and self.step > 0 and self.reach > self.cell > 0):
             raise BadValue("closeness options", self, "positive numbers of px, within at most pi/2, reach above cell")
 

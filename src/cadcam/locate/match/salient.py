@@ -18,6 +18,7 @@ from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.correlate import CorrelateOptions, correlate
 from cadcam.image.template import LEAST_POINTS, Template
+from cadcam.kinds import expect_numbers
 from cadcam.render.view import View
 
 _LEAST_STRENGTH = 0.05  # relative to the strongest window
@@ -41,6 +42,7 @@ class SalientOptions:
     reach: float = 30.0
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if not (self.side >= 9 and self.count >= 1 and self.spacing > 0 and self.reach >= 0):
             raise BadValue("salient options", self, "side from 9 px on, count from 1 on, spacing above 0 px")
 

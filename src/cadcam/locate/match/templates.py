@@ -21,7 +21,7 @@ from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
-from cadcam.kinds import expect, expect_each
+from cadcam.kinds import expect, expect_each, expect_numbers
 from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
 from cadcam.locate.match.closeness import edge_closeness
 from cadcam.locate.match.consensus import LEAST_AGREEING, PlaceCandidates, consensus, pose_of_matches
@@ -56,6 +56,8 @@ class TemplateOptions:
     salient: SalientOptions = PLAIN_SALIENT
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
+        expect(self.salient, "salient", SalientOptions)
         if self.appearance not in APPEARANCES:
             raise UnknownName("appearance", self.appearance, APPEARANCES)
         if not 1 <= self.reach < math.inf:

@@ -33,19 +33,48 @@ _BEYOND, _BEYOND_PX = 0.15, 12.0  # how far it is followed beyond the part: shar
 _BEHIND, _CHANCES = 0.15, 1.2  # largest share of shown samples behind it: at least, and relative to that by chance
 _MOST_BEHIND = 0.6  # largest share of all samples behind it
 _CLEAR_PX = 1.5  # nearer to the border samples are left as they are
+_ALONG = np.sin(np.radians(22.5))  # share of a direction from which it is named for an axis
+_SIDES = {
+    (1, 0): "right",
+    (-1, 0): "left",
+    (0, 1): "bottom",
+    (0, -1): "top",
+    (1, 1): "lower right",
+    (1, -1): "upper right",
+    (-1, 1): "lower left",
+    (-1, -1): "upper left",
+}
 
 
-def uncovered(sights: Sequence[Sight], world_from_part: Rigid, scatter: float) -> tuple[list[Sight], int]:
-    """Return sights without the samples behind occluders that the photos show, and how many borders these have.
+def covered(sights: Sequence[Sight], world_from_part: Rigid, scatter: float) -> tuple[list[Mask], int]:
+    """Return of each sight which samples (N,) are behind occluders that the photos show, and how many borders in all.
 
     scatter: sd (px) of the common error of each edge.
     """
-    near, seen, borders = near_px(sights, scatter), [], 0
+    near, behind, borders = near_px(sights, scatter), [], 0
     for sight in sights:
-        covered, count = _covered(sight, world_from_part, near, ASKED // len(sights))
-        seen.append(sight.select(~covered) if count else sight)
+        its, count = _covered(sight, world_from_part, near, ASKED // len(sights))
+        behind.append(its)
         borders += count
-    return seen, borders
+    return behind, borders
+
+
+def side_words(sights: Sequence[Sight], world_from_part: Rigid, behind: Sequence[Mask]) -> str:
+    """Return on which side of the part, as pictured, samples (N,) of each sight are: "right", "lower left" ...
+
+    Of several photos, each in which there are some is named: "left (photo 'east'), top (photo 'west')".
+    """
+    said = []
+    for sight, its in zip(sights, behind, strict=True):
+        q = sight.project(world_from_part).q
+        imaged = np.isfinite(q).all(axis=1)
+        if not (its & imaged).any() or its[imaged].all():
+            continue
+        away = q[its & imaged].mean(axis=0) - 0.5 * (q[imaged].min(axis=0) + q[imaged].max(axis=0))
+        x, y = (int(np.sign(d)) * bool(abs(d) > _ALONG * np.hypot(*away)) for d in away)
+        name = f" (photo {sight.photo.viewpoint.name!r})" * (len(sights) > 1)
+        said.append(_SIDES[x, y] + name)
+    return ", ".join(said)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

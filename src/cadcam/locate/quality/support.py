@@ -77,8 +77,9 @@ class Support:
     what is visible; gain: increase of the net share for a model of other proportions, and which those are; color: share
     of constraints added by the colours beside the lines. gone: the body of which nothing is shown, -1: none; without:
     its share of the samples, where it was left out of all this; faint: the share of samples left out because the light
-    gives them no contrast, covered: because something before the part hides them; determined: the least share, over the
-    motions that were fitted, of what all lines tell of a motion that those shown tell.
+    gives them no contrast, covered: because something before the part hides them, side: on which side of the part;
+    determined: the least share, over the motions that were fitted, of what all lines tell of a motion that those shown
+    tell.
     """
 
     samples: int
@@ -95,6 +96,7 @@ class Support:
     without: float = 0.0
     faint: float = 0.0
     covered: float = 0.0
+    side: str = ""
     determined: float = 1.0
 
     @property
@@ -119,13 +121,13 @@ class Support:
         unproven = self.fitted > _MOST_FITTED or self.determined < _DETERMINED
         return min(quality, _UNPROVEN) if unproven else quality
 
-    def uncovered(self, whole: Support, share: float) -> Support:
-        """Return the support by the lines that nothing hides; whole: by all lines, of which it hides that share.
+    def uncovered(self, whole: Support, share: float, side: str) -> Support:
+        """Return the support by the lines that nothing hides; whole: by all, of which it hides that share on that side.
 
         Of lines that cannot be seen it is not asked that they tell the pose, but that those in front tell it at all.
         """
         told = whole.determined >= _DETERMINED_AT_ALL
-        return replace(self, covered=share, determined=self.determined if told else whole.determined)
+        return replace(self, covered=share, side=side, determined=self.determined if told else whole.determined)
 
     def __str__(self) -> str:
         if self.samples < LEAST or self.fitted > _MOST_FITTED:
@@ -139,7 +141,8 @@ class Support:
             self.without > 0
         )
         faint = f", {self.faint:.0%} left out: the light gives them no contrast" * (self.faint > 0)
-        covered = f", {self.covered:.0%} left out: they are behind something before the part" * (self.covered > 0)
+        at = f", at its {self.side}" if self.side else ""
+        covered = f", {self.covered:.0%} left out: they are behind something before the part{at}" * (self.covered > 0)
         slid = ", those that tell along which it may slide or turn are not" * (self.determined < _DETERMINED)
         return edges + slid + covered + faint + body + color + free + other
 

@@ -18,12 +18,12 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.lines.bands import MOST_PX
 from cadcam.locate.lines.sight import Sight, in_noise
-from cadcam.locate.location import FOUND, Location
+from cadcam.locate.location import FOUND, Covered, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.contrast import showing
-from cadcam.locate.quality.occluder import CONSTRAINTS, uncovered
+from cadcam.locate.quality.occluder import CONSTRAINTS, covered, side_words
 from cadcam.locate.quality.support import Support, judged_support, support_at
 from cadcam.locate.refine.agreement import SCATTERED_PX
 from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
@@ -103,7 +103,8 @@ def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: i
     estimate = replace(_estimate(fitted, B), undetermined=unseen_turns(part, freedom, fitted.pose))
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)
     reason = _reason(part, estimate, evidence, fitted)
-    return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
+    hidden = Covered(evidence.covered, evidence.side) if evidence.covered > 0 else None
+    return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted, covered=hidden)
 
 
 def _estimate(fitted: PoseSolution, B: Array) -> PoseEstimate:
@@ -169,11 +170,12 @@ def _in_front(
     """
     if evidence.shown - evidence.by_chance < _SOME:
         return sights, evidence, chosen
-    clear, borders = uncovered(sights, pose, scatter)
+    behind, borders = covered(sights, pose, scatter)
     if not borders:
         return sights, evidence, chosen
-    more = chosen + CONSTRAINTS * borders
-    rest = ask(clear, chosen=more).uncovered(evidence, 1 - _samples(clear) / _samples(sights))
+    more, clear = chosen + CONSTRAINTS * borders, [s.select(~its) for s, its in zip(sights, behind, strict=True)]
+    share, side = 1 - _samples(clear) / _samples(sights), side_words(sights, pose, behind)
+    rest = ask(clear, chosen=more).uncovered(evidence, share, side)
     return (clear, rest, more) if rest.quality > evidence.quality else (sights, evidence, chosen)
 
 
@@ -189,7 +191,7 @@ def _in_light(
         return evidence
     left = ask(lit, chosen=chosen)
     determined = max(left.determined, evidence.determined)
-    return replace(left, faint=faint, covered=evidence.covered, determined=determined)
+    return replace(left, faint=faint, covered=evidence.covered, side=evidence.side, determined=determined)
 
 
 def _samples(sights: Sequence[Sight]) -> int:

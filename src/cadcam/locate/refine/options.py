@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.errors import BadValue
+from cadcam.kinds import expect_numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +27,7 @@ class EdgeOptions:
     group_px: float = 150.0
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         for name in self.__slots__:
             value = getattr(self, name)
             if not (np.isfinite(value) and value > 0):

@@ -23,6 +23,7 @@ from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import direction_fields
+from cadcam.kinds import expect_numbers
 from cadcam.locate.freedom import FREE, Freedom, aligned
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -55,6 +56,7 @@ class Reach:
     depth: float = 0.10
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         for name, value, most in (("rotation_deg", self.rotation_deg, 60.0), ("depth", self.depth, 0.5)):
             if not 0 <= value <= most:
                 raise BadValue(f"reach {name}", value, f"0 to {most:g}")

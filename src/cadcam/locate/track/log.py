@@ -133,6 +133,10 @@ class TrackLog:
             _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
         return cls(path, entries, None if table is None else os.fspath(table), filtered=filtered)
 
+    def __repr__(self) -> str:
+        found = sum(bool(entry["found"]) for entry in self.entries)
+        return f"TrackLog({self.path!r}, {len(self.entries)} frames, the part found in {found})"
+
     def __enter__(self) -> Self:
         return self
 

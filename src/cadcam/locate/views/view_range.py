@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_number
+from cadcam.kinds import expect, expect_number, expect_numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -39,6 +39,7 @@ class ViewRange(Brief):
             if not 0 <= value <= 180:
                 raise BadValue(f"{name} of the views", value, "0 to 180 degrees")
         expect(self.distance_mm, "distance_mm of the views", tuple, list, optional=True)
+        expect_numbers(self)
         if self.distance_mm is not None and not 0 < self.distance_mm[0] <= self.distance_mm[1] < math.inf:
             raise BadValue("distance_mm of the views", self.distance_mm, "(least, greatest), both positive")
 

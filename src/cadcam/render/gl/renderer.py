@@ -44,6 +44,9 @@ class GlRenderer:
         self._gpu = self._thread.submit(lambda: GpuScene(self._thread, scene)).result()
         self._end = weakref.finalize(self, self._thread.discarded.append, self._gpu)
 
+    def __repr__(self) -> str:
+        return f"GlRenderer({self._scene!r}, on {self.info.renderer})"
+
     @property
     def scene(self) -> Scene:
         """The scene it was made from."""

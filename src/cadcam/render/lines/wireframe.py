@@ -10,6 +10,7 @@ from cadcam.arrays import Array, Brief, Ids, Longs, Mask, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect_numbers
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +31,7 @@ class LineOptions:
     coincident_mm: float | None = None
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if not self.chord_px > 0:
             raise BadValue("chord_px", self.chord_px, "a positive number of px")
         if not self.margin_px >= 0:

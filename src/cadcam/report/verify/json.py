@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import UTC, datetime
 from typing import Any
 
@@ -10,7 +10,7 @@ import numpy as np
 
 from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.image.picture import PictureInfo
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_each
 from cadcam.record.export import record_as_json
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.report.locate import disagreements_as_json
@@ -36,6 +36,12 @@ class VerificationOrigin:
     station: str = ""
     time: datetime = field(default_factory=lambda: datetime.now(UTC))
     photos: tuple[PictureInfo, ...] = ()
+
+    def __post_init__(self) -> None:
+        expect(self.part, "part", str)
+        expect(self.time, "time", datetime)
+        for name, kind in (("sources", Source), ("cameras", str), ("photos", PictureInfo)):
+            object.__setattr__(self, name, expect_each(getattr(self, name), name, kind))
 
 
 def record_of(found: Verification, origin: VerificationOrigin) -> Record:
@@ -75,11 +81,13 @@ def verification_as_json(found: Verification, origin: VerificationOrigin) -> dic
     return out | {
         "datum": list(seen.datum),
         "left_out_of_datum": list(seen.left_out),
+        "datum_contradictions": list(seen.contradictions),
         "weakest_direction": {"motion": direction, "sigma_mm": sigma},
         "edge_error_px": seen.tau_px,
         "noise_scale": seen.noise_scale,
         "clutter": seen.clutter,
         "seen_share": seen.seen_share,
+        "covered": asdict(seen.covered) if seen.covered else None,
         "features": [_feature(f) | {"role": role(found, f)} for f in seen.features],
         "edges": [_edge(e) for e in seen.edges],
         "extra": [_extra(e) for e in seen.extra],

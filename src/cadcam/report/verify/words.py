@@ -10,7 +10,7 @@ from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
-from cadcam.verify.reasons import vector_words
+from cadcam.verify.reasons import contradicting, vector_words
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
@@ -100,9 +100,12 @@ def feature_notes(seen: Inspection) -> list[str]:
         "displacement against a pose fitted to the datum without the feature, +- 2 sigma, in the part's axes, as far "
         "as the photos show it"
     ]
+    notes += [str(seen.covered)] if seen.covered else []
     notes += unclear_words(seen)
     if seen.left_out:
         notes.append(f"left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}")
+    if seen.contradictions:
+        notes.append(f"{contradicting(seen.contradictions)}, or what is measured from it is off")
     if seen.extra:
         notes.append(
             f"{counted(len(seen.extra), 'curve')} inside the part that no edge of the model explains: shadows, dirt, "

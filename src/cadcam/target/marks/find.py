@@ -18,7 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_numbers
 from cadcam.target.marks.candidates import METHODS, MarkCandidates, approached, mark_candidates, screened
 from cadcam.target.marks.cross import surface, taps, template
 from cadcam.target.marks.fit import MarkFit, fit_marks
@@ -101,6 +101,7 @@ class MarkOptions:
     any_number: bool = False
 
     def __post_init__(self) -> None:
+        expect_numbers(self)
         if self.method not in METHODS:
             raise UnknownName("method", self.method, METHODS)
         if self.subpixel not in SUBPIXEL:
@@ -134,6 +135,8 @@ def find_marks(
     """
     expect(mark, "mark", Mark)
     expect(camera, "camera", Camera, optional=True)
+    expect(count, "count", int, np.integer, optional=True)
+    expect(options, "options", MarkOptions)
     if count is not None and count < 1:
         raise BadValue("count", count, "1 or more, or none where it is not known")
     gray = to_gray(picture)
@@ -201,7 +204,8 @@ def _radii(radius_px: float | tuple[float, float] | None, gray: Picture) -> tupl
     if radius_px is None:
         return None
     longest = max(gray.shape)
-    low, high = np.broadcast_to(np.asarray(radius_px, np.float64), (2,)).tolist()
+    span = (radius_px, radius_px) if np.ndim(radius_px) == 0 else radius_px
+    low, high = frozen(span, "radius_px", (2,), finite=False).tolist()
     if not 1.0 <= low <= high <= longest:
         raise BadValue(
             "radius_px", radius_px, f"1 px to the picture's longer side of {longest} px, or (least, largest)"

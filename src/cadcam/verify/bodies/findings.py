@@ -94,6 +94,15 @@ def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
     return Findings(drawn, survey, presence, measured, left_out)
 
 
+def contradictions(case: Case, look: Findings) -> tuple[str, ...]:
+    """Return which bodies of a stated datum do not agree with the rest of it.
+
+    They stay in it, for it is stated. They pull the pose away, and so what is measured from it.
+    """
+    _, out = _snooped(replace(look.survey, stated=False), _there(look.presence), case)
+    return tuple(look.survey.names[i] for i in out)
+
+
 def findings_redrawn(case: Case, look: Findings) -> Findings:
     """Return the look with displaced bodies drawn where they are, as far as that explains more of the photos.
 

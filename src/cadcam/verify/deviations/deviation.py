@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 
 import numpy as np
@@ -38,6 +38,7 @@ class Unclear(Enum):
     ASTRAY = "its edges are off, but no more of them than a shadow or dirt may move: other light, or another view"
     CONTRADICTS = "what its edges tell contradicts itself: take another view"
     DISPUTED = "the photos disagree on where the part is: calibrate the rig anew, or see whether its cameras have moved"
+    BEHIND = "something stands before it: take away what hides it, or take another view"
     FAR = "it seems to be farther from its place than was looked: look farther (--reach)"
 
     @property
@@ -142,6 +143,10 @@ class FeatureDeviation:
             datum=self.datum,
             why=Unclear.DISPUTED,
         )
+
+    def behind(self) -> FeatureDeviation:
+        """Return it as one of which is not known where it is, because something before it hides it."""
+        return replace(self, state=State.UNCLEAR, why=Unclear.BEHIND)
 
     def __repr__(self) -> str:
         off = f", {brief(self.vector)} mm, sigma {self.sigma:.2g} mm" if self.seen.size else ""

@@ -9,6 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
@@ -38,7 +39,8 @@ class Survey:
     fitted to it; stated: whether the tolerances state the datum. lever (N,) px/mm, mate (N,) and ground (N, 3): the
     place as a foot (`Feet`), with mate a body; ought (N,): whether the light gives its edge contrast; evidence: of all
     edges, seen or not; clutter: how often the photos show an edge where there is none; by (P, 3) mm: where the bodies
-    were drawn, from their places in the CAD; shown: what the part shows in each photo.
+    were drawn, from their places in the CAD; shown: what the part shows in each photo; sights: each photo's, whose
+    samples are the places.
     """
 
     lines: Sightlines
@@ -58,6 +60,7 @@ class Survey:
     clutter: Clutter
     by: Array
     shown: tuple[ShownFaces, ...]
+    sights: tuple[Sight, ...]
 
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
@@ -111,7 +114,11 @@ class Survey:
     @property
     def seen_share(self) -> float:
         """Return the share of the datum's usable places where the photos show an edge."""
-        asked = self.datum & self.usable
+        return self.seen_share_of(self.datum)
+
+    def seen_share_of(self, places: Mask) -> float:
+        """Return the share of the usable ones among datum places (N,) where the photos show an edge."""
+        asked = places & self.datum & self.usable
         return float(self.matched.support[asked].mean()) if asked.any() else 0.0
 
 
@@ -161,6 +168,7 @@ def surveyed(
         clutter=clutter_of(lines, found, moved_as_one, reach_px=reach_px),
         by=by,
         shown=tuple(shown),
+        sights=tuple(sights),
     )
 
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_each, expect_numbers
 from cadcam.render.view import Scene
 
 _LARGEST_K = 30.0  # sigmas: beyond them numbers hold no probability
@@ -138,6 +138,9 @@ class Limit(Brief):
     direction: Array | None = None
 
     def __post_init__(self) -> None:
+        expect(self.quantity, "quantity", Quantity)
+        expect(self.rule, "rule", Rule)
+        expect_numbers(self)
         if self.quantity is not Quantity.PRESENCE and not (np.isfinite(self.value) and self.value > 0):
             raise BadValue(self.quantity.value, self.value, "a positive number")
         if self.quantity is Quantity.ANGLE and self.value >= np.pi:
@@ -171,6 +174,8 @@ class Tolerances(Brief):
     notes: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "features", expect_each(self.features, "features", Feature))
+        object.__setattr__(self, "datum", expect_each(self.datum, "datum", Selection))
         names = [f.name for f in self.features]
         twice = next((n for n in names if names.count(n) > 1), None)
         if twice is not None:
