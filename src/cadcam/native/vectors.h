@@ -30,7 +30,9 @@ INLINE f8 root(f8 v) { return (f8)_mm256_sqrt_ps((__m256)v); }
 INLINE unsigned signs(i8 v) { return (unsigned)_mm256_movemask_ps((__m256)v); }
 INLINE f8 floats(d4 a, d4 b) { return (f8)_mm256_set_m128(_mm256_cvtpd_ps((__m256d)b), _mm256_cvtpd_ps((__m256d)a)); }
 
-INLINE h16 sixteen(const uint8_t *p) { return (h16)_mm256_cvtepu8_epi16(_mm_loadu_si128((const __m128i *)(const void *)p)); }
+INLINE h16 sixteen(const uint8_t *p) {
+    return (h16)_mm256_cvtepu8_epi16(_mm_loadu_si128((const __m128i *)(const void *)p));
+}
 
 /* Eight records of four floats, number by number. */
 INLINE void transposed(const float *const r[8], f8 out[4]) {
