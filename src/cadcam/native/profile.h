@@ -105,7 +105,8 @@ CC_API void cc_pull(int64_t n, int32_t most, int32_t k, const double *rows, cons
 /* What share of the samples of each line meets a step of one sign: rising ones or falling ones, what is more. Of n
  * samples in `lines` runs, each from first[l] to the next, offset and slope (n, most <= CC_MOST_STEPS) say where steps
  * are, NaN for none; steps weaker than `faint` times one within `around` px do not count. moved (n, tries) px: by how
- * much the samples moved; a step within `on` px of that is met. scratch: 4 tries doubles. Writes share (tries, lines). */
+ * much the samples moved; a step within `on` px of that is met. scratch: 4 tries doubles. Writes share
+ * (tries, lines). */
 #define CC_MOST_STEPS 16
 CC_API void cc_met(int64_t n, int32_t most, const double *offset, const double *slope, int64_t lines,
                    const int64_t *first, int64_t tries, const double *moved, double on, double faint, double around,
