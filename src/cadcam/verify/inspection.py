@@ -138,9 +138,8 @@ def inspect(
             look = findings_of(case, part, survey)
         except DegenerateGeometry as error:
             return _not_found(survey, pose, F, str(error))
-        if (
-            survey.stated and contradicting is None
-        ):  # at the first pose: a datum that contradicts itself leads the next ones astray
+        # At the first pose: a datum that contradicts itself leads the next ones astray.
+        if survey.stated and contradicting is None:
             contradicting = contradictions(case, look)
         xi = look.measured.adjustment.pose().xi
         moved = np.abs(survey.lines.by_pose @ xi)
