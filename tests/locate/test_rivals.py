@@ -14,7 +14,8 @@ from cadcam.locate.in_photos import locate_part
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.apart import away
+from cadcam.locate.quality.apart import Apart, away, shown_less
+from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.locate.rivals import Rivals
@@ -80,6 +81,60 @@ def test_a_lattice_is_told_from_itself_one_bay_on(n: int) -> None:
     assert asked.prefers(kept, wrong)
     assert not asked.prefers(wrong, kept)
     assert not asked.prefers(kept, kept)
+
+
+@pytest.mark.parametrize(("mesh", "which"), [(comb(), 0), (comb(), 5), (comb(), 8), (hooked(), 0), (hooked(), 3)])
+def test_a_look_alike_is_told_from_the_part_however_well_it_fits(mesh: Mesh, which: int) -> None:
+    """From a start turned over, or a bay off, a pose is found that nothing puts in doubt but its own missing lines."""
+    part, pose = Part.of(mesh), looking(mesh)
+    photo = photo_of(mesh, pose)
+    turned = pose @ part.likenesses[which].motion.inv
+    rivals = Rivals(part, [photo], FREE, EDGES, 0)
+    wrong = refine_pose(part, [photo], turned)
+    assert wrong.quality > DOUBT[1]
+    assert rivals.contested(wrong).any()
+    found = locate_part(part, [photo], turned)
+    apart = CAMERA.project(found.pose.world_from_part @ mesh.vertices) - CAMERA.project(pose @ mesh.vertices)
+    assert found.found
+    assert np.abs(apart).max() < 0.5
+    assert not rivals.contested(found).any()
+
+
+def test_where_nothing_shows_which_way_round_the_part_is_the_other_way_is_an_alternative() -> None:
+    """Of a comb without the block that tells its ends apart either end may be the one."""
+    part, pose = Part.of(comb()), looking(comb())
+    photo = photo_of(merge([comb().subset([k]) for k in range(8)]), pose)
+    found = locate_part(part, [photo], pose)
+    turned = found.pose.world_from_part @ part.likenesses[0].motion
+    others = [other.pose.world_from_part.inv @ turned for other in found.alternatives]
+    assert found.quality > DOUBT[1]
+    assert min(np.linalg.norm((one @ np.array([72.0, 15.0, 10.0])) - [72, 15, 10]) for one in others) < 2.0
+    assert "other poses look as good" in found.reason
+
+
+def test_places_know_how_far_the_edges_of_a_look_alike_pass() -> None:
+    """A comb turned about the upright has its edges on its own, but for the block: 26 mm of bar less, 24 mm aside."""
+    part = Part.of(comb())
+    turned = next(k for k, like in enumerate(part.likenesses) if np.allclose(like.motion.translation, [156, 30, 0]))
+    common, own = [BAY, 15.0, 10.0], [-14.0, 15.0, 40.0]
+    near, far = part.own_edges.at(np.array([common, own]))[turned]
+    assert near < 0.5
+    assert far == pytest.approx(np.hypot(14.0, 14.0), abs=1.0)
+
+
+def test_own_lines_that_are_shown_less_are_told_reading_by_reading() -> None:
+    """Shown: all common lines, and of the own ones of the three readings none, all, and none of too few."""
+    own = np.zeros((3, 200), bool)
+    own[0, :40] = own[1, 40:80] = own[2, :5] = True
+    assert shown_less(own, np.arange(200) >= 40).tolist() == [True, False, False]
+
+
+def test_few_lines_decide_only_where_they_are_clearer() -> None:
+    assert Apart(12, 0.3, 12, 0.75).against
+    assert not Apart(8, 0.3, 13, 0.75).against
+    assert Apart(8, 0.0, 13, 1.0).against
+    assert Apart(8, 0.0, 13, 1.0).open
+    assert not Apart(5, 0.0, 40, 1.0).against
 
 
 def test_own_places_are_those_that_no_other_is_near_to(rng: np.random.Generator) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.matches import EdgeMatches
+from cadcam.locate.matches import EdgeMatches, JudgedSamples
 
 FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
 
@@ -44,6 +44,7 @@ class Location:
     disagreements: those of several photos that do not show the part there. cameras_off_mm: standard deviation by
     which the photos show each camera to be off along each axis of the world and, by its direction, at the part, in
     addition to the covariance of its calibration; the covariance of the pose contains what follows from it.
+    judged: samples of the part's edges, and which of them the photos show.
     """
 
     pose: PoseEstimate
@@ -54,6 +55,7 @@ class Location:
     doubted: bool = False
     disagreements: tuple[Disagreement, ...] = ()
     cameras_off_mm: float = 0.0
+    judged: JudgedSamples = field(default_factory=JudgedSamples.none, repr=False)
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:

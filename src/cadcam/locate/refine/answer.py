@@ -103,7 +103,8 @@ def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: i
     estimate = replace(_estimate(fitted, B), undetermined=unseen_turns(part, freedom, fitted.pose))
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)
     reason = _reason(part, estimate, evidence, fitted)
-    return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted)
+    matches = _matches(fitted)
+    return Location(estimate, matches, evidence.quality, reason, doubted=doubted, judged=evidence.judged)
 
 
 def _estimate(fitted: PoseSolution, B: Array) -> PoseEstimate:

@@ -157,11 +157,12 @@ def _shifts(p: Array, q: Array, step: float) -> list[Array]:
         return []
     few, others = (a[:: max(1, len(a) // _LAID)] for a in (p, q))
     by = ((others[:, None] - few[None]) / step).reshape(-1, 3).T.copy()
-    cell = np.round(by).astype(np.int64)
+    cell = np.round(by).astype(np.int32)
     cell -= cell.min(axis=1, keepdims=True)
-    _, at, count = np.unique(
-        np.ravel_multi_index(tuple(cell), tuple(cell.max(axis=1) + 1)), return_index=True, return_counts=True
-    )
+    x, y, z = cell
+    _, many_y, many_z = cell.max(axis=1) + 1
+    _, at, count = np.unique((x * many_y + y) * many_z + z, return_index=True, return_counts=True)
+    cell = cell.astype(np.int16)  # counted through many times
     cells, out = cell[:, at], []
     for _ in range(min(_SHIFTS, cells.shape[1])):
         most = cells[:, int(np.argmax(count)), None]
