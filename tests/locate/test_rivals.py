@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.cad.mesh import Mesh, merge
-from cadcam.cad.parts import machined_bracket
+from cadcam.cad.parts import calibration_bench, machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE
@@ -181,6 +181,15 @@ def test_a_lattice_s_pitch_is_told_to_less_than_its_plates_are_thick() -> None:
     shifts = [like.motion.translation for like in Part.of(grillage()).likenesses if not like.mirrored]
     for pitch in (745.0, -745.0):
         assert any(np.allclose(s, [0, pitch, 0], atol=0.5) for s in shifts)
+
+
+def test_a_part_turned_over_in_its_own_place_is_a_likeness() -> None:
+    """Many shifts along the bench's rails lay as many points on points as the one that turns it about its middle."""
+    mesh = calibration_bench()
+    turned = Rigid(np.diag([-1.0, -1.0, 1.0]), 2 * mesh.bounds.mean(axis=0) * [1, 1, 0])
+    corners = mesh.vertices
+    off = [np.abs(like.motion @ corners - turned @ corners).max() for like in Part.of(mesh).likenesses]
+    assert min(off) < 1.0
 
 
 def test_what_is_its_own_mirror_image_has_no_other_hand() -> None:

@@ -22,6 +22,7 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality.absent import LEAST
 from cadcam.locate.quality.apart import OWN_PX, Apart, Reading, away, shown_less, shows_alike, told_apart
 from cadcam.locate.quality.support import ASKED
 from cadcam.locate.refine.options import EdgeOptions
@@ -31,6 +32,7 @@ from cadcam.render.lines.visible import edge_points
 
 _DOUBTED = 0.45  # quality given to a pose where the photos show a rival
 _BELIEVED = 0.3  # weight in the fit from which a sample counts as shown
+_EVERY = 2  # of the judged samples, which lie in rows of four, so many are asked whose they are
 _NEAR_PX = 2.0  # largest distance between lines and their steps, for a pose accurate to a pixel
 _DENSE_PX = 3.0  # between points of an edge: less than the distance at which lines are near each other
 _ROUNDS = 3  # how often a pose may be replaced by a rival
@@ -68,14 +70,14 @@ class Rivals:
         it is nearly the same, hardly any line is missing. Only feature edges count, and own ones are told in three
         dimensions: some lie on the rival's in the photo, and count as own all the same.
         """
-        judged, part = found.judged, self.part
-        if not part.likenesses or not len(judged.p):
-            return np.zeros(len(part.likenesses), bool)
+        p, photo, shown = (a[::_EVERY] for a in (found.judged.p, found.judged.photo, found.judged.shown))
+        if not self.part.likenesses or not len(p):
+            return np.zeros(len(self.part.likenesses), bool)
         views = [one.viewpoint for one in self.photos]
         eyes = np.array([(view.camera_from_world @ found.pose.world_from_part).origin for view in views])
         focal = np.array([view.camera.K[1, 1] for view in views])
-        px_per_mm = focal[judged.photo] / np.linalg.norm(judged.p - eyes[judged.photo], axis=1)
-        return shown_less(part.own_edges.at(judged.p) * px_per_mm > OWN_PX, judged.shown)
+        px_per_mm = focal[photo] / np.linalg.norm(p - eyes[photo], axis=1)
+        return shown_less(self.part.own_edges.at(p) * px_per_mm > OWN_PX, shown, LEAST // _EVERY)
 
     def checked(self, found: Location, sights: Sequence[Sight] | None = None) -> Location:
         """Return the found pose, the rival that the photos show instead, or a refusal where they show the mirror image.

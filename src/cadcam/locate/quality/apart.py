@@ -97,14 +97,15 @@ def shows_alike(own: Mask, shown: Mask) -> bool:
     return bool(enough and shown[own].mean() >= _ALIKE * shown[~own].mean())
 
 
-def shown_less(own: Mask, shown: Mask) -> Mask:
+def shown_less(own: Mask, shown: Mask, least: int = LEAST) -> Mask:
     """Return for each of K other readings whether the samples that it lacks, enough of them, are shown far less often.
 
-    own (K, n): which samples only this reading has; shown (n,). Compared with the samples that both have.
+    own (K, n): which samples only this reading has; shown (n,). Compared with the samples that both have; least: how
+    many of either are enough.
     """
     n, common = own.sum(axis=1), (~own).sum(axis=1)
     of_own = own @ shown.astype(np.int64)
-    enough = np.minimum(n, common) >= LEAST
+    enough = np.minimum(n, common) >= least
     return np.asarray(enough & (of_own * common < _ALIKE * n * (shown.sum() - of_own)))
 
 

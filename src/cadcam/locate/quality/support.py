@@ -79,8 +79,8 @@ class Support:
     of constraints added by the colours beside the lines. gone: the body of which nothing is shown, -1: none; without:
     its share of the samples, where it was left out of all this; faint: the share of samples left out because the light
     gives them no contrast, covered: because something before the part hides them; determined: the least share, over the
-    motions that were fitted, of what all lines tell of a motion that those shown tell; judged: those of the samples
-    that lie on feature edges.
+    motions that were fitted, of what all lines tell of a motion that those shown tell; judged: the samples on
+    feature edges, with those of a body left out: of a wrong pose just that may be missing which tells it.
     """
 
     samples: int
@@ -168,7 +168,7 @@ def judged_support(
     support = ask(sights, world_from_part, B=B)
     if support.gone >= 0 and _WITHOUT[0] < support.quality < _WITHOUT[1]:
         sights = [s.select(s.samples.part != support.gone) for s in sights]
-        support = replace(ask(sights, world_from_part, B=B), without=support.without)
+        support = replace(ask(sights, world_from_part, B=B), without=support.without, judged=support.judged)
     else:
         support = replace(support, without=0.0)
     support = replace(support, color=color * max(1 - support.free * _COLOR / constraints, 0.0))
