@@ -14,6 +14,7 @@ from cadcam.locate.in_photos import locate_part
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality import support
 from cadcam.locate.quality.apart import Apart, away, shown_less
 from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.options import EDGES
@@ -110,6 +111,18 @@ def test_where_nothing_shows_which_way_round_the_part_is_the_other_way_is_an_alt
     assert found.quality > DOUBT[1]
     assert min(np.linalg.norm((one @ np.array([72.0, 15.0, 10.0])) - [72, 15, 10]) for one in others) < 2.0
     assert "other poses look as good" in found.reason
+
+
+def test_a_body_that_is_left_out_as_missing_still_tells_whose_lines_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a wrong pose just the body is missing that tells it from the right one."""
+    pose = looking(hooked())
+    photo = photo_of(merge([hooked().subset([k]) for k in range(5)]), pose)
+    sight = Sight.of(Part.of(hooked()), photo, pose, step_px=EDGES.step_px, reach_px=2 * EDGES.reach_px)
+    monkeypatch.setattr(support, "_WITHOUT", (0.0, 1.1))
+    told = support.judged_support([sight], pose, np.eye(6), chosen=0, scatter=0.0)
+    of_block = (told.judged.p[:, 2] > 24.1) & ~told.judged.shown
+    assert told.without > 0
+    assert of_block.sum() >= 12
 
 
 def test_places_know_how_far_the_edges_of_a_look_alike_pass() -> None:

@@ -70,7 +70,7 @@ class Rivals:
         it is nearly the same, hardly any line is missing. Only feature edges count, and own ones are told in three
         dimensions: some lie on the rival's in the photo, and count as own all the same.
         """
-        p, photo, shown = (a[::_EVERY] for a in (found.judged.p, found.judged.photo, found.judged.shown))
+        p, photo, shown = found.judged.p[::_EVERY], found.judged.photo[::_EVERY], found.judged.shown[::_EVERY]
         if not self.part.likenesses or not len(p):
             return np.zeros(len(self.part.likenesses), bool)
         views = [one.viewpoint for one in self.photos]
