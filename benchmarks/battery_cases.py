@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from battery_conditions import CONDITIONS, DARK, Condition
+from battery_conditions import CONDITIONS, DARK, NIST, OWN, Condition
 from battery_pictures import Stage, Surface, by_pyrender, radiance
 from battery_wrong import beside, flange, rack
 from cadcam.arrays import Array, Longs, Picture
@@ -81,8 +81,7 @@ def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, start
     """Return the k-th case of a condition; only: of this part, not of one that is drawn."""
     chance = [seed, zlib.crc32(name.encode()), k]
     rng, condition = np.random.default_rng(chance), CONDITIONS[name]
-    names = [*PARTS, *(f"nist_ctc_0{i}" for i in range(1, 6))] if data else list(PARTS)
-    names = list(condition.parts) or names
+    names = [n for n in condition.parts or (*OWN, *NIST) if data or n not in NIST]
     if condition.absent == "mirrored":
         names = [n for n in names if not its_own_mirror_image(mesh_of(n, data, False))]
     which = only or names[int(np.random.default_rng(chance[:2]).permutation(len(names))[k % len(names)])]
@@ -95,7 +94,8 @@ def case_of(name: str, k: int, seed: int, data: Path | None, folder: Path, start
     stage = _stage(condition, traced.transformed(world_from_part), pose, camera, reach, rng)
     truth = pose @ world_from_part
     from_part = truth @ middle
-    rough = [_start(camera, truth, from_part, rng) for _ in range(starts)]
+    about = [_turned_over(truth, middle, rng) if condition.turned else truth for _ in range(starts)]
+    rough = [_start(camera, near, from_part, rng) for near in about]
     if condition.start:
         rough = [condition.start(truth, rng) for _ in range(starts)]
     up = world_from_part.inv.rotation @ np.array([0, 0, 1.0])
@@ -154,6 +154,12 @@ def _start(camera: Camera, truth: Rigid, middle: Array, rng: np.random.Generator
     depth = rng.choice([-1, 1]) * rng.uniform(0.05, 0.10) * middle
     about = Rigid(translation=middle)
     return Rigid(translation=np.append(shift, 0.0) + depth) @ about @ Rigid(exp(turn)) @ about.inv @ truth
+
+
+def _turned_over(truth: Rigid, middle: Array, rng: np.random.Generator) -> Rigid:
+    """Return a pose half a turn off, about one of the model's axes through its middle."""
+    about = Rigid(translation=middle)
+    return truth @ about @ Rigid(exp(np.pi * np.eye(3)[rng.integers(3)])) @ about.inv
 
 
 def _stage(

@@ -38,6 +38,8 @@ from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma
 
 SENSOR = Sensor(noise=Noise(12_000, 20))
 STEEL, DARK = (0.5, 0.5, 0.5), (0.07, 0.07, 0.07)
+OWN = "bracket", "ship block", "bench", "flange", "step block"  # the parts of benchmarks/battery_cases.py
+NIST = tuple(f"nist_ctc_0{i}" for i in range(1, 6))
 PLAIN, GROUND = Surface(STEEL, 0.06), Surface((0.3, 0.3, 0.3), 0.15)
 
 
@@ -68,6 +70,7 @@ class Condition:
     told: Told | None = None  # makes the camera that is told of the one that took the picture
     spoilt: Callable[[Picture], Picture] = lambda taken: taken
     start: Callable[[Rigid, np.random.Generator], Rigid] | None = None  # makes starts of the true pose
+    turned: bool = False  # starts are half a turn off, about one of the model's axes
     twin: bool = False  # a second part of the same kind stands beside it
 
 
@@ -174,6 +177,7 @@ CONDITIONS: dict[str, Condition] = {
     "other picture size": Condition(told=other_size),
     "one bay off": Condition(parts=("rack",), start=one_bay_off),
     "bays, no start": Condition(parts=("rack",), search="range"),
+    "start turned over": Condition(turned=True, parts=(*OWN, "rack", *NIST)),
     "two of a kind": Condition(twin=True, size=(0.3, 0.45)),
     "two of a kind, no start": Condition(twin=True, size=(0.3, 0.45), search="range"),
 }

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.cad.mesh import Mesh, merge
-from cadcam.cad.parts import machined_bracket
+from cadcam.cad.parts import calibration_bench, machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE
@@ -14,7 +14,9 @@ from cadcam.locate.in_photos import locate_part
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.apart import away
+from cadcam.locate.quality import support
+from cadcam.locate.quality.apart import Apart, away, shown_less
+from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.locate.rivals import Rivals
@@ -82,6 +84,72 @@ def test_a_lattice_is_told_from_itself_one_bay_on(n: int) -> None:
     assert not asked.prefers(kept, kept)
 
 
+@pytest.mark.parametrize(("mesh", "which"), [(comb(), 0), (comb(), 5), (comb(), 8), (hooked(), 0), (hooked(), 3)])
+def test_a_look_alike_is_told_from_the_part_however_well_it_fits(mesh: Mesh, which: int) -> None:
+    """From a start turned over, or a bay off, a pose is found that nothing puts in doubt but its own missing lines."""
+    part, pose = Part.of(mesh), looking(mesh)
+    photo = photo_of(mesh, pose)
+    turned = pose @ part.likenesses[which].motion.inv
+    rivals = Rivals(part, [photo], FREE, EDGES, 0)
+    wrong = refine_pose(part, [photo], turned)
+    assert wrong.quality > DOUBT[1]
+    assert rivals.contested(wrong).any()
+    found = locate_part(part, [photo], turned)
+    apart = CAMERA.project(found.pose.world_from_part @ mesh.vertices) - CAMERA.project(pose @ mesh.vertices)
+    assert found.found
+    assert np.abs(apart).max() < 0.5
+    assert not rivals.contested(found).any()
+
+
+def test_where_nothing_shows_which_way_round_the_part_is_the_other_way_is_an_alternative() -> None:
+    """Of a comb without the block that tells its ends apart either end may be the one."""
+    part, pose = Part.of(comb()), looking(comb())
+    photo = photo_of(merge([comb().subset([k]) for k in range(8)]), pose)
+    found = locate_part(part, [photo], pose)
+    turned = found.pose.world_from_part @ part.likenesses[0].motion
+    others = [other.pose.world_from_part.inv @ turned for other in found.alternatives]
+    assert found.quality > DOUBT[1]
+    assert min(np.linalg.norm((one @ np.array([72.0, 15.0, 10.0])) - [72, 15, 10]) for one in others) < 2.0
+    assert "other poses look as good" in found.reason
+
+
+def test_a_body_that_is_left_out_as_missing_still_tells_whose_lines_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of a wrong pose just the body is missing that tells it from the right one."""
+    pose = looking(hooked())
+    photo = photo_of(merge([hooked().subset([k]) for k in range(5)]), pose)
+    sight = Sight.of(Part.of(hooked()), photo, pose, step_px=EDGES.step_px, reach_px=2 * EDGES.reach_px)
+    monkeypatch.setattr(support, "_WITHOUT", (0.0, 1.1))
+    told = support.judged_support([sight], pose, np.eye(6), chosen=0, scatter=0.0)
+    of_block = (told.judged.p[:, 2] > 24.1) & ~told.judged.shown
+    assert told.without > 0
+    assert of_block.sum() >= 12
+
+
+def test_places_know_how_far_the_edges_of_a_look_alike_pass() -> None:
+    """A comb turned about the upright has its edges on its own, but for the block: 26 mm of bar less, 24 mm aside."""
+    part = Part.of(comb())
+    turned = next(k for k, like in enumerate(part.likenesses) if np.allclose(like.motion.translation, [156, 30, 0]))
+    common, own = [BAY, 15.0, 10.0], [-14.0, 15.0, 40.0]
+    near, far = part.own_edges.at(np.array([common, own]))[turned]
+    assert near < 0.5
+    assert far == pytest.approx(np.hypot(14.0, 14.0), abs=1.0)
+
+
+def test_own_lines_that_are_shown_less_are_told_reading_by_reading() -> None:
+    """Shown: all common lines, and of the own ones of the three readings none, all, and none of too few."""
+    own = np.zeros((3, 200), bool)
+    own[0, :40] = own[1, 40:80] = own[2, :5] = True
+    assert shown_less(own, np.arange(200) >= 40).tolist() == [True, False, False]
+
+
+def test_few_lines_decide_only_where_they_are_clearer() -> None:
+    assert Apart(12, 0.3, 12, 0.75).against
+    assert not Apart(8, 0.3, 13, 0.75).against
+    assert Apart(8, 0.0, 13, 1.0).against
+    assert Apart(8, 0.0, 13, 1.0).open
+    assert not Apart(5, 0.0, 40, 1.0).against
+
+
 def test_own_places_are_those_that_no_other_is_near_to(rng: np.random.Generator) -> None:
     """Farther than 4 px, to the 2 px of a cell on each axis; what lies far outside, or nowhere, is near to none."""
     q, others = rng.uniform(0, 200, (400, 2)), rng.uniform(0, 200, (60, 2))
@@ -126,6 +194,15 @@ def test_a_lattice_s_pitch_is_told_to_less_than_its_plates_are_thick() -> None:
     shifts = [like.motion.translation for like in Part.of(grillage()).likenesses if not like.mirrored]
     for pitch in (745.0, -745.0):
         assert any(np.allclose(s, [0, pitch, 0], atol=0.5) for s in shifts)
+
+
+def test_a_part_turned_over_in_its_own_place_is_a_likeness() -> None:
+    """Many shifts along the bench's rails lay as many points on points as the one that turns it about its middle."""
+    mesh = calibration_bench()
+    turned = Rigid(np.diag([-1.0, -1.0, 1.0]), 2 * mesh.bounds.mean(axis=0) * [1, 1, 0])
+    corners = mesh.vertices
+    off = [np.abs(like.motion @ corners - turned @ corners).max() for like in Part.of(mesh).likenesses]
+    assert min(off) < 1.0
 
 
 def test_what_is_its_own_mirror_image_has_no_other_hand() -> None:

@@ -132,7 +132,7 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
         return _not_found(best, len(hypotheses), equivalent)
     if not (clear(ranked[0]) or (none_clear and _alone(task.part, best, trials))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", equivalent)
-    if task.start is None or best.quality < DOUBT[1]:
+    if task.start is None or best.quality < DOUBT[1] or rivals.contested(best).any():
         checked = rivals.checked(best, basins.sights(best.pose.world_from_part))
         if checked.pose is not best.pose:
             equivalent = _equivalent(task, checked)
@@ -253,7 +253,7 @@ def _with_alternatives(part: Part, ranked: Sequence[_Trial], equivalent: Sequenc
     as_good = [trial for trial in ranked[1:] if trial.location.quality >= max(FOUND, best.quality - _AS_GOOD)]
     equal = [trial.location for trial in as_good if trial.score >= _EQUAL * ranked[0].score]
     places = _distinct(part, best, [o for o in equal if _elsewhere(part, here, o.pose.world_from_part)])
-    others = _distinct(part, best, [*equivalent, *(trial.location for trial in as_good)])
+    others = _distinct(part, best, [*equivalent, *best.alternatives, *(trial.location for trial in as_good)])
     if places:
         return _uncertain(best, f"{len(places)} other places in the photos look as much like the part", others)
     note = f"; {len(others)} other poses look as good" if others else ""

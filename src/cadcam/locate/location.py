@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.matches import EdgeMatches
+from cadcam.locate.matches import EdgeMatches, JudgedSamples
 
 FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
 _UNCERTAIN = 0.45  # largest quality of a pose that is not certain for a reason beside its own lines
@@ -62,7 +62,7 @@ class Location:
     which the photos show each camera to be off along each axis of the world and, by its direction, at the part, in
     addition to the covariance of its calibration; the covariance of the pose contains what follows from it. covered:
     what was taken to be hidden by something before the part, and so does not count; None where the answer needed no
-    such thing.
+    such thing. judged: samples of the part's edges, and which of them the photos show.
     """
 
     pose: PoseEstimate
@@ -74,6 +74,7 @@ class Location:
     disagreements: tuple[Disagreement, ...] = ()
     cameras_off_mm: float = 0.0
     covered: Covered | None = None
+    judged: JudgedSamples = field(default_factory=JudgedSamples.none, repr=False)
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:

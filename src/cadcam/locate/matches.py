@@ -1,4 +1,4 @@
-"""Correspondences: samples of the part's visible edges, and where the photos show those edges."""
+"""Correspondences: samples of the part's visible edges, and where the photos show those edges, or whether."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Ids, frozen
+from cadcam.arrays import Array, Brief, Ids, Mask, frozen
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -39,3 +39,20 @@ class EdgeMatches(Brief):
 
     def __len__(self) -> int:
         return len(self.offset)
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class JudgedSamples(Brief):
+    """The n samples of feature edges by which a pose was judged: those with room to the next line, some hundred of all.
+
+    p (n, 3) mm in the part frame; photo (n,) which photo; shown (n,) whether it shows the edge there.
+    """
+
+    p: Array
+    photo: Ids
+    shown: Mask
+
+    @classmethod
+    def none(cls) -> JudgedSamples:
+        """Return no samples."""
+        return cls(np.zeros((0, 3)), np.zeros(0, np.int32), np.zeros(0, bool))

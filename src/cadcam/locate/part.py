@@ -10,6 +10,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect
 from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.likeness import Likeness, likenesses, mirror_image
+from cadcam.locate.views.own_edges import OwnEdges
 from cadcam.locate.views.symmetry import spins_of, symmetries
 from cadcam.render.embree import Caster
 from cadcam.render.lines.visible import LineDrawer
@@ -65,6 +66,11 @@ class Part:
     def likenesses(self) -> list[Likeness]:
         """Near-symmetries: motions that lay the part, or its mirror image, nearly on itself."""
         return likenesses(self.scene.mesh, self.scene.edges, self.mirrored.scene.mesh)
+
+    @cached_property
+    def own_edges(self) -> OwnEdges:
+        """Which of the part's edges each of its likenesses has, too."""
+        return OwnEdges.of(self.scene.mesh, self.scene.edges, self.mirrored.scene.mesh, self.likenesses)
 
     def __repr__(self) -> str:
         return f"Part({self.scene!r})"

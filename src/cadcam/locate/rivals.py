@@ -14,14 +14,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cadcam.arrays import Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
 from cadcam.locate.lines.sight import Sight
-from cadcam.locate.location import Location
+from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.apart import Apart, Reading, away, shows_alike, told_apart
+from cadcam.locate.quality.absent import LEAST
+from cadcam.locate.quality.apart import OWN_PX, Apart, Reading, away, shown_less, shows_alike, told_apart
 from cadcam.locate.quality.support import ASKED
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.refinement import Refinement, drawn
@@ -30,19 +32,25 @@ from cadcam.render.lines.visible import edge_points
 
 _DOUBTED = 0.45  # quality given to a pose where the photos show a rival
 _BELIEVED = 0.3  # weight in the fit from which a sample counts as shown
+_EVERY = 2  # of the judged samples, which lie in rows of four, so many are asked whose they are
 _NEAR_PX = 2.0  # largest distance between lines and their steps, for a pose accurate to a pixel
 _DENSE_PX = 3.0  # between points of an edge: less than the distance at which lines are near each other
 _ROUNDS = 3  # how often a pose may be replaced by a rival
+_REFINED, _AS_GOOD = 3, 0.1  # most rivals refined as alternatives; by how much less quality they may have
 _LAID_PX = 5.0  # largest error of a rival's lines before they are pulled onto the photos' steps
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Rival:
-    """An alternative to a found pose: the pose of the part or its mirror image, and the evidence between the two."""
+    """An alternative to a found pose: the pose of the part or its mirror image, and the evidence between the two.
+
+    contested: whether far fewer of the found pose's own lines are shown than of those that both have.
+    """
 
     like: Likeness
     pose: Rigid
     apart: Apart
+    contested: bool
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -55,25 +63,46 @@ class Rivals:
     options: EdgeOptions
     chosen: int
 
+    def contested(self, found: Location) -> Mask:
+        """Return for each likeness of the part (K,) whether far fewer of the found pose's own lines are shown.
+
+        This costs next to nothing, so it can be asked of any pose, however good: where a look-alike is seen from where
+        it is nearly the same, hardly any line is missing. Only feature edges count, and own ones are told in three
+        dimensions: some lie on the rival's in the photo, and count as own all the same.
+        """
+        p, photo, shown = found.judged.p[::_EVERY], found.judged.photo[::_EVERY], found.judged.shown[::_EVERY]
+        if not self.part.likenesses or not len(p):
+            return np.zeros(len(self.part.likenesses), bool)
+        views = [one.viewpoint for one in self.photos]
+        eyes = np.array([(view.camera_from_world @ found.pose.world_from_part).origin for view in views])
+        focal = np.array([view.camera.K[1, 1] for view in views])
+        px_per_mm = focal[photo] / np.linalg.norm(p - eyes[photo], axis=1)
+        return shown_less(self.part.own_edges.at(p) * px_per_mm > OWN_PX, shown, LEAST // _EVERY)
+
     def checked(self, found: Location, sights: Sequence[Sight] | None = None) -> Location:
         """Return the found pose, the rival that the photos show instead, or a refusal where they show the mirror image.
 
-        A rival that takes its place is checked in turn. sights: the part's lines as drawn near the pose, if available.
-        Where photos do not distinguish the part from its mirror image, the reason says so.
+        A rival that takes its place is checked in turn. Rivals that nothing tells from the pose, though far fewer of
+        its own lines are shown than of those they have in common, are its alternatives if they fit as well. sights: the
+        part's lines as drawn near the pose, if available. Where photos do not distinguish the part from its mirror
+        image, the reason says so.
         """
         rivals: list[_Rival] = []
         for _ in range(_ROUNDS):
             rivals = self._rivals(found, sights)
-            shown = [one for one in rivals if one.apart.against]
+            shown = [one for one in rivals if one.apart.against and not (one.like.mirrored and one.apart.few)]
             if not shown:
                 break
             best = max(shown, key=lambda one: one.apart.others_shown - one.apart.shown)
             if best.like.mirrored:
                 return _mirrored(found, best.apart)
             other, sights = self._refined(best)
+            if best.apart.few and other.quality <= found.quality:
+                break
             if not other.found:
                 return _doubted(found, f"elsewhere the part is shown as well: {best.apart}")
             found = other
+        found = replace(found, alternatives=tuple(self._as_good(found, rivals)))
         undecided = any(one.like.mirrored and one.apart.open for one in rivals)
         either = "; of the part and its mirror image either may be seen"
         return replace(found, reason=found.reason + either) if undecided else found
@@ -81,13 +110,24 @@ class Rivals:
     def _rivals(self, found: Location, sights: Sequence[Sight] | None) -> list[_Rival]:
         """Return the rivals that a found pose's own lines do not exclude; sights: as for `checked`."""
         pose = found.pose.world_from_part
-        likely = [like for like in self.part.likenesses if not self.holds(found, pose @ like.motion, like.mirrored)]
+        likely = [
+            (like, contested)
+            for like, contested in zip(self.part.likenesses, self.contested(found).tolist(), strict=True)
+            if contested or not self.holds(found, pose @ like.motion, like.mirrored)
+        ]
         if not likely:
             return []
         if sights is None or any(s.moved_px(s.drawn, pose) > _NEAR_PX for s in sights):
             sights = self._sights(self.part, pose)  # drawn elsewhere, they include lines that are hidden here
         own = Reading.of(sights, pose, near=_NEAR_PX)
-        return [one for like in likely if (one := self._rival(pose @ like.motion, like, own)) is not None]
+        return [one for like, contested in likely if (one := self._rival(pose, like, own, contested)) is not None]
+
+    def _as_good(self, found: Location, rivals: Sequence[_Rival]) -> list[Location]:
+        """Return what refining rivals that contest a found pose gives, where it is about as good as the pose."""
+        open_ = [one for one in rivals if one.contested and not one.like.mirrored and one.apart.open]
+        open_ = sorted(open_, key=lambda one: one.apart.shown - one.apart.others_shown)[:_REFINED]
+        refined = [self._refined(one)[0] for one in open_]
+        return [one for one in refined if one.quality >= max(FOUND, found.quality - _AS_GOOD)]
 
     def _refined(self, rival: _Rival) -> tuple[Location, Sequence[Sight]]:
         """Return the location that refining a rival's pose gives, and its lines."""
@@ -121,17 +161,17 @@ class Rivals:
         shown = np.isfinite(matches.offset) & (matches.weight > _BELIEVED)
         return shows_alike(own[every], shown[every])
 
-    def _rival(self, start: Rigid, like: Likeness, own: Reading) -> _Rival | None:
-        """Return a rival, its lines pulled onto the photos' steps, with the evidence between it and the found pose.
+    def _rival(self, pose: Rigid, like: Likeness, own: Reading, contested: bool) -> _Rival | None:
+        """Return a rival of a found pose, its lines pulled onto the photos' steps, with the evidence between the two.
 
         None where the found pose's own lines are shown in any case.
         """
-        part = self._part(like.mirrored)
+        part, start = self._part(like.mirrored), pose @ like.motion
         sights = self._sights(part, start)
         if own.holds_against([s.project(start).q for s in sights]):
             return None
         end = attracted(sights, start, self._freedom(like), search_px=_LAID_PX)
-        return _Rival(like, end, told_apart(own, Reading.of(sights, end, near=_NEAR_PX)))
+        return _Rival(like, end, told_apart(own, Reading.of(sights, end, near=_NEAR_PX)), contested)
 
     def _part(self, mirrored: bool) -> Part:
         return self.part.mirrored if mirrored else self.part

@@ -18,8 +18,9 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.quality.absent import LEAST
 from cadcam.locate.quality.support import ASKED, ShownLines, with_room
 
-_OWN_PX, _CELL_PX = 4.0, 2.0  # least distance of a reading's own line from all others; cell of its raster
+OWN_PX, _CELL_PX = 4.0, 2.0  # least distance of a reading's own line from all others; cell of its raster
 _CLEARLY = 0.4  # difference of the shares of own lines shown that decides
+_FEWEST = LEAST // 2  # of the one or the other, from which a larger difference may decide
 _ALIKE = 0.5  # least ratio of own to common lines shown, for a right pose: right ones have 0.8 to 1.3, wrong ones 0.3
 
 
@@ -36,16 +37,25 @@ class Apart:
         return f"{self.others_shown:.0%} of the lines that only it has are there, {self.shown:.0%} of the others"
 
     @property
+    def few(self) -> bool:
+        """Return whether there are so few samples that they decide nothing by themselves."""
+        return min(self.own, self.others) < LEAST
+
+    @property
     def against(self) -> bool:
-        """Return whether the photos clearly show the other reading."""
-        enough = min(self.own, self.others) >= LEAST
-        return enough and self.others_shown - self.shown > _CLEARLY
+        """Return whether the photos show the other reading: clearly, or, of few samples, all the more clearly."""
+        return self.others_shown - self.shown > self._clearly
 
     @property
     def open(self) -> bool:
         """Return whether the photos leave open which of the two they show."""
-        enough = min(self.own, self.others) >= LEAST
-        return not (enough and abs(self.others_shown - self.shown) > _CLEARLY)
+        return self.few or not abs(self.others_shown - self.shown) > _CLEARLY
+
+    @property
+    def _clearly(self) -> float:
+        fewer, more = sorted((self.own, self.others))
+        enough = 2 * fewer * more / max(fewer + more, 1) / LEAST
+        return _CLEARLY / min(1.0, enough) if fewer >= _FEWEST else np.inf
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,6 +97,18 @@ def shows_alike(own: Mask, shown: Mask) -> bool:
     return bool(enough and shown[own].mean() >= _ALIKE * shown[~own].mean())
 
 
+def shown_less(own: Mask, shown: Mask, least: int = LEAST) -> Mask:
+    """Return for each of K other readings whether the samples that it lacks, enough of them, are shown far less often.
+
+    own (K, n): which samples only this reading has; shown (n,). Compared with the samples that both have; least: how
+    many of either are enough.
+    """
+    n, common = own.sum(axis=1), (~own).sum(axis=1)
+    of_own = own @ shown.astype(np.int64)
+    enough = np.minimum(n, common) >= least
+    return np.asarray(enough & (of_own * common < _ALIKE * n * (shown.sum() - of_own)))
+
+
 def away(q: Array, others: Array) -> Mask:
     """Return which places q (n, 2) px lie far from all samples (m, 2) of another reading, nan where it has none.
 
@@ -94,11 +116,11 @@ def away(q: Array, others: Array) -> Mask:
     """
     if not len(q):
         return np.zeros(0, bool)
-    low, high = q.min(axis=0) - _OWN_PX, q.max(axis=0) + _OWN_PX
+    low, high = q.min(axis=0) - OWN_PX, q.max(axis=0) + OWN_PX
     others = others[((others >= low) & (others <= high)).all(axis=1)]
     near = np.zeros(1 + ((high - low) / _CELL_PX).astype(np.int64), bool)
     near[tuple(((others - low) / _CELL_PX).astype(np.int64).T)] = True
-    for sideways in (near, near.T) * round(_OWN_PX / _CELL_PX):
+    for sideways in (near, near.T) * round(OWN_PX / _CELL_PX):
         sideways[1:] |= sideways[:-1]
         sideways[:-1] |= sideways[1:]
     return np.asarray(~near[tuple(((q - low) / _CELL_PX).astype(np.int64).T)])

@@ -41,6 +41,7 @@ from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.lines.bands import FARTHEST_PX
 from cadcam.locate.lines.sight import Sight, in_noise
+from cadcam.locate.matches import JudgedSamples
 from cadcam.locate.quality.absent import LEAST, behind_border, body_gone, missed
 from cadcam.locate.quality.chequers import along_chequers
 from cadcam.locate.quality.proportions import stretched
@@ -79,7 +80,8 @@ class Support:
     its share of the samples, where it was left out of all this; faint: the share of samples left out because the light
     gives them no contrast, covered: because something before the part hides them, side: on which side of the part;
     determined: the least share, over the motions that were fitted, of what all lines tell of a motion that those shown
-    tell.
+    tell; judged: the samples on feature edges, with those of a body left out: of a wrong pose just that may be missing
+    which tells it.
     """
 
     samples: int
@@ -98,6 +100,7 @@ class Support:
     covered: float = 0.0
     side: str = ""
     determined: float = 1.0
+    judged: JudgedSamples = field(default_factory=JudgedSamples.none, repr=False)
 
     @property
     def fitted(self) -> float:
@@ -168,7 +171,7 @@ def judged_support(
     support = ask(sights, world_from_part, B=B)
     if support.gone >= 0 and _WITHOUT[0] < support.quality < _WITHOUT[1]:
         sights = [s.select(s.samples.part != support.gone) for s in sights]
-        support = replace(ask(sights, world_from_part, B=B), without=support.without)
+        support = replace(ask(sights, world_from_part, B=B), without=support.without, judged=support.judged)
     else:
         support = replace(support, without=0.0)
     support = replace(support, color=color * max(1 - support.free * _COLOR / constraints, 0.0))
@@ -205,6 +208,8 @@ def support_at(
     n = max(sum(p.samples for p in photos), 1)
     extent = max((p.extent for p in photos), default=0.0)
     gone, of_gone = body_gone([(p.body, p.here) for p in photos])
+    number = np.repeat(np.arange(len(photos), dtype=np.int32), [len(p.place) for p in photos])
+    place, seen = (np.concatenate(parts) for parts in zip(*((p.place, p.seen) for p in photos), strict=True))
     return Support(
         samples=sum(p.samples for p in photos),
         shown=sum(p.shown for p in photos) / n,
@@ -216,6 +221,7 @@ def support_at(
         gone=gone,
         without=of_gone,
         determined=1.0 if B is None else _determined([(p.row @ B, p.here) for p in photos]),
+        judged=JudgedSamples(place, number, seen),
     )
 
 
@@ -240,7 +246,10 @@ def with_room(sight: Sight, most: int) -> Sight:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _InPhoto:
-    """The samples of one photo that can be judged: body, whether shown (n,), row (n, 6) as of `Projected`, and sums."""
+    """The samples of one photo that can be judged: body, whether shown (n,), row (n, 6) as of `Projected`, and sums.
+
+    place (m, 3), seen (m,): of those on feature edges, where on the part they are and whether they are shown.
+    """
 
     body: Ids
     here: Mask
@@ -251,6 +260,8 @@ class _InPhoto:
     absent: float = 0.0
     hidden: float = 0.0
     row: Array = field(default_factory=lambda: np.zeros((0, 6)))
+    place: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    seen: Mask = field(default_factory=lambda: np.zeros(0, bool))
 
     @property
     def samples(self) -> int:
@@ -299,7 +310,7 @@ def _in_photo(sight: Sight, world_from_part: Rigid, near: float, constraints: in
     worth = worth_of_lines(length, further)
     if constraints >= _MUCH * worth:
         worth = worth_of_stretches(q, there.normal, arc, lines, length, further)
-    absent = missed(there.here, lines)
+    absent, edge = missed(there.here, lines), sight.samples.chain[there.which] >= 0
     return _InPhoto(
         body,
         there.here,
@@ -310,4 +321,6 @@ def _in_photo(sight: Sight, world_from_part: Rigid, near: float, constraints: in
         absent=float(absent.sum()),
         hidden=float(absent[behind_border(q, there.here) & ~further[lines]].sum()) if absent.any() else 0.0,
         row=there.row,
+        place=sight.samples.p[there.which[edge]],
+        seen=there.here[edge],
     )

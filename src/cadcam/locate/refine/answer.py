@@ -103,8 +103,15 @@ def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: i
     estimate = replace(_estimate(fitted, B), undetermined=unseen_turns(part, freedom, fitted.pose))
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)
     reason = _reason(part, estimate, evidence, fitted)
-    hidden = Covered(evidence.covered, evidence.side) if evidence.covered > 0 else None
-    return Location(estimate, _matches(fitted), evidence.quality, reason, doubted=doubted, covered=hidden)
+    return Location(
+        estimate,
+        _matches(fitted),
+        evidence.quality,
+        reason,
+        doubted=doubted,
+        covered=Covered(evidence.covered, evidence.side) if evidence.covered > 0 else None,
+        judged=evidence.judged,
+    )
 
 
 def _estimate(fitted: PoseSolution, B: Array) -> PoseEstimate:

@@ -238,8 +238,10 @@ class Refinement:
         if not consistency.holds:
             return None
         location = consistency.stated_in(answer.location, self.part, fewer.photos)
-        matches = replace(location.matches, photo=np.array(kept, np.int32)[location.matches.photo])
-        return replace(answer, location=replace(location, matches=matches)), consistency.close
+        among = np.array(kept, np.int32)
+        matches = replace(location.matches, photo=among[location.matches.photo])
+        judged = replace(location.judged, photo=among[location.judged.photo])
+        return replace(answer, location=replace(location, matches=matches, judged=judged)), consistency.close
 
     def colored(self, pose: Rigid) -> tuple[float, Rigid, Sequence[Sight]]:
         """Return the share of the lines' samples that colour supports at a pose, the pose, and its sights."""

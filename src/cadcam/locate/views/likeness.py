@@ -59,8 +59,8 @@ def likenesses(mesh: Mesh, edges: FeatureEdges, image: Mesh) -> list[Likeness]:
     """Return the motions that lay a part of a mesh, or its mirror image, nearly on itself, best first.
 
     Exact symmetries are left out, as no photo can distinguish them; a part that is its own mirror image has no mirrored
-    likeness. Quarter turns about the directions in which most edges run are tried, each with the shifts that bring most
-    points into coincidence.
+    likeness. Quarter turns about the directions in which most edges run are tried, each with the shift that brings the
+    middles together and with those that bring most points into coincidence.
     """
     points = even_points(mesh, edges, _POINTS)
     if not len(points):
@@ -81,7 +81,7 @@ class _Target:
         from scipy.spatial import cKDTree
 
         self.points, self.corners, self.frame = points, _corners(mesh, edges), _directions(mesh, edges)
-        self.centre = points.mean(axis=0)
+        self.centre, self.middle = points.mean(axis=0), _middle(points, self.frame)
         self.radius = float(np.linalg.norm(points - self.centre, axis=1).max())
         self.tree = cKDTree(even_points(mesh, edges, _DENSE))
         self.corner_tree = cKDTree(self.corners)
@@ -93,7 +93,8 @@ class _Target:
         for quarter in _QUARTERS:
             turn = self.frame @ quarter @ own.T
             turned = points @ turn.T
-            shifts = _shifts(turned, self.points, self._coarse) + _shifts(corners @ turn.T, self.corners, self._coarse)
+            shifts = [self.middle - _middle(turned, self.frame)]  # a part turned over often lies in its own place
+            shifts += _shifts(turned, self.points, self._coarse) + _shifts(corners @ turn.T, self.corners, self._coarse)
             laid = [self._settled(turned, turn, by, mirrored) for by in shifts if self._may_lie(turned + by)]
             every += laid if mirrored else [both for one in laid for both in (one, replace(one, motion=one.motion.inv))]
         kept: list[Likeness] = []
@@ -151,17 +152,24 @@ class _Target:
         return float(np.linalg.norm(one @ few - other @ few, axis=1).max())
 
 
+def _middle(points: Array, frame: Array) -> Array:
+    """Return the middle (3,) of the box of points (n, 3) along the axes of a frame (3, 3)."""
+    along = points @ frame
+    return np.asarray(frame @ (along.min(axis=0) + along.max(axis=0)) / 2)
+
+
 def _shifts(p: Array, q: Array, step: float) -> list[Array]:
     """Return shifts (3,) that bring most points p (n, 3) near points q (m, 3), best first, accurate to about `step`."""
     if not len(p):
         return []
     few, others = (a[:: max(1, len(a) // _LAID)] for a in (p, q))
     by = ((others[:, None] - few[None]) / step).reshape(-1, 3).T.copy()
-    cell = np.round(by).astype(np.int64)
+    cell = np.round(by).astype(np.int32)
     cell -= cell.min(axis=1, keepdims=True)
-    _, at, count = np.unique(
-        np.ravel_multi_index(tuple(cell), tuple(cell.max(axis=1) + 1)), return_index=True, return_counts=True
-    )
+    x, y, z = cell
+    _, many_y, many_z = cell.max(axis=1) + 1
+    _, at, count = np.unique((x * many_y + y) * many_z + z, return_index=True, return_counts=True)
+    cell = cell.astype(np.int16)  # counted through many times
     cells, out = cell[:, at], []
     for _ in range(min(_SHIFTS, cells.shape[1])):
         most = cells[:, int(np.argmax(count)), None]
