@@ -18,7 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.picture import to_gray
-from cadcam.kinds import expect, expect_numbers
+from cadcam.kinds import expect, expect_number, expect_numbers
 
 # Muted, and distinct for people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
 PALETTE = np.array(
@@ -144,9 +144,10 @@ class Look:
     supersampling: int = 1
 
     def __post_init__(self) -> None:
-        expect_numbers(self)
-        if not 1 <= self.supersampling <= 16 or self.supersampling != int(self.supersampling):
+        expect_number(self.supersampling, "supersampling")
+        if self.supersampling not in range(1, 17):
             raise BadValue("supersampling", self.supersampling, "a whole number from 1 to 16")
+        expect_numbers(self)
         strengths = (self.head, self.fill, self.back, self.ambient)
         if not all(0 <= s < float("inf") for s in strengths):
             raise BadValue("(head, fill, back, ambient)", strengths, "numbers of at least 0")
