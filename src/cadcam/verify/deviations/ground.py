@@ -1,8 +1,9 @@
-"""Whether the surface beside an edge is evenly lit, or shows something else: a shadow's border, dirt.
+"""Whether the surface beside an edge is evenly lit, or shows what may lead it astray: a shadow's border, dirt.
 
 Brightness is sampled on both sides of a measured edge, as far as the model shows a single surface there, and averaged
-over runs of neighbouring places, whose mean has little noise. Away from the edge, and from one run to the next, it may
-change only by noise and by the slow variation of light along a surface.
+along the edge. Away from it, the mean may change only by noise, by the slow variation of light along a surface, and by
+a small share of the edge's own step. What runs along all of an edge moves it, the farther the larger its change is
+beside the step; a texture, or a shadow that crosses the edge, does not: it differs from place to place.
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Longs
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.image.profile import noise_of
 from cadcam.locate.photo import Photo
 from cadcam.verify.edges.shown import ShownFaces
@@ -20,11 +21,14 @@ from cadcam.verify.edges.survey import Survey
 
 _ASIDE = np.arange(2.0, 8.5)  # px from the edge at which brightness is sampled: beyond its blur
 _ROOM_PX = 1.5  # beyond each sample, the width that must show the same surface
-_RUN = 6  # places per run
+_FEW = 6  # places, with whose noise a change has to be compared even where more are averaged
 _SIGMAS, _LEAST = 6.0, 0.006  # largest change of brightness: sds of noise, and beside it
+# ... and as a share of the edge's step. Of edges with larger changes 16 % are over 0.25 px off, of others 2 to 3 %,
+# with textures and with shadows alike (548 and 267 edges; docs/benchmarks/verify.md).
+_OF_STEP = 0.2
 _SIDES = 2
+_FEWEST, _HALF = 2, 0.5  # places that must show the surface near the edge, and share of these farther away
 _NOTHING = 1 << 62  # the number of all that is not a surface of the part: it may be uneven as well
-_SHARE = 0.25  # share of an edge's runs that must be uneven away from it
 
 
 def uneven_edges(survey: Survey, photos: Sequence[Photo]) -> dict[int, bool]:
@@ -38,11 +42,12 @@ def uneven_edges(survey: Survey, photos: Sequence[Photo]) -> dict[int, bool]:
         rows = np.flatnonzero((survey.lines.photo == i) & survey.matched.measured)
         rows = rows[np.lexsort((survey.lines.along[rows], survey.lines.edge[rows]))]
         noise = noise_of(photo.gray)
-        edge = survey.lines.edge[rows]
+        edge, step = survey.lines.edge[rows], np.abs(survey.matched.step[rows])
         for side in (-1.0, 1.0):
             gray, surface = _beside(survey, photo, survey.shown[i], rows, offset[rows], side)
             for e in np.unique(edge):
-                uneven = _uneven(gray[:, edge == e], surface[:, edge == e], noise)
+                mine = edge == e
+                uneven = _uneven(gray[:, mine], surface[:, mine] >= 0, float(np.nanmedian(step[mine])), noise)
                 if uneven is not None:
                     uneven_sides.setdefault(int(e), []).append(uneven)
     return {e: any(sides) for e, sides in uneven_sides.items() if any(sides) or len(sides) == _SIDES}
@@ -71,21 +76,16 @@ def _face(shown: ShownFaces, q: Array) -> npt.NDArray[np.int32]:
     return np.asarray(shown.face[y, x])
 
 
-def _uneven(gray: Array, surface: Longs, noise: float) -> bool | None:
-    """Return whether one side of an edge is uneven, from brightness and surface (d, n); None where not visible."""
-    most = _SIGMAS * noise / np.sqrt(_RUN) + _LEAST
-    changes: list[float] = []
-    levels: dict[int, list[float]] = {}
-    for start in range(0, gray.shape[1], _RUN):
-        g, number = gray[:, start : start + _RUN], surface[:, start : start + _RUN]
-        its = int(np.median(number[0]))
-        ok = (number == its) & (number >= 0)
-        enough = ok.sum(axis=1) >= max(2, g.shape[1] / 2)
-        if enough[:2].all():
-            mean = np.where(ok, g, 0.0).sum(axis=1)[enough] / ok.sum(axis=1)[enough]
-            changes.append(float(np.ptp(mean)))
-            levels.setdefault(its, []).append(float(mean[0]))
-    if not changes:
+def _uneven(gray: Array, same: Mask, step: float, noise: float) -> bool | None:
+    """Return whether one side of an edge is uneven; None where that is not visible.
+
+    gray (d, n): brightness at each distance; same (d, n): whether that is of the surface that begins at the edge; step:
+    the edge's own change of brightness.
+    """
+    places = same[:2].all(axis=0)
+    if places.sum() < _FEWEST:
         return None
-    jump = max(float(np.abs(np.diff(level)).max(initial=0.0)) for level in levels.values())
-    return bool(np.mean(np.array(changes) > most) > _SHARE or jump > 2 * most)
+    gray, same = gray[:, places], same[:, places]
+    far = same.mean(axis=1) >= _HALF
+    change = np.where(same, gray - gray[0], 0.0).sum(axis=1)[far] / same.sum(axis=1)[far]
+    return bool(np.ptp(change) > max(_SIGMAS * noise / np.sqrt(_FEW) + _LEAST, _OF_STEP * step))
