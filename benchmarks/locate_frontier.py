@@ -3,13 +3,14 @@
 The fit of `cadcam locate` judges each line in a short cell of its own. Here is what a linear fit could do instead: in
 each cell all parallel lines of the model step together, as the pose moves them, the levels between them are free,
 and what lies between and beside them is a random process of the covariance seen beside the edges (locate_ground.py).
-How firmly that ground is held to be level is one number, its `hold`: 1 takes the covariance as it was seen, 0.1 a tenth
-of it. The firmer it is held, the less noise moves the pose, and the more the ground does.
+How firmly that ground is held to be level is a number, its `hold`: 1 takes the covariance as it was seen, 0.1 a tenth
+of it. The firmer it is held, the less noise moves the pose, and the more the ground does. Surfaces that end at an edge
+and what lies behind an edge have a hold each: the latter is darkest where the part stands before it.
 
     python benchmarks/locate_frontier.py ../shared/data/shipblock_clean
 
-tells for each noise and hold the scatter by fresh noise over the intensity bound, and the error of photos without
-noise. Lines are drawn at the true poses and nothing is decided by the photo: no outliers, no weights.
+tells for each noise and pair of holds the scatter by fresh noise over the intensity bound, and the error of photos
+without noise. Lines are drawn at the true poses and nothing is decided by the photo: no outliers, no weights.
 """
 
 from __future__ import annotations
@@ -31,17 +32,25 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.lines.edges import EdgeSamples, project, sample_lines
 from cadcam.locate.part import Part
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel
 from locate_ground import CELL_PX, Ground, ground_of
 from locate_sets import PhotoSet
 
-HOLDS = (1.0, 0.3, 0.1, 0.03)
-REACHES = (5, 12)  # px that cells reach beyond their outermost lines
+HOLDS = {  # by noise, of surfaces that end at an edge and of what lies behind one: alike, and apart
+    3: ((1.0, 1.0), (0.3, 0.3), (0.1, 0.1), (0.03, 0.03), (0.1, 0.3), (0.03, 0.1), (0.01, 0.1), (0.01, 0.05)),
+    8: ((1.0, 1.0), (0.3, 0.3), (0.1, 0.1), (0.03, 0.03), (0.3, 1.0), (0.1, 0.6), (0.03, 0.3), (0.01, 0.3)),
+}
+REACHES = (5, 8, 12)  # px that cells reach beyond their outermost lines
 DRAWS = 8  # pictures of noise a photo
 PARALLEL = 0.985  # cosine between normals of lines that step in one cell
 CLEAR = 2.5  # px, more than two blurs: nearer to a line's foot no level is told
 ALIKE = 5  # cells to either side whose contrasts are taken together
 FORESEEN = 3 / 255  # noise at which contrasts are told
 MARGIN = 3.0  # px, for cubic interpolation
+FINER = 2  # pixels of the depth picture in one of the photo
+NEAR_PX, FAR_PX = 1.5, 2.5  # from a line: where depth is read, to be continued up to it
+JUMP = 0.002  # of the distance: depth by which a side is behind the edge
 
 
 @dataclass(frozen=True)
@@ -49,6 +58,7 @@ class Cell:
     """A cell `CELL_PX` long: places d (m,) px along the normal at q, and the K lines that step in it.
 
     at (K,) px: where along the normal; rows (K, 6): how they move along it with the pose (locate_bound.motion).
+    behind (2,): whether what is seen before the first line and after the last lies behind these edges.
     """
 
     q: Array
@@ -57,6 +67,7 @@ class Cell:
     at: Array
     rows: Array
     run: int
+    behind: tuple[bool, bool]
 
 
 @dataclass(frozen=True)
@@ -76,16 +87,52 @@ class Optics:
         bells = np.exp(-0.5 * x**2) / (np.sqrt(2 * np.pi) * self.blur)
         return np.asarray(-(bells * heights) @ cell.rows)
 
-    def covariance(self, cell: Cell, noise: float, hold: float) -> Array:
-        """Return (m, m): noise, and the ground of each stretch between lines, told apart by their blurred steps."""
+    def covariance(self, cell: Cell, noise: float, own: float, behind: float) -> Array:
+        """Return (m, m): noise, and the ground of each stretch between lines, told apart by their blurred steps.
+
+        own, behind: the holds of surfaces that end at the lines, and of what lies behind these.
+        """
+        holds = [own] * (len(cell.at) + 1)
+        holds[0], holds[-1] = (behind if there else own for there in cell.behind)
         steps = ndtr((cell.d[:, None] - cell.at) / self.blur).T
         total = noise**2 / self.ground.length_px * np.eye(len(cell.d))
         for k in range(len(cell.at) + 1):
             share = (steps[k - 1] if k else 1.0) * (1 - steps[k] if k < len(cell.at) else 1.0)
             away = np.abs(np.rint(cell.d - cell.at[max(k - 1, 0)])).astype(int)
             away = np.minimum(away, len(self.ground.covariance) - 1)
-            total += hold * self.ground.covariance[np.ix_(away, away)] * np.outer(share, share)
+            total += holds[k] * self.ground.covariance[np.ix_(away, away)] * np.outer(share, share)
         return total
+
+
+@dataclass(frozen=True)
+class Depth:
+    """The depth of a part at a pose, in mm, infinite beside it, `FINER` times as fine as the photo."""
+
+    z: Array
+
+    @classmethod
+    def of(cls, part: Part, camera: Camera, camera_from_part: Rigid) -> Depth:
+        """Return it as the camera sees it."""
+        fine = camera.resize((FINER * camera.width, FINER * camera.height))
+        view = open_renderer(part.scene).render(fine, camera_from_part, channels=Channel.DEPTH)
+        return cls(np.asarray(view.depth, np.float64))
+
+    def behind(self, q: Array, out: Array) -> bool:
+        """Return whether what lies on the side of a line at q (2,) px to which `out` points is behind the line."""
+        beyond, here = self._at_line(q, out), self._at_line(q, -out)
+        return bool(beyond > (1 + JUMP) * here)
+
+    def _at_line(self, q: Array, out: Array) -> float:
+        """Return the depth that a side has at the line itself; infinite where nothing of the part is there."""
+        near, far = (self._read(q + px * out) for px in (NEAR_PX, FAR_PX))
+        if not np.isfinite(near) or not np.isfinite(far):
+            return float(near)
+        slope = (1 / far - 1 / near) / (FAR_PX - NEAR_PX)  # along a plane 1 / z is linear in the picture
+        return float(1 / (1 / near - NEAR_PX * slope))
+
+    def _read(self, q: Array) -> float:
+        column, row = np.clip(np.rint(FINER * (q + 0.5) - 0.5).astype(int), 0, np.array(self.z.shape[::-1]) - 1)
+        return float(self.z[row, column])
 
 
 class Drawing:
@@ -97,7 +144,7 @@ class Drawing:
         self._pose, self._camera, self._centre, self._reach = camera_from_part, camera, centre, reach_px
         dense = sample_lines(lines, camera, step_px=1.0, reach_px=CLEAR)
         self._q, self._normal, self._rows, self._run = self._motion(dense)
-        self._near = cKDTree(self._q)
+        self._near, self._depth = cKDTree(self._q), Depth.of(part, camera, camera_from_part)
         own = self._motion(sample_lines(lines, camera, step_px=CELL_PX, reach_px=reach_px + CLEAR))
         found = (self._cell(*(values[i] for values in own)) for i in range(len(own[0])))
         self.cells = [cell for cell in found if cell is not None]
@@ -123,7 +170,9 @@ class Drawing:
             return None
         if (ends < MARGIN).any() or (ends > np.array(self._camera.size) - 1 - MARGIN).any():
             return None
-        return Cell(q, normal, d, at, rows, run)
+        outer = zip(at[[0, -1]], (-1.0, 1.0), strict=True)
+        before, after = (self._depth.behind(q + place * normal, sign * normal) for place, sign in outer)
+        return Cell(q, normal, d, at, rows, run, (before, after))
 
     def _beside(self, q: Array, normal: Array, row: Array, run: int) -> tuple[Array, Array, list[float]]:
         """Return places and motions of the lines that run along through a cell, in order, and where others cross it."""
@@ -164,13 +213,16 @@ class LinearFit:
 
     @classmethod
     def of(
-        cls, cells: Sequence[Cell], heights: Sequence[Array], optics: Optics, noise: float, hold: float
+        cls, cells: Sequence[Cell], heights: Sequence[Array], optics: Optics, noise: float, holds: tuple[float, float]
     ) -> LinearFit:
-        """Return the generalised least-squares fit; a cell with K lines comes K times, so each counts 1 / K."""
+        """Return the generalised least-squares fit; a cell with K lines comes K times, so each counts 1 / K.
+
+        holds: of surfaces that end at the lines, and of what lies behind these.
+        """
         information, weights = np.zeros((6, 6)), []
         for cell, height in zip(cells, heights, strict=True):
             levels, moves = optics.levels(cell), optics.moves(cell, height)
-            solved = np.linalg.solve(optics.covariance(cell, noise, hold), np.column_stack([levels, moves]))
+            solved = np.linalg.solve(optics.covariance(cell, noise, *holds), np.column_stack([levels, moves]))
             k = levels.shape[1]
             free = solved[:, k:] - solved[:, :k] @ np.linalg.solve(levels.T @ solved[:, :k], levels.T @ solved[:, k:])
             information += moves.T @ free / (k - 1)
@@ -187,7 +239,7 @@ def heights_of(cells: Sequence[Cell], profiles: Sequence[Array], optics: Optics)
     own = []
     for cell, y in zip(cells, profiles, strict=True):
         levels = optics.levels(cell)
-        solved = np.linalg.solve(optics.covariance(cell, FORESEEN, 1.0), levels)
+        solved = np.linalg.solve(optics.covariance(cell, FORESEEN, 1.0, 1.0), levels)
         own.append(np.linalg.solve(levels.T @ solved, solved.T @ y)[1:])
     kinds = [(cell.run, len(cell.at)) for cell in cells]
     beside = [range(max(i - ALIKE, 0), min(i + ALIKE + 1, len(own))) for i in range(len(own))]
@@ -221,11 +273,14 @@ class Frontier:
     def _heights(self) -> dict[int, list[Array]]:
         return {k: heights_of(shot.cells, shot.profiles, self._optics) for k, shot in self._shots.items()}
 
-    def at(self, noise: float, hold: float) -> tuple[Array, Array]:
-        """Return scatter over the bound (3,), rms over photos, and the errors (F, 3) mm of photos without noise."""
+    def at(self, noise: float, holds: tuple[float, float]) -> tuple[Array, Array]:
+        """Return scatter over the bound (3,), rms over photos, and the errors (F, 3) mm of photos without noise.
+
+        holds: of surfaces that end at edges, and of what lies behind edges.
+        """
         ratios, errors = [], []
         for frame, shot in self._shots.items():
-            fit = LinearFit.of(shot.cells, self._heights[frame], self._optics, noise, hold)
+            fit = LinearFit.of(shot.cells, self._heights[frame], self._optics, noise, holds)
             errors.append(fit.pose(shot.profiles)[:3])
             by_noise = noise * np.array([fit.pose(y)[:3] for y in shot.noises])
             told = locate_bound.information(
@@ -238,15 +293,18 @@ class Frontier:
 def report(photos: PhotoSet) -> Iterator[str]:
     """Yield a table by reach, noise and hold."""
     ground, blur = ground_of(photos, sorted(photos.truth))
-    yield "| reach | noise | hold | scatter over the bound x, y, z | error without noise x, y, z: rms, mm | mean, mm |"
-    yield "|---|---|---|---|---|---|"
+    yield (
+        "| reach | noise | hold, own | behind | scatter over the bound x, y, z | error without noise x, y, z: rms, mm"
+        " | mean, mm | median, mm |\n|---|---|---|---|---|---|---|---|"
+    )
     for reach in REACHES:
         frontier = Frontier(photos, Optics(blur, ground), reach)
         for noise in (n for n in photos.noises if n):
-            for hold in HOLDS:
-                ratio, errors = frontier.at(noise / 255, hold)
+            for own, behind in HOLDS[min(HOLDS, key=lambda known: abs(known - noise))]:
+                ratio, errors = frontier.at(noise / 255, (own, behind))
                 columns = (_row(ratio, 2), _row(np.sqrt((errors**2).mean(axis=0)), 3), _row(errors.mean(axis=0), 3))
-                yield f"| {reach} px | {noise} | {hold:g} | " + " | ".join(columns) + " |"
+                median = np.median(np.linalg.norm(errors, axis=1))
+                yield f"| {reach} px | {noise} | {own:g} | {behind:g} | " + " | ".join(columns) + f" | {median:.3f} |"
 
 
 def _row(values: Array, digits: int) -> str:
