@@ -30,7 +30,8 @@ from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from locate_banded import GAP, Dressing, cover_foot, plate_print, stepped_cover, thin_plate
-from locate_traced import Bench, pictures
+from locate_drawn import Lamps, drawn
+from locate_traced import LAMPS, Bench, pictures
 
 NOISES = (0, 3, 8)
 WORST = (np.radians(20.0), 40.0, 0.10)  # of a start: turn, shift in px, share of the depth
@@ -50,6 +51,9 @@ class Setting:
     azimuth_deg: tuple[float, float]
     dressing: Callable[[], Dressing] = tuple
     gap: float = 0.0  # mm, under the part
+    lamps: Lamps = LAMPS
+    albedo: tuple[float, float] = (0.52, 0.33)  # of part and bench top
+    roughness: float = 0.25
 
 
 SETTINGS = {
@@ -160,8 +164,27 @@ def row(pose: Rigid) -> str:
     return ",".join(f"{v:.12g}" for v in [*pose.rotation.ravel(), *(pose.translation / 1000)])
 
 
-def generate(out: Path, part: str, *, views_n: int, starts_n: int, rounds: int, seed: int) -> None:
-    setting = SETTINGS[part]
+def setting_of(part: str, seed: int, data: Path | None) -> Setting:
+    """Return the setting of a part: its own, or the one that the seed draws."""
+    if part in SETTINGS:
+        return SETTINGS[part]
+    d = drawn(part, seed, data)
+    around = (0.0, 330.0)
+    return Setting(
+        d.traced,
+        d.model,
+        (d.cable,),
+        d.camera,
+        d.distance,
+        d.elevation_deg,
+        around,
+        lamps=d.lamps,
+        albedo=d.albedo,
+        roughness=d.roughness,
+    )
+
+
+def generate(out: Path, setting: Setting, *, views_n: int, starts_n: int, rounds: int, seed: int) -> None:
     rng = np.random.default_rng(seed)
     model, traced = setting.model(), setting.traced()
     poses = views(setting, model, views_n, rng)
@@ -189,6 +212,9 @@ def generate(out: Path, part: str, *, views_n: int, starts_n: int, rounds: int, 
         float(np.linalg.norm(model.size_mm) / 2),
         seed,
         tuple((replace(mesh, vertices=mesh.vertices + centred), albedo) for mesh, albedo in setting.dressing()),
+        setting.lamps,
+        setting.albedo,
+        setting.roughness,
     )
     todo = {
         k: pose @ Rigid(translation=-centred)
@@ -210,7 +236,13 @@ def photo(out: Path, noise: int, view: int) -> Path:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("out", type=Path, help="folder to write the scene to")
-    parser.add_argument("--part", choices=SETTINGS, default="bracket", help="what to look at (default %(default)s)")
+    parser.add_argument(
+        "--part",
+        default="bracket",
+        help=f"{', '.join(SETTINGS)}; or a part of benchmarks/locate_drawn.py, or a CAD file, in a scene drawn"
+        " by the seed (default %(default)s)",
+    )
+    parser.add_argument("--data", type=Path, help="folder of public data, for the parts of cad_nist_ctc")
     parser.add_argument("--views", type=int, default=12, help="photos at each noise (default %(default)s)")
     parser.add_argument("--starts", type=int, default=24, help="rough poses of each photo (default %(default)s)")
     parser.add_argument(
@@ -221,7 +253,9 @@ def main() -> None:
     )
     parser.add_argument("--seed", type=int, default=1, help="of views, starts, clutter and noise (default %(default)s)")
     a = parser.parse_args()
-    generate(a.out, a.part, views_n=a.views, starts_n=a.starts, rounds=a.rounds, seed=a.seed)
+    generate(
+        a.out, setting_of(a.part, a.seed, a.data), views_n=a.views, starts_n=a.starts, rounds=a.rounds, seed=a.seed
+    )
 
 
 if __name__ == "__main__":

@@ -33,7 +33,8 @@ _GOLDEN = np.array([0.7548776662466927, 0.5698402909980532])  # the R2 sequence 
 class Bench:
     """What stands around the part: the part's size scales it all. reach: mm, half the diagonal of the part.
 
-    dressing: what lies on the part or under it, and how much light it throws back.
+    dressing: what lies on the part or under it, and how much light it throws back. lamps: place and half width in
+    reaches, radiance. albedo: of part and bench top; roughness: of the part.
     """
 
     part: Mesh
@@ -41,6 +42,9 @@ class Bench:
     reach: float
     seed: int
     dressing: tuple[tuple[Mesh, float], ...] = ()
+    lamps: tuple[tuple[tuple[float, float, float], float, float], ...] = LAMPS
+    albedo: tuple[float, float] = (0.52, 0.33)
+    roughness: float = 0.25
 
 
 def pictures(bench: Bench, camera: Camera, poses: Mapping[int, Rigid], rounds: int) -> Iterator[tuple[int, Array]]:
@@ -52,7 +56,7 @@ def pictures(bench: Bench, camera: Camera, poses: Mapping[int, Rigid], rounds: i
     mi = module("mitsuba")
     mi.set_variant("llvm_ad_mono")
     things = _things(mi, bench)
-    scenes = [mi.load_dict({"type": "scene", "lamp": _lamp(mi, *lamp, bench.reach), **things}) for lamp in LAMPS]
+    scenes = [mi.load_dict({"type": "scene", "lamp": _lamp(mi, *lamp, bench.reach), **things}) for lamp in bench.lamps]
     integrator = mi.load_dict({"type": "path", "max_depth": DEPTH})
     grid = camera.pixel_grid()
     shift = np.random.default_rng(bench.seed).random(grid.shape)
@@ -63,7 +67,7 @@ def pictures(bench: Bench, camera: Camera, poses: Mapping[int, Rigid], rounds: i
             rays = camera.unproject(grid[window] + _spread((shift[window] + k * _GOLDEN) % 1.0)).reshape(-1, 3)
             places[window] += 1
             for j, scene in enumerate(scenes):
-                seed = (i * rounds + k) * len(LAMPS) + j
+                seed = (i * rounds + k) * len(bench.lamps) + j
                 total[window] += _radiance(mi, scene, integrator, rays, pose, seed=seed).reshape(places[window].shape)
         yield i, total / places
 
@@ -103,11 +107,11 @@ def _things(mi: Any, bench: Bench) -> dict[str, Any]:
     rng = np.random.default_rng(bench.seed)
     s = bench.reach
     things: dict[str, Any] = {
-        "part": _shape(mi, bench.part, _paint(mi, rng, 0.52, 0.10, 0.25), s),
+        "part": _shape(mi, bench.part, _paint(mi, rng, bench.albedo[0], 0.10, bench.roughness), s),
         "top": {
             "type": "rectangle",
             "to_world": mi.ScalarTransform4f().scale([14 * s, 14 * s, 1]),
-            "bsdf": _paint(mi, rng, 0.33, 0.16, 0.5, scratches=60),
+            "bsdf": _paint(mi, rng, bench.albedo[1], 0.16, 0.5, scratches=60),
         },
     }
     for k, cable in enumerate(bench.cables):

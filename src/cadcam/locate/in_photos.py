@@ -21,7 +21,8 @@ from cadcam.locate.quality.support import SEARCHED
 from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
-from cadcam.locate.refine.refinement import Refinement, in_spite_of_noise
+from cadcam.locate.refine.refinement import Refinement
+from cadcam.locate.refine.retaken import at_their_sharpness
 from cadcam.locate.rivals import Rivals
 from cadcam.locate.search.approach import REACH, Reach, approach
 from cadcam.locate.search.hypothesis import Hypothesis
@@ -102,7 +103,7 @@ def locate_part(
         task = _LocateTask(part, photos, start, reach, freedom, options)
         return _located(task, searched) if start is None else _located(task, *_near(task, start))
 
-    return in_spite_of_noise(photos, found_in)
+    return at_their_sharpness(photos, found_in)
 
 
 def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: NothingInView | None = None) -> Location:

@@ -80,6 +80,22 @@ class Photo:
         calm = np.asarray(gaussian_filter(self.gray, spread, truncate=3.0, mode="nearest"), np.float32)
         return replace(self, calm=calm, spread=spread)
 
+    def reduced(self, times: int) -> Photo:
+        """Return the photo as a camera of so many times fewer pixels each way takes it; what is left over is cut off.
+
+        Each pixel is the mean of those in its place.
+        """
+        if times == 1:
+            return self
+
+        def coarser(picture: Picture) -> Picture:
+            height, width = (n // times for n in picture.shape[:2])
+            cells = picture[: height * times, : width * times].reshape(height, times, width, times, -1)
+            return np.asarray(cells.mean(axis=(1, 3)).reshape(height, width, *picture.shape[2:]), np.float32)
+
+        chroma = None if self.chroma is None else coarser(self.chroma)
+        return Photo(coarser(self.gray), self.viewpoint.reduced(times), chroma)
+
     @property
     def lines(self) -> Picture:
         """Return the picture (H, W) in which lines are searched for."""

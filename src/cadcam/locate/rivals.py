@@ -37,6 +37,7 @@ _NEAR_PX = 2.0  # largest distance between lines and their steps, for a pose acc
 _DENSE_PX = 3.0  # between points of an edge: less than the distance at which lines are near each other
 _ROUNDS = 3  # how often a pose may be replaced by a rival
 _REFINED, _AS_GOOD = 3, 0.1  # most rivals refined as alternatives; by how much less quality they may have
+_RATHER = 0.1  # by how much more lines must show for a part of the other hand than for one that is turned
 _LAID_PX = 5.0  # largest error of a rival's lines before they are pulled onto the photos' steps
 
 
@@ -93,7 +94,7 @@ class Rivals:
             shown = [one for one in rivals if one.apart.against and not (one.like.mirrored and one.apart.few)]
             if not shown:
                 break
-            best = max(shown, key=lambda one: one.apart.others_shown - one.apart.shown)
+            best = max(shown, key=lambda one: one.apart.margin - _RATHER * one.like.mirrored)
             if best.like.mirrored:
                 return _mirrored(found, best.apart)
             other, sights = self._refined(best)

@@ -26,12 +26,16 @@ _ALIKE = 0.5  # least ratio of own to common lines shown, for a right pose: righ
 
 @dataclass(frozen=True, slots=True)
 class Apart:
-    """The numbers of samples on lines that only one reading, or only the other, has, and the shares of them shown."""
+    """The numbers of samples on lines that only one reading, or only the other, has, and the shares of them shown.
+
+    by_chance: the share of the other reading's lines that would be shown anywhere; 1 where that is not known.
+    """
 
     own: int
     shown: float
     others: int
     others_shown: float
+    by_chance: float = 1.0
 
     def __str__(self) -> str:
         return f"{self.others_shown:.0%} of the lines that only it has are there, {self.shown:.0%} of the others"
@@ -39,23 +43,42 @@ class Apart:
     @property
     def few(self) -> bool:
         """Return whether there are so few samples that they decide nothing by themselves."""
-        return min(self.own, self.others) < LEAST
+        return self._enough < 1
 
     @property
     def against(self) -> bool:
         """Return whether the photos show the other reading: clearly, or, of few samples, all the more clearly."""
-        return self.others_shown - self.shown > self._clearly
+        return self.margin > self._clearly
 
     @property
     def open(self) -> bool:
         """Return whether the photos leave open which of the two they show."""
-        return self.few or not abs(self.others_shown - self.shown) > _CLEARLY
+        return self.few or not abs(self.margin) > _CLEARLY
+
+    @property
+    def margin(self) -> float:
+        """Return by how much more of its own lines the other reading shows than this one.
+
+        A part that lies on what tells its sides apart shows hardly a line that only it has, so that none is missing.
+        But if it lies so, the lines of the other side are shown by chance alone.
+        """
+        return self.others_shown - (max(self.shown, self.by_chance) if self._hides else self.shown)
+
+    @property
+    def _hides(self) -> bool:
+        return self.own < _FEWEST and self.others >= LEAST and self.by_chance < 1
 
     @property
     def _clearly(self) -> float:
-        fewer, more = sorted((self.own, self.others))
-        enough = 2 * fewer * more / max(fewer + more, 1) / LEAST
-        return _CLEARLY / min(1.0, enough) if fewer >= _FEWEST else np.inf
+        decide = self._hides or min(self.own, self.others) >= _FEWEST
+        return _CLEARLY / min(1.0, self._enough) if decide else np.inf
+
+    @property
+    def _enough(self) -> float:
+        """Return the samples, over those that are enough: of two shares the variances add, so their harmonic mean."""
+        if self._hides:
+            return self.others / LEAST
+        return 2 * self.own * self.others / max(self.own + self.others, 1) / LEAST
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -80,6 +103,13 @@ class Reading:
             n, shown = n + int(own.sum()), shown + int((lines.here & own).sum())
         return n, shown / max(n, 1)
 
+    @property
+    def by_chance(self) -> float:
+        """Return the share of its lines that the photos would show anywhere; 1 where there are none."""
+        n = np.array([len(lines.which) for lines in self.lines])
+        share = [float(lines.share[1:].mean()) if k else 0.0 for k, lines in zip(n, self.lines, strict=True)]
+        return float(n @ share / n.sum()) if n.any() else 1.0
+
     def holds_against(self, others: Sequence[Array]) -> bool:
         """Return whether so many of its own lines are shown that no other reading can show clearly more."""
         n, shown = self.own_lines(others)
@@ -88,7 +118,7 @@ class Reading:
 
 def told_apart(one: Reading, other: Reading) -> Apart:
     """Return how many lines only one of two readings of the same photos has, and the shares shown."""
-    return Apart(*one.own_lines(other.every), *other.own_lines(one.every))
+    return Apart(*one.own_lines(other.every), *other.own_lines(one.every), other.by_chance)
 
 
 def shows_alike(own: Mask, shown: Mask) -> bool:

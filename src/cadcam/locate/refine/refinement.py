@@ -8,7 +8,7 @@ the pose, and guided by colour.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,10 +28,11 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.support import support_at
 from cadcam.locate.refine.agreement import agreed
-from cadcam.locate.refine.answer import CLEARLY, DOUBT, PoseAnswer, location_of, lost, unseen_turns
+from cadcam.locate.refine.answer import DOUBT, PoseAnswer, location_of, lost, unseen_turns
 from cadcam.locate.refine.consistency import Consistency
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.released import released
+from cadcam.locate.refine.retaken import at_their_sharpness
 from cadcam.locate.refine.solution import CLOSE_PX, PoseSolution, solved
 
 _PULLED_PX = 0.3  # error of lines that were pulled onto steps
@@ -80,19 +81,7 @@ def refine_pose(
     def found_in(photos: Sequence[Photo]) -> Location:
         return Refinement(part, photos, freedom, evidence, options, chosen, wider).around(start)[0]
 
-    return in_spite_of_noise(photos, found_in) if wider else found_in(photos)
-
-
-def in_spite_of_noise(photos: Sequence[Photo], found_in: Callable[[Sequence[Photo]], Location]) -> Location:
-    """Return what is found in the photos; if nothing is, and noise hides lines, what is found in smoothed ones."""
-    first = found_in(photos)
-    if first.found:
-        return first
-    calm = [photo.calmed() for photo in photos]
-    if all(photo.calm is None for photo in calm):
-        return first
-    second = found_in(calm)
-    return second if second.found or second.quality > first.quality + CLEARLY else first
+    return at_their_sharpness(photos, found_in) if wider else found_in(photos)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -7,6 +7,7 @@ the two readings do not share can tell which one a photo shows.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import permutations, product
 
@@ -16,6 +17,8 @@ from cadcam.arrays import Array
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rotation import exp
+from cadcam.locate.views.turning import turns_onto
 from cadcam.render.view import Scene
 
 _EXACT, _CORNERS = 1e-3, 4  # tolerance for coinciding corners, in radii; corners needed for an exact shift
@@ -25,7 +28,8 @@ _POINTS, _DENSE, _LAID = 400, 8_000, 120  # edge points: compared; of the target
 _FEW = 50  # points of a quick test whether a shift deserves a closer look
 _SHIFTS = 8  # shifts tried per rotation, twice: on a lattice those by one bay rank behind many by none
 _LEAST, _SAME = 0.45, 0.995  # coinciding share of the edges: below it no likeness; above it no visible difference
-_MOST = {False: 12, True: 4}  # likenesses kept: of the part, of its mirror image
+_MOST = {False: 12, True: 4}  # likenesses kept: of the part, of its mirror image; as many again by odd turns
+_QUARTER = np.radians(3.0)  # turns this near to quarter turns are among these
 _APART = 0.05  # radii: two motions are one if they differ by less at every point
 _ALONG = np.cos(np.radians(3.0))  # edges this near to a direction run along it
 _QUARTERS = [
@@ -60,7 +64,8 @@ def likenesses(mesh: Mesh, edges: FeatureEdges, image: Mesh) -> list[Likeness]:
 
     Exact symmetries are left out, as no photo can distinguish them; a part that is its own mirror image has no mirrored
     likeness. Quarter turns about the directions in which most edges run are tried, each with the shift that brings the
-    middles together and with those that bring most points into coincidence.
+    middles together and with those that bring most points into coincidence; and about these directions, through the
+    middle, whatever other turns bring many edges onto edges, as of a ring of holes (`locate.views.turning`).
     """
     points = even_points(mesh, edges, _POINTS)
     if not len(points):
@@ -68,9 +73,9 @@ def likenesses(mesh: Mesh, edges: FeatureEdges, image: Mesh) -> list[Likeness]:
     target = _Target(mesh, edges, points)
     found: list[Likeness] = []
     for other, mirrored in ((mesh, False), (image, True)):
-        own = target.laid(other, edges, mirrored)
-        if not (mirrored and any(one.share > _SAME for one in own)):
-            found += [one for one in own if one.share <= _SAME][: _MOST[mirrored]]
+        laid = target.laid(other, edges, mirrored)
+        if not (mirrored and any(one.share > _SAME for own in laid for one in own)):
+            found += [one for own in laid for one in [one for one in own if one.share <= _SAME][: _MOST[mirrored]]]
     return sorted(found, key=lambda one: -one.share)
 
 
@@ -86,8 +91,8 @@ class _Target:
         self.tree = cKDTree(even_points(mesh, edges, _DENSE))
         self.corner_tree = cKDTree(self.corners)
 
-    def laid(self, mesh: Mesh, edges: FeatureEdges, mirrored: bool) -> list[Likeness]:
-        """Return how the edges of another mesh may be laid on these, best first."""
+    def laid(self, mesh: Mesh, edges: FeatureEdges, mirrored: bool) -> tuple[list[Likeness], list[Likeness]]:
+        """Return how the edges of another mesh may be laid on these by quarter turns, and by others, best first."""
         own, points, corners = _directions(mesh, edges), even_points(mesh, edges, _POINTS), _corners(mesh, edges)
         every = []
         for quarter in _QUARTERS:
@@ -97,11 +102,34 @@ class _Target:
             shifts += _shifts(turned, self.points, self._coarse) + _shifts(corners @ turn.T, self.corners, self._coarse)
             laid = [self._settled(turned, turn, by, mirrored) for by in shifts if self._may_lie(turned + by)]
             every += laid if mirrored else [both for one in laid for both in (one, replace(one, motion=one.motion.inv))]
+        turned_on = [self._settled(points @ turn.T, turn, by, mirrored) for turn, by in self._turns(mesh, edges, own)]
+        by_quarters = self._distinct(every, [])
+        by_others = self._distinct(turned_on, by_quarters)
+        return [self._sharpened(one, corners) for one in by_quarters], by_others
+
+    def _distinct(self, likes: Iterable[Likeness], others: Sequence[Likeness]) -> list[Likeness]:
+        """Return those that lay enough edges and are neither each other nor one of the others, best first."""
         kept: list[Likeness] = []
-        for one in sorted((e for e in every if e.share >= _LEAST), key=lambda e: -e.share):
-            if all(self._apart(one.motion, k.motion) > _APART * self.radius for k in kept):
+        for one in sorted((e for e in likes if e.share >= _LEAST), key=lambda e: -e.share):
+            if all(self._apart(one.motion, k.motion) > _APART * self.radius for k in (*others, *kept)):
                 kept.append(one)
-        return [self._sharpened(one, corners) for one in kept]
+        return kept
+
+    def _turns(self, mesh: Mesh, edges: FeatureEdges, own: Array) -> Iterator[tuple[Array, Array]]:
+        """Yield turns about this frame's axes other than by quarters, the part upright or turned over, and shifts.
+
+        own (3, 3): the frame of the other mesh.
+        """
+        points = even_points(mesh, edges, _POINTS)
+        centre = _middle(points, own)
+        p, q = (points - centre) @ own, (self.tree.data - self.middle) @ self.frame
+        for axis, over in product(range(3), (False, True)):
+            upright = np.roll(np.eye(3), -axis - 1, axis=0)  # rows: the axis is the last
+            before = np.diag([1.0, -1.0, -1.0]) @ upright if over else upright
+            for angle, up in turns_onto(p @ before.T, q @ upright.T, self.radius, _LEAST):
+                if over or abs((angle + np.pi / 4) % (np.pi / 2) - np.pi / 4) > _QUARTER:
+                    turn = self.frame @ upright.T @ exp(np.array([0, 0, angle])) @ before @ own.T
+                    yield turn, self.middle - turn @ centre + up * self.frame @ upright[2]
 
     def _sharpened(self, like: Likeness, corners: Array) -> Likeness:
         """Return a likeness whose shift is refined to lay most corners (n, 3) on corners, if some coincide.

@@ -1,0 +1,85 @@
+"""Poor photos, looked at once more where nothing is found in them: smoothed, or as a coarser camera had taken them.
+
+A photo may have more pixels than its lens, its demosaicing or an enlargement has detail. A step then spreads over
+several pixels, and so does grain, which no longer looks like noise: lines are there, but not as close and as steady, in
+px, as in other photos. Reduced by what the blur allows it shows the same, and is as any other. But what counts as close
+is some tenths of a pixel up to two (`locate.quality.shown`), which is much of a small part: so parts stay large.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from cadcam.arrays import Longs
+from cadcam.image.profile import blur_of
+from cadcam.locate.location import Location
+from cadcam.locate.photo import Photo
+from cadcam.locate.refine.answer import CLEARLY
+
+_SHARP_PX = 0.55  # blur of a sharp lens, with the pixel's own area
+_LARGE_PX = 300.0  # size of the part in view down to which a photo is reduced; at half of that other models fit, too
+_REACH_PX, _HALF_PX = 9.0, 2.0  # cells in which the blur is estimated, across the lines and along them
+_SEEN = 0.3  # weight of a place on a line that the fit believed
+
+Look = Callable[[Sequence[Photo]], Location]
+
+
+def in_spite_of_noise(photos: Sequence[Photo], found_in: Look) -> Location:
+    """Return what is found in the photos; if nothing is, and noise hides lines, what is found in smoothed ones."""
+    first = found_in(photos)
+    if first.found:
+        return first
+    calm = [photo.calmed() for photo in photos]
+    return first if all(photo.calm is None for photo in calm) else _better(first, found_in(calm))
+
+
+def at_their_sharpness(photos: Sequence[Photo], found_in: Look) -> Location:
+    """Return what is found in spite of noise; if nothing is, and photos are blurred, what is found in reduced ones.
+
+    How much they are blurred is asked of the lines that the answer believed. Its pixels are always those of the photos.
+    """
+    first = in_spite_of_noise(photos, found_in)
+    if first.found:
+        return first
+    times = [_reduction(photo, first, k) for k, photo in enumerate(photos)]
+    if max(times) == 1:
+        return first
+    second = in_spite_of_noise([photo.reduced(by) for photo, by in zip(photos, times, strict=True)], found_in)
+    return _better(first, _in_pixels_of_photos(second, np.array(times)))
+
+
+def _better(first: Location, second: Location) -> Location:
+    return second if second.found or second.quality > first.quality + CLEARLY else first
+
+
+def _reduction(photo: Photo, location: Location, number: int) -> int:
+    """Return by how many times a photo may be made smaller without losing what it shows along the part's lines."""
+    m = location.matches
+    here = m.photo == number
+    seen = here & np.isfinite(m.offset) & (m.weight > _SEEN)
+    if not seen.any():
+        return 1
+    most = int(np.hypot(*np.ptp(m.q[here], axis=0)) / _LARGE_PX)
+    if most < 2:
+        return 1
+    q = m.q[seen] + m.offset[seen, None] * m.normal[seen]
+    blur = blur_of(photo.gray, q, m.normal[seen], reach=np.full(len(q), _REACH_PX), half_length=_HALF_PX)
+    return max(1, min(round(blur / _SHARP_PX), most))
+
+
+def _in_pixels_of_photos(location: Location, times: Longs) -> Location:
+    """Return an answer from photos reduced so many times (photos,), with its pixels those of the photos."""
+    m = location.matches
+    by = times[m.photo].astype(float)
+    matches = replace(m, q=by[:, None] * m.q + (by[:, None] - 1) / 2, offset=by * m.offset, sigma=by * m.sigma)
+    disagreements = tuple(replace(one, px=float(times[one.photo]) * one.px) for one in location.disagreements)
+    return replace(
+        location,
+        matches=matches,
+        disagreements=disagreements,
+        alternatives=tuple(_in_pixels_of_photos(one, times) for one in location.alternatives),
+        reason=f"{location.reason}; in photos reduced {max(times)} times, px are of these: they are blurred",
+    )
