@@ -10,14 +10,15 @@ and what lies behind an edge have a hold each: the latter is darkest where the p
     python benchmarks/locate_frontier.py ../shared/data/shipblock_clean
 
 tells for each noise and pair of holds the scatter by fresh noise over the intensity bound, and the error of photos
-without noise. Lines are drawn at the true poses and nothing is decided by the photo: no outliers, no weights.
+without noise. Lines are drawn at the true poses and nothing is decided by the photo: no outliers, no weights. A second
+table bounds the influence of whole pieces of line, the least that a fit needs which meets shadows.
 """
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
 
@@ -42,6 +43,9 @@ HOLDS = {  # by noise, of surfaces that end at an edge and of what lies behind o
     8: ((1.0, 1.0), (0.3, 0.3), (0.1, 0.1), (0.03, 0.03), (0.3, 1.0), (0.1, 0.6), (0.03, 0.3), (0.01, 0.3)),
 }
 REACHES = (5, 8, 12)  # px that cells reach beyond their outermost lines
+BOUNDED = {3: (0.01, 0.1), 8: (0.1, 0.6)}  # by noise, holds of the fits whose pieces of line have a bounded influence
+BOUNDS = (0.2, 0.1, 0.05)  # px
+PIECE, ROUNDS, SETTLED = 38, 60, 1e-4  # cells of a piece of line; of a bounded fit, how often and how far it goes
 DRAWS = 8  # pictures of noise a photo
 PARALLEL = 0.985  # cosine between normals of lines that step in one cell
 CLEAR = 2.5  # px, more than two blurs: nearer to a line's foot no level is told
@@ -206,32 +210,67 @@ class Drawing:
 
 
 @dataclass(frozen=True)
-class LinearFit:
-    """A pose from profiles: the sum of weights @ profile over the cells, in the frame of locate_bound.motion."""
+class Fit:
+    """A pose by generalised least squares, in the frame of locate_bound.motion, whole pieces of line bounded or not.
 
-    weights: list[Array]
+    Each of C cells has equations for the pose and for one shift of its lines across themselves: rows (m, 7) take a
+    profile to their right sides; information (C, 7, 6) and own (C,): their left sides, of pose and of that shift.
+    piece (C,): the piece of line that a cell belongs to.
+    """
+
+    rows: list[Array]
+    information: Array
+    own: Array
+    piece: Ids
 
     @classmethod
     def of(
         cls, cells: Sequence[Cell], heights: Sequence[Array], optics: Optics, noise: float, holds: tuple[float, float]
-    ) -> LinearFit:
-        """Return the generalised least-squares fit; a cell with K lines comes K times, so each counts 1 / K.
+    ) -> Fit:
+        """Return the fit; a cell with K lines comes K times, so each counts 1 / K.
 
         holds: of surfaces that end at the lines, and of what lies behind these.
         """
-        information, weights = np.zeros((6, 6)), []
+        rows, information, own = [], [], []
         for cell, height in zip(cells, heights, strict=True):
             levels, moves = optics.levels(cell), optics.moves(cell, height)
-            solved = np.linalg.solve(optics.covariance(cell, noise, *holds), np.column_stack([levels, moves]))
+            across = optics.moves(replace(cell, rows=np.ones((len(cell.at), 1))), height)
+            asked = np.column_stack([levels, moves, across])
+            solved = np.linalg.solve(optics.covariance(cell, noise, *holds), asked)
             k = levels.shape[1]
             free = solved[:, k:] - solved[:, :k] @ np.linalg.solve(levels.T @ solved[:, :k], levels.T @ solved[:, k:])
-            information += moves.T @ free / (k - 1)
-            weights.append(free.T / (k - 1))
-        return cls([np.linalg.solve(information, w) for w in weights])
+            rows.append(free / (k - 1))
+            information.append(rows[-1].T @ moves)
+            own.append(rows[-1][:, 6] @ across[:, 0])
+        return cls(rows, np.array(information), np.array(own), _pieces(np.array([cell.run for cell in cells])))
 
-    def pose(self, profiles: Sequence[Array]) -> Array:
-        """Return the shift (3,) in mm and the turn (3,) in rad that profiles show."""
-        return np.asarray(sum(w @ y for w, y in zip(self.weights, profiles, strict=True)))
+    def right(self, profiles: Sequence[Array]) -> Array:
+        """Return the right sides (C, 7) that profiles give."""
+        return np.array([row.T @ y for row, y in zip(self.rows, profiles, strict=True)])
+
+    def pose(self, right: Array, bound_px: float) -> Array:
+        """Return the shift (3,) in mm and the turn (3,) in rad that solve the equations with these right sides.
+
+        bound_px: shift of a piece from which its influence hardly grows (pseudo-Huber); infinite: least squares.
+        """
+        told = np.bincount(self.piece, self.own)
+        weight, x = np.ones(len(told)), np.zeros(6)
+        for _ in range(ROUNDS):
+            each, before = weight[self.piece], x
+            information = np.tensordot(each, self.information[:, :6], 1)
+            x = np.asarray(np.linalg.solve(information, each @ right[:, :6]), np.float64)
+            if np.isinf(bound_px) or np.linalg.norm(x - before) < SETTLED * np.linalg.norm(x):
+                break
+            off = np.bincount(self.piece, right[:, 6] - self.information[:, 6] @ x) / told
+            weight = 0.5 * (weight + (1 + (off / bound_px) ** 2) ** -0.5)
+        return x
+
+
+def _pieces(run: Ids) -> Ids:
+    """Return numbers (C,) of the pieces of line, of at most `PIECE` cells, that cells of runs (C,) belong to."""
+    first = np.unique(run, return_index=True, return_inverse=True)
+    place = np.arange(len(run)) - first[1][first[2]]
+    return np.unique(np.stack([run, place // PIECE]), axis=1, return_inverse=True)[1].ravel().astype(np.int32)
 
 
 def heights_of(cells: Sequence[Cell], profiles: Sequence[Array], optics: Optics) -> list[Array]:
@@ -273,38 +312,56 @@ class Frontier:
     def _heights(self) -> dict[int, list[Array]]:
         return {k: heights_of(shot.cells, shot.profiles, self._optics) for k, shot in self._shots.items()}
 
-    def at(self, noise: float, holds: tuple[float, float]) -> tuple[Array, Array]:
+    @cached_property
+    def _least(self) -> dict[int, Array]:
+        """Return the intensity bound (3,) of each photo's centroid at a noise of 1, mm."""
+        part, camera, truth = self._photos.part, self._photos.camera, self._photos.truth
+        told = {k: locate_bound.information(shot.gray, part, camera, truth[k], 1.0) for k, shot in self._shots.items()}
+        return {k: locate_bound.bound(information)[:3] for k, information in told.items()}
+
+    def at(self, noise: float, holds: tuple[float, float], bound_px: float = np.inf) -> tuple[Array, Array]:
         """Return scatter over the bound (3,), rms over photos, and the errors (F, 3) mm of photos without noise.
 
-        holds: of surfaces that end at edges, and of what lies behind edges.
+        holds: of surfaces that end at edges, and of what lies behind edges; bound_px: as of `Fit.pose`.
         """
         ratios, errors = [], []
         for frame, shot in self._shots.items():
-            fit = LinearFit.of(shot.cells, self._heights[frame], self._optics, noise, holds)
-            errors.append(fit.pose(shot.profiles)[:3])
-            by_noise = noise * np.array([fit.pose(y)[:3] for y in shot.noises])
-            told = locate_bound.information(
-                shot.gray, self._photos.part, self._photos.camera, self._photos.truth[frame], noise
-            )
-            ratios.append((by_noise**2).mean(axis=0) / locate_bound.bound(told)[:3] ** 2)
+            fit = Fit.of(shot.cells, self._heights[frame], self._optics, noise, holds)
+            right = fit.right(shot.profiles)
+            errors.append(fit.pose(right, bound_px)[:3])
+            noisy = [right + noise * fit.right(draw) for draw in shot.noises]
+            by_noise = np.array([fit.pose(one, bound_px)[:3] for one in noisy]) - errors[-1]
+            ratios.append((by_noise**2).mean(axis=0) / (noise * self._least[frame]) ** 2)
         return np.sqrt(np.mean(ratios, axis=0)), np.array(errors)
 
 
 def report(photos: PhotoSet) -> Iterator[str]:
-    """Yield a table by reach, noise and hold."""
+    """Yield a table by reach, noise and holds, then one by how the influence of pieces of line is bounded."""
     ground, blur = ground_of(photos, sorted(photos.truth))
-    yield (
-        "| reach | noise | hold, own | behind | scatter over the bound x, y, z | error without noise x, y, z: rms, mm"
-        " | mean, mm | median, mm |\n|---|---|---|---|---|---|---|---|"
-    )
+    frontiers = {}
+    columns = "scatter over the bound x, y, z | error without noise x, y, z: rms, mm | mean, mm | median, mm |\n|"
+    yield f"| reach | noise | hold, own | behind | {columns}" + "---|" * 8
     for reach in REACHES:
-        frontier = Frontier(photos, Optics(blur, ground), reach)
+        frontiers[reach] = Frontier(photos, Optics(blur, ground), reach)
         for noise in (n for n in photos.noises if n):
-            for own, behind in HOLDS[min(HOLDS, key=lambda known: abs(known - noise))]:
-                ratio, errors = frontier.at(noise / 255, (own, behind))
-                columns = (_row(ratio, 2), _row(np.sqrt((errors**2).mean(axis=0)), 3), _row(errors.mean(axis=0), 3))
-                median = np.median(np.linalg.norm(errors, axis=1))
-                yield f"| {reach} px | {noise} | {own:g} | {behind:g} | " + " | ".join(columns) + f" | {median:.3f} |"
+            for own, behind in HOLDS[_nearest(noise)]:
+                yield f"| {reach} px | {noise} | {own:g} | {behind:g} | " + _told(frontiers[reach], noise, own, behind)
+    yield f"\n| reach | noise | bounded at, px | {columns}" + "---|" * 7
+    for noise in (n for n in photos.noises if n):
+        for bound in BOUNDS:
+            told = _told(frontiers[REACHES[0]], noise, *BOUNDED[_nearest(noise)], bound_px=bound)
+            yield f"| {REACHES[0]} px | {noise} | {bound:g} | {told}"
+
+
+def _nearest(noise: int) -> int:
+    """Return that noise of those with holds that is nearest."""
+    return min(HOLDS, key=lambda known: abs(known - noise))
+
+
+def _told(frontier: Frontier, noise: int, own: float, behind: float, *, bound_px: float = np.inf) -> str:
+    ratio, errors = frontier.at(noise / 255, (own, behind), bound_px)
+    rms, mean = np.sqrt((errors**2).mean(axis=0)), errors.mean(axis=0)
+    return f"{_row(ratio, 2)} | {_row(rms, 3)} | {_row(mean, 3)} | {np.median(np.linalg.norm(errors, axis=1)):.3f} |"
 
 
 def _row(values: Array, digits: int) -> str:
