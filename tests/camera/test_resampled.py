@@ -15,7 +15,7 @@ from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
 from cadcam.camera.resampled import PictureMap, resampled_rig
 from cadcam.camera.rig_estimate import RigEstimate
-from cadcam.camera.viewpoint import Viewpoint
+from cadcam.camera.viewpoint import ErrorSource, Viewpoint
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 
@@ -182,3 +182,22 @@ def test_as_many_equations_as_unknowns_stay_without_noise(rng: np.random.Generat
 def test_what_no_such_picture_is_is_refused(make: Callable[[], PictureMap], message: str) -> None:
     with pytest.raises(BadValue, match=message):
         make()
+
+
+@each
+def test_a_viewpoint_of_the_new_picture_sees_the_same_and_errs_by_the_same(
+    to: PictureMap, rng: np.random.Generator
+) -> None:
+    """Places, and what errors do to them, are those of the old picture, scaled; to rounding of a thousand px."""
+    n = 11 + len(CAMERA.lens.parameters)
+    source = ErrorSource("all", np.eye(n), object())
+    view = Viewpoint("camera", CAMERA, Rigid(translation=np.array([5.0, -3.0, 400.0])), 0.3, ((source, np.eye(n)),))
+    p = rng.uniform(-60, 60, (20, 3))
+    q, by_point, (by_error,) = view.project(p)
+    new_q, new_by_point, (new_by_error,) = to.viewpoint(view).project(p)
+    scale = np.array(to.scale)
+    assert to.viewpoint(view).camera.size == to.size
+    assert to.viewpoint(view).sigma_px == pytest.approx(0.3 * to.noise)
+    np.testing.assert_allclose(new_q, scale * (q + 0.5) - 0.5 - np.array(to.origin), atol=1e-9)
+    np.testing.assert_allclose(new_by_point, scale[:, None] * by_point, atol=1e-9)
+    np.testing.assert_allclose(new_by_error, scale[:, None] * by_error, rtol=1e-9, atol=1e-9 * np.abs(by_error).max())

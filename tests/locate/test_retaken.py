@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import pytest
 
-from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
-from cadcam.geometry.rigid import Rigid
+from cadcam.errors import BadValue
 from cadcam.locate.in_photos import locate_part
+from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import retaken
 from cadcam.locate.refine.retaken import at_their_sharpness
@@ -50,28 +50,13 @@ def test_a_sharp_photo_is_not_reduced(rng: np.random.Generator) -> None:
     photo = photo_of(pose, rng)
     asked: list[tuple[int, int]] = []
 
-    def refused(photos: list[Photo]) -> object:
+    def refused(photos: Sequence[Photo]) -> Location:
         asked.extend(one.camera.size for one in photos)
         location = locate_part(block(), photos, pose)
         return location.uncertain("for this test")
 
-    at_their_sharpness([photo], refused)  # type: ignore[arg-type]
+    at_their_sharpness([photo], refused)
     assert set(asked) == {CAMERA.size}
-
-
-def test_a_reduced_viewpoint_sees_the_same_and_errs_by_the_same() -> None:
-    """Places, and what errors do to them, are those of the picture over the times that it is reduced."""
-    camera = Camera.from_focal((641, 482), 900.0, fy=903.0, cx=310.2, cy=251.7, lens=BrownConrady(-0.2, 0.1, 1e-3, 0.0))
-    n = 11 + len(camera.lens.parameters)
-    source = ErrorSource("all", np.eye(n), object())
-    view = Viewpoint("camera", camera, Rigid(translation=np.array([5.0, -3.0, 400.0])), 0.3, ((source, np.eye(n)),))
-    p = np.random.default_rng(0).uniform(-60, 60, (20, 3))
-    q, by_point, (by_error,) = view.project(p)
-    less_q, less_by_point, (less_by_error,) = view.reduced(3).project(p)
-    assert view.reduced(3).camera.size == (213, 160)
-    np.testing.assert_allclose(less_q, (q - 1) / 3, atol=1e-9)
-    np.testing.assert_allclose(less_by_point, by_point / 3, atol=1e-9)
-    np.testing.assert_allclose(less_by_error, by_error / 3, rtol=1e-9, atol=1e-7)
 
 
 def test_a_reduced_photo_keeps_its_colour_and_the_mean_of_its_pixels(rng: np.random.Generator) -> None:
@@ -84,3 +69,5 @@ def test_a_reduced_photo_keeps_its_colour_and_the_mean_of_its_pixels(rng: np.ran
     assert less.gray[5, 10] == pytest.approx(photo.gray[cell].mean(), abs=1e-6)
     np.testing.assert_allclose(less.chroma[5, 10], photo.chroma[cell].mean(axis=(0, 1)), atol=1e-6)
     assert photo.reduced(1) is photo
+    with pytest.raises(BadValue, match="binning"):
+        photo.reduced(CAMERA.width + 1)

@@ -16,6 +16,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import RigEstimate
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, UnknownName
 
 
@@ -83,6 +84,14 @@ class PictureMap:
         D = self.factors(estimate.parameters)
         noise = estimate.noise_px / moved.noise_px if np.isfinite(moved.noise_px) else 1 / self.noise
         return replace(moved, cofactor=noise**2 * D[:, None] * estimate.cofactor * D)
+
+    def viewpoint(self, viewpoint: Viewpoint) -> Viewpoint:
+        """Return the viewpoint of the new picture's camera: what errors do in px is scaled as the pixels are."""
+        D = np.ones(11 + len(viewpoint.camera.lens.parameters))  # of the coordinates of `cadcam.camera.sensitivity`
+        D[6:11] = self.factors(("aspect", "focal", "skew", "U0", "V0"))
+        errors = tuple((source, D[:, None] * effect) for source, effect in viewpoint.errors)
+        camera, sigma_px = self.camera(viewpoint.camera), viewpoint.sigma_px * self.noise
+        return replace(viewpoint, camera=camera, sigma_px=sigma_px, errors=errors)
 
     def observations(self, old: Observations) -> Observations:
         """Return what was measured in the old picture as it lies in the new one."""

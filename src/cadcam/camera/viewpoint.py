@@ -24,7 +24,6 @@ from cadcam.geometry.rotation import hat
 from cadcam.kinds import expect, expect_number
 
 _POSE, _EXTERNAL = slice(0, 6), 6
-_IN_PIXELS = [7, 9, 10]  # of the local coordinates: focal length and principal point
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -230,15 +229,6 @@ class Viewpoint(Brief):
         covariance = np.diag([sigma_mm**2] * 3 + [sigma_rad**2] * 3)
         effect = np.eye(11 + len(self.camera.lens.parameters), 6)
         return replace(self, errors=(*self.errors, (ErrorSource(why, covariance, object()), effect)))
-
-    def reduced(self, times: int) -> Viewpoint:
-        """Return the viewpoint of the picture reduced so many times each way; pixels left over are cut off."""
-        width, height = (n // times for n in self.camera.size)
-        camera = self.camera.crop(0, 0, (width * times, height * times)).resize((width, height))
-        scale = np.ones(11 + len(self.camera.lens.parameters))
-        scale[_IN_PIXELS] = 1 / times
-        errors = tuple((source, scale[:, None] * effect) for source, effect in self.errors)
-        return replace(self, camera=camera, sigma_px=self.sigma_px / times, errors=errors)
 
     def rays(self, q: Floats) -> Ray:
         """Return the rays (..., 3) in the world of pixels q (..., 2); `BadValue` if there is none."""

@@ -10,6 +10,7 @@ import numpy.typing as npt
 from cadcam.arrays import Picture, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
+from cadcam.camera.resampled import PictureMap
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import SizeMismatch
 from cadcam.geometry.rigid import Rigid, expect_motion
@@ -83,18 +84,18 @@ class Photo:
     def reduced(self, times: int) -> Photo:
         """Return the photo as a camera of so many times fewer pixels each way takes it; what is left over is cut off.
 
-        Each pixel is the mean of those in its place.
+        Each pixel is the mean of those in its place. Raises `BadValue` for more times than the photo has pixels.
         """
         if times == 1:
             return self
+        view = PictureMap.binned(self.camera.size, (times, times)).viewpoint(self.viewpoint)
+        width, height = view.camera.size
 
         def coarser(picture: Picture) -> Picture:
-            height, width = (n // times for n in picture.shape[:2])
             cells = picture[: height * times, : width * times].reshape(height, times, width, times, -1)
             return np.asarray(cells.mean(axis=(1, 3)).reshape(height, width, *picture.shape[2:]), np.float32)
 
-        chroma = None if self.chroma is None else coarser(self.chroma)
-        return Photo(coarser(self.gray), self.viewpoint.reduced(times), chroma)
+        return Photo(coarser(self.gray), view, None if self.chroma is None else coarser(self.chroma))
 
     @property
     def lines(self) -> Picture:
