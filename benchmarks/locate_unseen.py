@@ -35,7 +35,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 from locate_errors import CLOSE_PX, NEAR_PX, squared
 from locate_sets import Case, PhotoSet
-from quality import _fitted, _middle, _sized, _stretched, explained, its_own_mirror_image
+from quality import explained, fitted, its_own_mirror_image, middle_on_middle, sized, stretched_part
 
 NOISE = 3
 TINT = (1.0, 0.86, 0.7)  # of light from a lamp
@@ -165,13 +165,15 @@ def wrong(photos: PhotoSet, others: Sequence[PhotoSet], rng: np.random.Generator
             yield Asked("start turned over", part, photo, start, truth)
         for axis in np.eye(3):
             share = rng.choice([-1, 1]) * rng.uniform(0.03, 0.06)
-            other = _stretched(part, 1 + share * axis)
+            other = stretched_part(part, 1 + share * axis)
             if not explained(case, other, photos.camera):
                 yield Asked("model 3 to 6 % longer or shorter", other, photo, truth, None)
         for other_set in others[:2]:
-            yield Asked("other model", _sized(other_set.part, part), photo, _middle(other_set.part, part, truth), None)
+            yield Asked(
+                "other model", sized(other_set.part, part), photo, middle_on_middle(other_set.part, part, truth), None
+            )
             strange = other_set.photo(NOISE, min(other_set.truth))
-            absent = Photo(_fitted(strange, photos.camera).astype(np.float32), photo.viewpoint)
+            absent = Photo(fitted(strange, photos.camera).astype(np.float32), photo.viewpoint)
             yield Asked("absent", part, absent, truth, None)
             yield Asked("absent, no start", part, absent, None, None)
 

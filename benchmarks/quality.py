@@ -99,12 +99,12 @@ def trials(case: Case, others: Sequence[Case], rng: np.random.Generator) -> Iter
         if not explained(case, part, other_camera.camera):
             yield Trial("other camera", part, other_camera, start(3, 2), False)
     for stretch in ((1.15, 1, 1), (1, 0.85, 1), (1, 1, 1.2)):
-        stretched = _stretched(part, stretch)
+        stretched = stretched_part(part, stretch)
         if not explained(case, stretched, photo.camera):
             yield Trial("CAD stretched", stretched, photo, start(3, 2), False)
     other = others[int(rng.integers(len(others)))]
-    yield Trial("other CAD", _sized(other.part, part), photo, _middle(other.part, part, truth), False)
-    yield Trial("part absent", part, _with(photo, _fitted(other.photo, photo.camera)), start(5, 3), False)
+    yield Trial("other CAD", sized(other.part, part), photo, middle_on_middle(other.part, part, truth), False)
+    yield Trial("part absent", part, _with(photo, fitted(other.photo, photo.camera)), start(5, 3), False)
 
 
 def displaced(case: Case, px: float, degrees: float, rng: np.random.Generator) -> Rigid:
@@ -204,7 +204,7 @@ def _seen_by(photo: Photo, factor: float) -> Photo:
     return replace(photo, viewpoint=replace(photo.viewpoint, camera=camera))
 
 
-def _fitted(photo: Photo, camera: Camera) -> Array:
+def fitted(photo: Photo, camera: Camera) -> Array:
     """Return the picture of another set, repeated by reflection or cut to the camera's size."""
     rows, columns = photo.gray.shape
     pixels = _pixels(photo)
@@ -212,21 +212,21 @@ def _fitted(photo: Photo, camera: Camera) -> Array:
     return np.pad(pixels, more, mode="symmetric")[: camera.height, : camera.width]
 
 
-def _stretched(part: Part, factors: Sequence[float]) -> Part:
+def stretched_part(part: Part, factors: Sequence[float]) -> Part:
     mesh = part.scene.mesh
     middle = mesh.bounds.mean(axis=0)
     return _part(mesh, middle + (mesh.vertices - middle) * factors)
 
 
-def _sized(part: Part, like: Part) -> Part:
+def sized(part: Part, like: Part) -> Part:
     """Return a part scaled to the size of another."""
     sizes = [np.linalg.norm(p.scene.mesh.size_mm) for p in (like, part)]
     return _part(part.scene.mesh, part.scene.mesh.vertices * sizes[0] / sizes[1])
 
 
-def _middle(part: Part, like: Part, truth: Rigid) -> Rigid:
+def middle_on_middle(part: Part, like: Part, truth: Rigid) -> Rigid:
     """Return the pose that puts the middle of a part, scaled to the other's size, where the other's is."""
-    there, own = like.scene.mesh, _sized(part, like).scene.mesh
+    there, own = like.scene.mesh, sized(part, like).scene.mesh
     return truth @ Rigid(translation=there.bounds.mean(axis=0) - own.bounds.mean(axis=0))
 
 

@@ -149,6 +149,15 @@ def shots(case: str, pictures: int, seed: int) -> Iterator[tuple[Photo, Rigid, A
         yield Photo.of(gray, CAMERA, camera_from_part), start, by
 
 
+def count_flagged(out: Tally, case: str, seen: Inspection, name: str | None, wanted: State) -> None:
+    """Count whether the body of that name is flagged as what it is, and whether another is; tell what is wrong."""
+    flagged = {f.name: f.state for f in seen.features if blamed(f)}
+    out.found += flagged.get(name or "") is wanted
+    out.alarms += bool(set(flagged) - {name})
+    if set(flagged) - {name} or (name and flagged.get(name) is not wanted):
+        tell(case, out.pictures, seen, name)
+
+
 def study(case: str, pictures: int, seed: int) -> Tally:
     """Return how a case came out."""
     name, size = CASES[case]
@@ -164,11 +173,7 @@ def study(case: str, pictures: int, seed: int) -> Tally:
             out.lost += 1
             print(f"{case} {out.pictures}: {located.reason if seen is None else seen.reason}", file=sys.stderr)
             continue
-        flagged = {f.name: f.state for f in seen.features if blamed(f)}
-        out.found += flagged.get(name or "") is wanted
-        out.alarms += bool(set(flagged) - {name})
-        if set(flagged) - {name} or (name and flagged.get(name) is not wanted):
-            tell(case, out.pictures, seen, name)
+        count_flagged(out, case, seen, name, wanted)
         for target in (STIFFENER, BRACKET) if name is None else (name,):
             if measure(out, seen, target, by) > FAR:
                 tell(case, out.pictures, seen, target)

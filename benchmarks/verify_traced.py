@@ -36,10 +36,10 @@ from cadcam.verify.inspection import inspect
 from locate_scene import WHITE, starts
 from locate_traced import Bench
 from traced_smoothly import picture
-from verify import BRACKET, CAMERA, NOISE, STIFFENER, Tally, lights, measure, shows, tell
+from verify import BRACKET, CAMERA, NOISE, STIFFENER, Tally, count_flagged, lights, measure, shows
 from verify import block as inner_block
 from verify import pose as inner_pose
-from verify_blocks import across, blamed, built
+from verify_blocks import across, built
 
 GREY = (0.5, 0.5, 0.5)
 SKY, LAMP_AT = 0.6, 8.5  # radiance; distance of the lamp in reaches of the block
@@ -179,11 +179,7 @@ def study(case: str, pictures: int, seed: int, folder: Path) -> Tally:
             out.lost += 1
             print(f"{case} {out.pictures}: {located.reason if seen is None else seen.reason}", file=sys.stderr)
             continue
-        flagged = {f.name: f.state for f in seen.features if blamed(f)}
-        out.found += flagged.get(subject.name or "") is wanted
-        out.alarms += bool(set(flagged) - {subject.name})
-        if set(flagged) - {subject.name} or (subject.name and flagged.get(subject.name) is not wanted):
-            tell(case, out.pictures, seen, subject.name)
+        count_flagged(out, case, seen, subject.name, wanted)
         for name in part(subject.of).scene.mesh.part_names if subject.name is None else (subject.name,):
             if wanted is State.DISPLACED:
                 measure(out, seen, name, None if subject.name is None else subject.by)
