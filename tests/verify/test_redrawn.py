@@ -5,11 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
-from cadcam.verify.bodies.findings import Case, _anywhere, _likelier, findings_of
+from cadcam.verify.adjustment.alarms import AS_IN_PLACE
+from cadcam.verify.bodies.findings import Case, _anywhere, _likelier, _Suspect, findings_of, findings_redrawn
+from cadcam.verify.bodies.redrawn import displaced as displaced_by
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.edges.survey import surveyed
 from cadcam.verify.tolerances.tolerance import whole_parts
@@ -89,8 +92,31 @@ def test_what_edges_and_pixels_explain_counts_once() -> None:
 
     By neither was that as sure as an alarm has to be, which it was by their sum.
     """
-    assert not _likelier(4.7, 5.0, least=8.2)
-    assert _likelier(4.7, 8.3, least=8.2)
-    assert _likelier(8.3, 0.0, least=8.2)
-    assert not _likelier(-9.0, 8.3, least=8.2)
-    assert _likelier(-1.0, 1.1, least=0.0)  # where nothing says "in place"
+    assert not _likelier(4.7, 5.0, least=8.2, measured=True)
+    assert _likelier(4.7, 8.3, least=8.2, measured=True)
+    assert _likelier(8.3, 0.0, least=8.2, measured=True)
+    assert not _likelier(-9.0, 8.3, least=8.2, measured=False)
+    assert _likelier(-1.0, 1.1, least=0.0, measured=False)  # where nothing says "in place"
+
+
+@pytest.mark.parametrize("measured", [True, False])
+def test_tones_do_not_move_a_body_whose_edges_say_that_it_is_in_place(
+    measured: bool, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A patch of sun beside a bar, which no light of the model throws, spoke for another place by 98, its edges by -10.
+
+    Not measured, the body may be there: then tones are what is known of it.
+    """
+    asked, shot = whole_parts(part().scene), photo(plate(), rng)
+    case = Case(part(), [shot], Rigid(), asked, np.eye(6), 8.0, 0.01)
+    look = findings_of(case, part(), surveyed(part(), [shot], Rigid(), asked, reach_px=8.0))
+    number = look.survey.names.index("block")
+    body, moved = look.survey.whole_part(number), displaced_by(look.measured, number)
+    assert body is not None
+    assert moved is not None
+    assert moved.p_value > AS_IN_PLACE
+    suspect = _Suspect(number, body, moved if measured else None)
+    told = [(np.array([4.0, 2.0, 0.0]), 98.0), (None, 0.0)]
+    monkeypatch.setattr("cadcam.verify.bodies.findings._suspects", lambda case, look: [suspect])
+    monkeypatch.setattr("cadcam.verify.bodies.findings._likeliest", lambda *_: told.pop(0))
+    assert bool(findings_redrawn(case, look).survey.by[body].any()) is not measured
