@@ -137,7 +137,7 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
             if again is None:
                 continue
             by_edges = again.explained(seen, clutter) - before
-            if _likelier(by_edges, gain, least=_least_gain(case, look, suspect), measured=suspect.in_place):
+            if _likelier(by_edges, gain, least=_least_gain(case, look, suspect), measured=suspect.moved is not None):
                 look = again
                 break
         else:
@@ -152,11 +152,6 @@ class _Suspect:
     number: int
     part: int
     moved: Displacement | None
-
-    @property
-    def in_place(self) -> bool:
-        """Return whether its edges, measured from where it is drawn, say that it is there."""
-        return self.moved is not None and self.moved.p_value > AS_IN_PLACE
 
 
 def _suspects(case: Case, look: Findings) -> list[_Suspect]:
@@ -223,8 +218,8 @@ def _likelier(by_edges: float, by_pixels: float, *, least: float, measured: bool
     """Return whether a body drawn elsewhere explains more of the photos, by edges and pixels (log likelihood ratios).
 
     The edges are made of the same pixels: the `least` that it has to explain more, one of the two has to by itself.
-    measured: whether its edges say that it is where it was drawn. Then the edges that show elsewhere must say more: what
-    tones say is only as good as the light that they are predicted by, which a patch of sun or mottled paint belies.
+    measured: whether its edges were, from where it was drawn. Then those that show elsewhere must say more: what tones
+    say is only as good as the light that they are predicted by, which a patch of sun or mottled paint belies.
     """
     if measured and by_edges <= 0:
         return False
@@ -236,7 +231,8 @@ def _least_gain(case: Case, look: Findings, suspect: _Suspect) -> float:
 
     As much as for an alarm, if its edges, measured from where it is drawn, say that it is in place.
     """
-    return surely_elsewhere(look.presence, case.alarms) if suspect.in_place else 0.0
+    in_place = suspect.moved is not None and suspect.moved.p_value > AS_IN_PLACE
+    return surely_elsewhere(look.presence, case.alarms) if in_place else 0.0
 
 
 def _with(by: Array, part: int, to: Array) -> Array:
