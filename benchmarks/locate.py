@@ -32,7 +32,7 @@ from locate_ground import best_fit, ground_of, unknown_levels
 from locate_sets import PhotoSet, Start
 
 PROFILED = 24  # starts
-FRESH = 6  # noisy pictures of each frame, for scatter
+FRESH = 24  # noisy pictures of each frame, for scatter
 ROUNDED = 1 / np.sqrt(12)  # grey levels: the noise of a picture without any
 
 
