@@ -11,7 +11,16 @@ from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
-from cadcam.verify.bodies.findings import Case, _anywhere, _likelier, _Suspect, findings_of, findings_redrawn
+from cadcam.verify.bodies.findings import (
+    DOUBTFUL,
+    Case,
+    _anywhere,
+    _likelier,
+    _Suspect,
+    _unless_seen,
+    findings_of,
+    findings_redrawn,
+)
 from cadcam.verify.bodies.redrawn import displaced as displaced_by
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.edges.survey import surveyed
@@ -97,6 +106,13 @@ def test_what_edges_and_pixels_explain_counts_once() -> None:
     assert _likelier(8.3, 0.0, least=8.2, measured=True)
     assert not _likelier(-9.0, 8.3, least=8.2, measured=False)
     assert _likelier(-1.0, 1.1, least=0.0, measured=False)  # where nothing says "in place"
+
+
+def test_tones_do_not_miss_a_body_whose_edges_are_seen() -> None:
+    """A bar in the open, 6 of its 9 edges seen (L = 1.2): twice as bright as the light of the corner says, L = -7."""
+    assert _unless_seen(-6.85, 1.23) == -DOUBTFUL
+    assert _unless_seen(-6.85, -0.1) == -6.85
+    assert _unless_seen(4.0, 1.23) == 4.0
 
 
 @pytest.mark.parametrize("measured", [True, False])

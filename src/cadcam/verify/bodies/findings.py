@@ -283,8 +283,17 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
         by_tones = tones.log_ratio(body, edges=found.log_ratio, any_light=found.in_any_light)
         if min(found.log_ratio, by_tones) < _RATHER_NOT and by_tones < DOUBTFUL:
             by_tones += _uncovered(case, survey, body)
-        out[i] = replace(found, log_ratio=by_tones)
+        out[i] = replace(found, log_ratio=_unless_seen(by_tones, found.log_ratio))
     return out
+
+
+def _unless_seen(by_tones: float, by_edges: float) -> float:
+    """Return the log likelihood ratio by edges and tones: not clearly negative where the edges alone are for the body.
+
+    Then one of the two is wrong, and tones are the rather: a bar in the open is twice as bright as the light says that
+    is fitted to the corner below it. It is in doubt.
+    """
+    return max(by_tones, -DOUBTFUL) if by_edges > 0 else by_tones
 
 
 def _uncovered(case: Case, survey: Survey, body: int) -> float:
