@@ -35,14 +35,6 @@ SANITIZERS = ("-fsanitize=address,undefined,float-cast-overflow",)
 Build = Callable[[str], list[str]]
 
 
-def test_addresses_are_those_of_the_first_element_of_any_array() -> None:
-    whole = np.arange(24.0).reshape(4, 6)
-    still = whole.copy()
-    still.setflags(write=False)
-    arrays = [whole, still, whole[1:], whole[:, 2:], whole[::-1], np.zeros((0, 3)), np.array(7, np.int32)]
-    assert core.addresses(*arrays) == [array.ctypes.data for array in arrays]
-
-
 def test_instruction_sets_give_the_same_bits() -> None:
     best = core.choose_variant(-1)
     if best == "baseline":
