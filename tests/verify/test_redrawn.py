@@ -11,19 +11,20 @@ from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
+from cadcam.verify.bodies import findings
 from cadcam.verify.bodies.findings import (
     DOUBTFUL,
     Case,
     _anywhere,
     _likelier,
     _Suspect,
-    _unless_seen,
     findings_of,
     findings_redrawn,
 )
 from cadcam.verify.bodies.redrawn import displaced as displaced_by
 from cadcam.verify.bodies.redrawn import redrawn
-from cadcam.verify.edges.survey import surveyed
+from cadcam.verify.edges.presence import Presence
+from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import whole_parts
 
 from .scene import displaced, part, photo, plate
@@ -108,11 +109,24 @@ def test_what_edges_and_pixels_explain_counts_once() -> None:
     assert _likelier(-1.0, 1.1, least=0.0, measured=False)  # where nothing says "in place"
 
 
-def test_tones_do_not_miss_a_body_whose_edges_are_seen() -> None:
-    """A bar in the open, 6 of its 9 edges seen (L = 1.2): twice as bright as the light of the corner says, L = -7."""
-    assert _unless_seen(-6.85, 1.23) == -DOUBTFUL
-    assert _unless_seen(-6.85, -0.1) == -6.85
-    assert _unless_seen(4.0, 1.23) == 4.0
+@pytest.mark.parametrize(("by_edges", "told"), [(1.23, -DOUBTFUL), (-0.1, -6.85)])
+def test_tones_do_not_miss_a_body_whose_edges_are_seen(
+    by_edges: float, told: float, rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A bar in the open, 6 of its 9 edges seen (L = 1.2): twice as bright as the light of the corner says, -6.85."""
+    asked, shot = whole_parts(part().scene), photo(plate(), rng)
+    case = Case(part(), [shot], Rigid(), asked, np.eye(6), 8.0, 0.01)
+    survey = surveyed(part(), [shot], Rigid(), asked, reach_px=8.0)
+    number = survey.names.index("block")
+    own = findings._by_its_edges
+
+    def seen(survey: Survey, i: int) -> Presence:
+        return replace(own(survey, i), log_ratio=by_edges) if i == number else own(survey, i)
+
+    monkeypatch.setattr(findings, "_by_its_edges", seen)
+    monkeypatch.setattr(findings.Tones, "log_ratio", lambda *_, **__: -6.85)
+    monkeypatch.setattr(findings, "_uncovered", lambda *_: 0.0)
+    assert findings_of(case, part(), survey).presence[number].log_ratio == told
 
 
 @pytest.mark.parametrize("measured", [True, False])
