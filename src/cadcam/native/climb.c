@@ -1,97 +1,33 @@
-/* Edges of a part over direction fields: sliding and climbing, see field.h. Compiled once for each instruction set. */
-#include "place.h"
-#include "vectors.h"
+/* Edges of a part that climb direction fields, and their evidence: see field.h. Compiled once for each instruction
+ * set. */
+#include "eights.h"
 
-#define TAPS 16          /* at most, to either side of a place */
-#define REACH 2.5        /* blurs, to either side */
-/* ---- sliding */
-
-#define LANES 16 /* sums are added in groups of so many: a row of them is a multiple */
-
-/* Add a plane, shifted by (x, y), to the window of sums, whose rows are `stride` long. */
-static void add_shifted(const cc_field *f, int sector, int32_t x, int32_t y, int32_t wide, int32_t high, int32_t stride,
-                        uint16_t *sums) {
-    const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
-    const int32_t from_y = imax(0, -y), to_y = imin(high, f->height - y);
-    if (x >= 0 && x + stride <= f->width) { /* the common case, a window inside: beyond `wide` nothing is looked at */
-        const uint8_t *row = plane + (ptrdiff_t)(y + from_y) * f->width + x;
-        uint16_t *out = sums + (size_t)from_y * (size_t)stride;
-        for (int32_t j = from_y; j < to_y; j++, row += f->width, out += stride)
-            for (int32_t k = 0; k < stride; k += LANES) *(h16 *)(out + k) += sixteen(row + k);
-        return;
-    }
-    const int32_t from_x = imax(0, -x), to_x = imin(wide, f->width - x);
-    if (from_x >= to_x) return;
-    for (int32_t j = from_y; j < to_y; j++) {
-        const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + (x + from_x);
-        uint16_t *restrict out = sums + (size_t)j * (size_t)stride + from_x;
-        for (int32_t i = 0; i < to_x - from_x; i++) out[i] = (uint16_t)(out[i] + row[i]);
-    }
-}
-
-/* The largest of the window's sums: its value, and where. */
-static uint16_t largest(const uint16_t *sums, int32_t wide, int32_t high, int32_t stride, int32_t *x, int32_t *y) {
-    uint16_t best = 0;
-    *x = *y = 0;
-    for (int32_t j = 0; j < high; j++) {
-        const uint16_t *row = sums + (size_t)j * (size_t)stride;
-        uint16_t top = 0;
-        for (int32_t i = 0; i < wide; i++) top = row[i] > top ? row[i] : top;
-        if (top <= best) continue;
-        best = top, *y = j;
-        for (*x = 0; row[*x] != top;) ++*x;
-    }
-    return best;
-}
-
-static void best_of(uint16_t *sums, int32_t wide, int32_t high, int32_t stride, int32_t keep, int32_t apart,
-                    double mean, double deviation, int32_t left, int32_t top, int32_t *shift, float *score) {
-    for (int32_t k = 0; k < keep; k++) {
-        int32_t x, y;
-        const uint16_t best = largest(sums, wide, high, stride, &x, &y);
-        shift[2 * k] = left + x, shift[2 * k + 1] = top + y;
-        score[k] = best ? (float)((best - mean) / deviation) : -INFINITY;
-        if (k + 1 == keep) return;
-        for (int32_t j = imax(0, y - apart); j <= imin(high - 1, y + apart); j++) {
-            uint16_t *row = sums + (size_t)j * (size_t)stride;
-            for (int32_t i = imax(0, x - apart); i <= imin(wide - 1, x + apart); i++) row[i] = 0;
-        }
-    }
-}
-
-void VARIANT(climb_slide)(const cc_pose_edges *v, int32_t eye, const double *poses, int32_t centre_x, int32_t centre_y,
-                          int32_t reach_x, int32_t reach_y, int32_t keep, int32_t apart, uint16_t *scratch,
-                          int32_t *shift, float *score) {
-    const cc_eye *e = &v->eyes[eye];
-    const int32_t stride = (2 * reach_x + LANES) / LANES * LANES;
-    const int32_t wide = 2 * reach_x + 1, high = 2 * reach_y + 1, left = centre_x - reach_x, top = centre_y - reach_y;
-    for (int64_t k = 0; k < v->n_poses; k++) {
-        const rigid c = seen_by(e, poses + 12 * k);
-        const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
-        double mean = 0, variance = 1e-9;
-        memset(scratch, 0, (size_t)stride * (size_t)high * sizeof *scratch);
-        for (int32_t i = 0; i < imin(v->count[k * v->n_eyes + eye], CC_SLIDABLE); i++) {
-            spot s;
-            if (!image_of(e, &c, &places[i], &s)) continue;
-            const int sector = sector_of(s.dx, s.dy);
-            add_shifted(&e->field, sector, nearest(s.x) + left, nearest(s.y) + top, wide, high, stride, scratch);
-            mean += e->field.mean[sector], variance += e->field.variance[sector];
-        }
-        best_of(scratch, wide, high, stride, keep, apart, mean, sqrt(variance), left, top, shift + 2 * keep * k,
-                score + keep * k);
-    }
-}
-
-/* ---- climbing */
+#define REACH 2.5 /* blurs, to either side */
 
 typedef struct { double A[6][6], b[6]; } equations;
 
-static inline void add_row(equations *q, const double J[6], double weight, double offset) {
-    for (int i = 0; i < 6; i++) {
-        const double wj = weight * J[i];
-        for (int j = 0; j <= i; j++) q->A[i][j] += wj * J[j];
+/* The same while it is added up: the lower half of A, and b, of eight places at a time. */
+typedef struct { f8 A[21], b[6]; } sums;
+
+INLINE void add_rows(sums *q, const f8 J[6], f8 weight, f8 offset) {
+    for (int i = 0, m = 0; i < 6; i++) {
+        const f8 wj = weight * J[i];
+        for (int j = 0; j <= i; j++, m++) q->A[m] += wj * J[j];
         q->b[i] += wj * offset;
     }
+}
+
+INLINE double sum_of(f8 v) {
+    return (((double)v[0] + v[1]) + ((double)v[2] + v[3])) + (((double)v[4] + v[5]) + ((double)v[6] + v[7]));
+}
+
+static equations summed(const sums *q) {
+    equations out = {0};
+    for (int i = 0, m = 0; i < 6; i++) {
+        for (int j = 0; j <= i; j++, m++) out.A[i][j] = sum_of(q->A[m]);
+        out.b[i] = sum_of(q->b[i]);
+    }
+    return out;
 }
 
 /* The equations of the motions F x, F (6, n). */
@@ -130,6 +66,7 @@ static int solved(const equations *q, const double *damping, int n, double *x) {
         x[i] = y[i];
         for (int k = i + 1; k < n; k++) x[i] -= L[k][i] * x[k];
         x[i] /= L[i][i];
+        if (!isfinite(x[i])) return 0;
     }
     return 1;
 }
@@ -161,78 +98,37 @@ static void moved(double *pose, const double *xi, const double *pivot) {
     memcpy(pose, R, sizeof R);
 }
 
-/* A Gaussian at places 1 px apart, `taps` of them to either side; nil beyond, as far as vectors reach. */
-typedef struct { double bell[2 * TAPS + 4]; int taps; } kernel;
+/* A Gaussian at places 1 px apart, `taps` of them to either side. */
+typedef struct { float bell[2 * TAPS + 1]; int taps; } kernel;
 
 static kernel kernel_of(double blur) {
     kernel k = {.taps = (int)lower(TAPS, ceil(REACH * blur))};
-    for (int i = -k.taps; i <= k.taps; i++) k.bell[i + k.taps] = exp(-0.5 * i * i / (blur * blur));
+    for (int i = -k.taps; i <= k.taps; i++) k.bell[i + k.taps] = (float)exp(-0.5 * i * i / (blur * blur));
     return k;
 }
 
-static int inside(const cc_field *f, double x, double y) {
-    return x >= -0.5 && y >= -0.5 && x < f->width - 0.5 && y < f->height - 0.5;
+/* How spots move in directions (nx, ny) with the twists about the pivot: J (6,). */
+INLINE void motions_of(const view *w, const eight_places *e, const eight_spots *s, f8 nx, f8 ny, f8 *J) {
+    const f8 gx = nx * w->fx * s->over_z, gy = (nx * w->skew + ny * w->fy) * s->over_z;
+    const f8 gz = -(gx * s->u + gy * s->v), *p = e->p;
+    for (int i = 0; i < 3; i++) J[i] = gx * w->R[i] + gy * w->R[3 + i] + gz * w->R[6 + i];
+    J[3] = p[1] * J[2] - p[2] * J[1], J[4] = p[2] * J[0] - p[0] * J[2], J[5] = p[0] * J[1] - p[1] * J[0];
 }
 
-/* The places along the normal (nx, ny) of a spot in a plane of the field, `n` of them. */
-typedef struct {
-    const uint8_t *plane;
-    double x, y, nx, ny;
-    int32_t width, height, n;
-} walk;
-
-static inline walk walk_of(const cc_field *f, const spot *s, const kernel *k, double nx, double ny, int sector) {
-    const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
-    return (walk){plane, s->x - k->taps * nx, s->y - k->taps * ny, nx, ny, f->width, f->height, 2 * k->taps + 1};
-}
-
-/* The certainties at places o to o + 3 of a walk, 0 outside the picture and beyond the last place. */
-INLINE d4 four_of(const walk *w, int o) {
-    const d4 number = o + *(const d4 *)COUNT; /* rounded as `nearest` does */
-    const i4 column = __builtin_convertvector(w->x + number * w->nx + (1048576 + 0.5), i4) - 1048576;
-    const i4 row = __builtin_convertvector(w->y + number * w->ny + (1048576 + 0.5), i4) - 1048576;
-    const i4 there = (column >= 0) & (column < w->width) & (row >= 0) & (row < w->height) &
-                     (o + *(const i4 *)LANE < w->n);
-    const i4 at = (row * w->width + column) & there;
-    const i4 found = {w->plane[at[0]], w->plane[at[1]], w->plane[at[2]], w->plane[at[3]]};
-    return __builtin_convertvector(found & there, d4);
-}
-
-INLINE double sum_of(d4 v) { return (v[0] + v[1]) + (v[2] + v[3]); }
-
-/* How a spot moves in the direction (nx, ny) with the twists of its part: J (6,). */
-static inline void motion_of(const cc_eye *e, const rigid *c, const spot *s, const float *p, double nx, double ny,
-                             double *J) {
-    const double gx = nx * e->fx * s->over_z, gy = (nx * e->skew + ny * e->fy) * s->over_z;
-    const double gz = -(gx * s->u + gy * s->v);
-    double g[3]; /* with the place, in the part's frame */
-    for (int i = 0; i < 3; i++) g[i] = gx * c->R[i] + gy * c->R[3 + i] + gz * c->R[6 + i];
-    J[0] = g[0], J[1] = g[1], J[2] = g[2];
-    J[3] = p[1] * g[2] - p[2] * g[1], J[4] = p[2] * g[0] - p[0] * g[2], J[5] = p[0] * g[1] - p[1] * g[0];
-}
-
-/* Add what a place tells, across its line, and to `slid`, unless NULL, how it moves along it, which nothing tells. */
-static void add_place(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, equations *q,
-                      equations *slid) {
-    spot s;
-    if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return;
-    const double length = sqrt(s.dx * s.dx + s.dy * s.dy);
-    if (!(length > 1e-9)) return;
-    const double nx = -s.dy / length, ny = s.dx / length;
-    const int sector = sector_of(s.dx, s.dy);
-    const double mean = e->field.mean[sector];
-    const walk along = walk_of(&e->field, &s, k, nx, ny, sector);
-    d4 sums = {0}, moments = {0};
-    for (int o = 0; o < along.n; o += 4) {
-        const d4 excess = four_of(&along, o) - mean;
-        const d4 over = *(const d4 *)(k->bell + o) * (d4)((l4)excess & (excess > 0.0));
-        sums += over, moments += (o - k->taps + *(const d4 *)COUNT) * over;
+/* Add what places tell, across their lines, and to `slid`, unless NULL, how they move along them, which nothing tells. */
+static void add_places(const view *w, const eight_places *e, const kernel *k, sums *q, sums *slid) {
+    const eight_spots s = images_of(w, e);
+    const f8 mean = looked_up(w->field->mean, s.sector);
+    f8 all = eight(0), moments = eight(0), J[6];
+    for (int o = -k->taps; o <= k->taps; o++) {
+        const f8 excess = certainties(w->field, &s, o) - mean;
+        const f8 over = k->bell[o + k->taps] * only(excess > 0.0f, excess);
+        all += over, moments += (float)o * over;
     }
-    const double sum = sum_of(sums), moment = sum_of(moments);
-    if (!(sum > 0)) return;
-    double J[6];
-    motion_of(e, c, &s, place->p, nx, ny, J), add_row(q, J, place->weight * sum, moment / sum);
-    if (slid) motion_of(e, c, &s, place->p, -ny, nx, J), add_row(slid, J, place->weight * sum, 0);
+    const i8 told = s.there & (all > 0.0f) & (s.length > 1e-9f);
+    const f8 weight = only(told, e->weight * all);
+    motions_of(w, e, &s, s.nx, s.ny, J), add_rows(q, J, weight, moments / choose(told, all, eight(1)));
+    if (slid) motions_of(w, e, &s, -s.ny, s.nx, J), add_rows(slid, J, weight, eight(0));
 }
 
 /* All motions F (6, 6) of a part seen by an eye, at a place p of it: along three axes, the last one the line of sight,
@@ -262,58 +158,81 @@ static void axes_at(const rigid *c, const float *p, double *F) {
         }
 }
 
+/* The places of a pose in one eye. */
+typedef struct { const cc_place *places; int32_t count; } run;
+
+static inline run run_of(const cc_pose_edges *v, int64_t k, int32_t eye) {
+    return (run){v->places + v->first[k * v->n_eyes + eye], v->count[k * v->n_eyes + eye]};
+}
+
+/* The motions of `freedom` (6, n), whose twists are about the part's origin, as twists about a pivot. */
+static void about(const float *pivot, const double *freedom, int n, double *F) {
+    for (int of = 0; of < n; of++)
+        for (int i = 0; i < 3; i++) {
+            const int j = (i + 1) % 3, m = (i + 2) % 3;
+            const double *w = freedom + 3 * n + of;
+            F[i * n + of] = freedom[i * n + of] + (w[j * n] * pivot[m] - w[m * n] * pivot[j]);
+            F[(3 + i) * n + of] = w[i * n];
+        }
+}
+
 static void step(const cc_pose_edges *v, int64_t k, double *pose, const kernel *kernel, const double *freedom, int n,
                  double held) {
-    equations q = {0}, slid = {0};
-    double x[6], xi[6] = {0}, axes[36], pivot[3], damping[6];
-    int free = 0;
+    sums told = {0}, along_lines = {0};
+    double x[6], xi[6] = {0}, axes[36], F[36], pivot[3], damping[6];
+    const cc_place *at = NULL; /* the pivot: the first place in the last eye that sees one */
     for (int32_t e = 0; e < v->n_eyes; e++) {
-        const rigid c = seen_by(&v->eyes[e], pose);
-        const cc_place *places = v->places + v->first[k * v->n_eyes + e];
-        const int32_t count = v->count[k * v->n_eyes + e];
-        for (int32_t i = 0; i < count; i++) add_place(&v->eyes[e], &c, &places[i], kernel, &q, held > 0 ? &slid : NULL);
-        if (n == 6 && count) {
-            axes_at(&c, places[0].p, axes), freedom = axes, free = 1;
-            for (int i = 0; i < 3; i++) pivot[i] = places[0].p[i];
+        const run r = run_of(v, k, e);
+        if (!r.count) continue;
+        at = r.places;
+        if (n == 6) {
+            const rigid c = seen_by(&v->eyes[e], pose);
+            axes_at(&c, at->p, axes), freedom = axes;
         }
     }
-    q = along(&q, freedom, n);
-    if (held > 0) slid = along(&slid, freedom, n);
-    for (int i = 0; i < n; i++) damping[i] = 0.01 * q.A[i][i] + held * slid.A[i][i];
+    if (!at) return;
+    for (int32_t e = 0; e < v->n_eyes; e++) {
+        const run r = run_of(v, k, e);
+        const view w = view_of(&v->eyes[e], pose, at->p);
+        for (int32_t i = 0; i < r.count; i += 8) {
+            const eight_places some = eight_of(r.places + i, r.count - i, at->p);
+            add_places(&w, &some, kernel, &told, held > 0 ? &along_lines : NULL);
+        }
+    }
+    about(at->p, freedom, n, F);
+    const equations all = summed(&told), slid = summed(&along_lines), q = along(&all, F, n), by = along(&slid, F, n);
+    for (int i = 0; i < n; i++) damping[i] = 0.01 * q.A[i][i] + held * by.A[i][i];
     if (!solved(&q, damping, n, x)) return;
     for (int i = 0; i < 6; i++)
         for (int j = 0; j < n; j++) xi[i] += freedom[i * n + j] * x[j];
-    moved(pose, xi, free ? pivot : NULL);
+    for (int i = 0; i < 3; i++) pivot[i] = at->p[i];
+    moved(pose, xi, n == 6 ? pivot : NULL);
 }
 
-/* The best certainty (0 to 255) under the kernel along the normal of a place, -1 outside the picture; its sector. */
-static double best_at(const cc_eye *e, const rigid *c, const cc_place *place, const kernel *k, int *sector) {
-    spot s;
-    if (!image_of(e, c, place, &s) || !inside(&e->field, s.x, s.y)) return -1;
-    const double length = sqrt(s.dx * s.dx + s.dy * s.dy) + 1e-12;
-    *sector = sector_of(s.dx, s.dy);
-    const walk along = walk_of(&e->field, &s, k, -s.dy / length, s.dx / length, *sector);
-    double best = 0;
-    for (int o = 0; o < along.n; o += 4) {
-        const d4 found = *(const d4 *)(k->bell + o) * four_of(&along, o);
-        best = upper(best, upper(upper(found[0], found[1]), upper(found[2], found[3])));
-    }
+/* The best certainties (0 to 255) under the kernel along the normals of spots. */
+INLINE f8 best_at(const cc_field *f, const eight_spots *s, const kernel *k) {
+    f8 best = eight(0);
+    for (int o = -k->taps; o <= k->taps; o++) best = most_of(best, k->bell[o + k->taps] * certainties(f, s, o));
     return best;
 }
 
 /* The certainty under all places of a pose, its mean and variance anywhere, and the weight in the picture. */
 static void judge(const cc_pose_edges *v, int64_t k, int32_t eye, const double *pose, const kernel *kernel,
                   double *score) {
-    const cc_eye *e = &v->eyes[eye];
-    const rigid c = seen_by(e, pose);
-    const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
+    const cc_field *f = &v->eyes[eye].field;
+    const run r = run_of(v, k, eye);
     score[0] = score[1] = score[2] = score[3] = 0;
-    for (int32_t i = 0; i < v->count[k * v->n_eyes + eye]; i++) {
-        int sector;
-        const double best = best_at(e, &c, &places[i], kernel, &sector), w = places[i].weight;
-        if (best < 0) continue;
-        score[0] += w * best / 255, score[1] += w * e->field.mean[sector] / 255;
-        score[2] += w * w * e->field.variance[sector] / (255.0 * 255.0), score[3] += w;
+    if (!r.count) return;
+    const view w = view_of(&v->eyes[eye], pose, r.places->p);
+    for (int32_t i = 0; i < r.count; i += 8) {
+        const eight_places some = eight_of(r.places + i, r.count - i, r.places->p);
+        const eight_spots s = images_of(&w, &some);
+        const f8 best = best_at(f, &s, kernel);
+        for (int m = 0; m < 8; m++) {
+            const double weight = s.there[m] ? some.weight[m] : 0;
+            score[0] += weight * best[m] / 255, score[1] += weight * f->mean[s.sector[m]] / 255;
+            score[2] += weight * weight * f->variance[s.sector[m]] / (255.0 * 255.0), score[3] += weight;
+        }
     }
 }
 
@@ -327,21 +246,30 @@ static double all_lines(const double *gain, int32_t lines, const cc_belief *beli
     return sum + log(product);
 }
 
+/* Add what the places of a run say to that of their lines. */
+static void add_gains(const cc_eye *e, const double *pose, const run *r, const int32_t *line, const kernel *kernel,
+                      const cc_belief *belief, double nats, double *gain) {
+    if (!r->count) return;
+    const view w = view_of(e, pose, r->places->p);
+    for (int32_t i = 0; i < r->count; i += 8) {
+        const eight_places some = eight_of(r->places + i, r->count - i, r->places->p);
+        const eight_spots s = images_of(&w, &some);
+        const f8 best = best_at(&e->field, &s, kernel);
+        for (int m = 0; m < 8; m++)
+            if (s.there[m]) gain[line[i + m]] += ((double)best[m] / 255 - belief->even) * nats;
+    }
+}
+
 void VARIANT(climb_evidence)(const cc_pose_edges *v, int32_t eye, const double *poses, double blur, const int32_t *line,
                              const double *share, const cc_belief *belief, double *scratch, double *out) {
-    const cc_eye *e = &v->eyes[eye];
     const kernel kernel = kernel_of(blur);
     for (int64_t k = 0; k < v->n_poses; k++) {
-        const rigid c = seen_by(e, poses + 12 * k);
-        const int64_t first = v->first[k * v->n_eyes + eye], end = first + v->count[k * v->n_eyes + eye];
+        const run r = run_of(v, k, eye);
+        const int32_t *its = line + (r.places - v->places);
         int32_t lines = 0;
-        for (int64_t i = first; i < end; i++) lines = imax(lines, line[i] + 1);
+        for (int32_t i = 0; i < r.count; i++) lines = imax(lines, its[i] + 1);
         memset(scratch, 0, (size_t)lines * sizeof *scratch);
-        for (int64_t i = first; i < end; i++) {
-            int sector;
-            const double best = best_at(e, &c, &v->places[i], &kernel, &sector);
-            if (best >= 0) scratch[line[i]] += (best / 255 - belief->even) * (belief->nats * share[k]);
-        }
+        add_gains(&v->eyes[eye], poses + 12 * k, &r, its, &kernel, belief, belief->nats * share[k], scratch);
         out[k] = all_lines(scratch, lines, belief);
     }
 }

@@ -81,6 +81,16 @@ INLINE void pairs(const float *p, i8 at, f8 *one, f8 *next) {
     *one = (f8)_mm256_permute4x64_pd((__m256d)_mm256_shuffle_ps(a, b, 0x88), 0xD8); /* 0 1 4 5 2 3 6 7 in order */
     *next = (f8)_mm256_permute4x64_pd((__m256d)_mm256_shuffle_ps(a, b, 0xDD), 0xD8);
 }
+
+/* Bytes p[at] of at least four, which are read four at a time: none beyond the last. */
+INLINE i8 bytes_at(const uint8_t *p, i8 at) {
+    const i8 from = (at - 3) & (at > 3);
+    return ((i8)_mm256_i32gather_epi32((const int *)(const void *)p, (__m256i)from, 1) >> (8 * (at - from))) & 255;
+}
+
+INLINE f8 looked_up(const float table[8], i8 at) {
+    return (f8)_mm256_permutevar8x32_ps(_mm256_loadu_ps(table), (__m256i)at);
+}
 #else
 INLINE f8 choose(i8 mask, f8 yes, f8 no) { return (f8)(((i8)yes & mask) | ((i8)no & ~mask)); }
 INLINE f8 least_of(f8 a, f8 b) { return choose(a < b, a, b); }
@@ -106,6 +116,15 @@ INLINE h16 sixteen(const uint8_t *p) {
 }
 INLINE void pairs(const float *p, i8 at, f8 *one, f8 *next) {
     for (int i = 0; i < 8; i++) (*one)[i] = p[at[i]], (*next)[i] = p[at[i] + 1];
+}
+INLINE i8 bytes_at(const uint8_t *p, i8 at) {
+    for (int i = 0; i < 8; i++) at[i] = p[at[i]];
+    return at;
+}
+INLINE f8 looked_up(const float table[8], i8 at) {
+    f8 v;
+    for (int i = 0; i < 8; i++) v[i] = table[at[i]];
+    return v;
 }
 INLINE void transposed(const float *const r[8], f8 out[4]) {
     for (int i = 0; i < 8; i++)
