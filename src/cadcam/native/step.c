@@ -131,7 +131,7 @@ static void add(equations *e, pixels *p, double blur) {
 
 /* Four numbers of a picture that ends at `end`. */
 INLINE d4 four(const float *at, const float *end) {
-    if (end - at >= 4) return (d4){at[0], at[1], at[2], at[3]};
+    if (end - at >= 4) return __builtin_convertvector(*(const f4 *)at, d4);
     d4 v = {at[0], 0, 0, 0};
     for (int k = 1; at + k < end; k++) v[k] = at[k];
     return v;
@@ -196,59 +196,102 @@ static int gather(const cc_picture *p, const double *q, const double *n, double 
     return 1;
 }
 
-/* x of A x = y for the first n rows of a symmetric positive A (lower half, overwritten by its factor), y' A^-1 y, and
- * numbers 1 and 2 of the inverse's diagonal; 0 where A is not positive. */
-INLINE int solved(double A[TERMS][TERMS], const double *y, const int n, double *x, double *explained, double *Q) {
-    double over[TERMS], z[TERMS];
-    *explained = 0;
+INLINE d4 either(l4 mask, d4 yes, d4 no) { return (d4)(((l4)yes & mask) | ((l4)no & ~mask)); }
+
+/* What the sums of four cells with as many terms say: the terms' factors x, the share of the squares that they explain,
+ * and cofactors of the step and its bell; there: a mask of the cells whose pixels determine them. */
+typedef struct {
+    d4 x[TERMS], explained, Q[2];
+    l4 there;
+} factors;
+
+/* x of A x = y for the first n rows of symmetric positive A (lower half, overwritten by its factor), y' A^-1 y, and
+ * numbers 1 and 2 of the inverse's diagonal; of those of f->there, which leaves out the A that are not positive. */
+INLINE void solved(d4 A[TERMS][TERMS], const d4 *y, const int n, factors *f) {
+    const d4 one = four_d(1);
+    d4 over[TERMS], z[TERMS];
+    f->explained = four_d(0);
     for (int i = 0; i < n; i++) {
-        double right = y[i];
+        d4 right = y[i], s = A[i][i];
         for (int j = 0; j < i; j++) {
             for (int k = 0; k < j; k++) A[i][j] -= A[i][k] * A[j][k];
             A[i][j] *= over[j], right -= A[i][j] * z[j];
         }
-        double s = A[i][i];
         for (int k = 0; k < i; k++) s -= A[i][k] * A[i][k];
-        if (!(s > 1e-9 * A[i][i])) return 0;
-        over[i] = 1 / sqrt(s), z[i] = right * over[i], *explained += z[i] * z[i];
+        f->there &= s > 1e-9 * A[i][i];
+        over[i] = 1 / root_d(either(f->there, s, one)), z[i] = right * over[i], f->explained += z[i] * z[i];
     }
     for (int i = n - 1; i >= 0; i--) {
-        double s = z[i];
-        for (int k = i + 1; k < n; k++) s -= A[k][i] * x[k];
-        x[i] = s * over[i];
+        d4 s = z[i];
+        for (int k = i + 1; k < n; k++) s -= A[k][i] * f->x[k];
+        f->x[i] = s * over[i];
     }
     for (int of = 1; of <= 2; of++) {
-        double column[TERMS], sum = 0;
+        d4 column[TERMS], sum = four_d(0);
         for (int i = of; i < n; i++) {
-            double s = i == of;
+            d4 s = four_d(i == of);
             for (int k = of; k < i; k++) s -= A[i][k] * column[k];
             column[i] = s * over[i], sum += column[i] * column[i];
         }
-        Q[of - 1] = sum;
+        f->Q[of - 1] = sum;
     }
-    return 1;
 }
 
-/* The terms' factors x, the share of the squares that they explain, and cofactors of the step and its bell; 0 where the
- * pixels do not determine them. */
-INLINE int factors(const double *sum, const int terms, const double *held, double *x, double *explained, double *Q) {
-    double A[TERMS][TERMS];
-    for (int i = 0, s = 0; i < terms; i++)
-        for (int j = 0; j <= i; j++, s++) A[i][j] = sum[s];
-    for (int i = 0; i < 2; i++) A[3 + i][3 + i] += lower(held[i], HELD);
+/* Four numbers, each `at` doubles after one of the given places. */
+INLINE d4 column_of(const double *const of[4], int at) { return (d4){of[0][at], of[1][at], of[2][at], of[3][at]}; }
+
+INLINE factors factors_of(const double *const sum[4], const int terms, const double *const held[4]) {
+    d4 A[TERMS][TERMS], y[TERMS];
+    int s = 0;
+    for (int i = 0; i < terms; i++)
+        for (int j = 0; j <= i; j++, s++) A[i][j] = column_of(sum, s);
+    for (int i = 0; i < terms; i++, s++) y[i] = column_of(sum, s);
+    for (int i = 0; i < 2; i++) {
+        const d4 by = column_of(held, i);
+        A[3 + i][3 + i] += either(by < HELD, by, four_d(HELD));
+    }
     for (int i = OWN; i < terms; i++) A[i][i] += TWIN;
-    return sum[COUNTED] >= terms + 3 && solved(A, sum + terms * (terms + 1) / 2, terms, x, explained, Q);
+    factors f = {.there = column_of(sum, COUNTED) >= terms + 3.0};
+    solved(A, y, terms, &f);
+    return f;
 }
 
-INLINE void solve(const double *sum, const int terms, const double *held, double *out) {
-    double x[TERMS], explained, Q[2];
-    const double *y = sum + terms * (terms + 1) / 2, count = sum[COUNTED];
-    if (!factors(sum, terms, held, x, &explained, Q)) return;
-    const double rss = upper(y[terms] - explained, 0);
+/* Solve for the steps of four cells, the first n of which are asked for. */
+INLINE void solve(const double *const sum[4], const int terms, const double *const held[4], double *const out[4],
+                  int n) {
+    const factors f = factors_of(sum, terms, held);
+    const d4 zero = four_d(0), count = column_of(sum, COUNTED), squares = column_of(sum, terms * (terms + 3) / 2);
+    const d4 rss = either(squares > f.explained, squares - f.explained, zero);
     /* a term with a prior costs no degree of freedom: its spread is part of the model */
-    const double freedom = count - terms + (held[0] > 0) + (held[1] > 0);
-    out[0] = x[1], out[1] = x[2], out[2] = x[3], out[3] = x[4], out[4] = sqrt(rss / freedom);
-    out[5] = Q[0], out[6] = Q[1], out[7] = count, out[8] = sum[CLIPPED] / count;
+    const l4 free = (column_of(held, 0) > zero) + (column_of(held, 1) > zero); /* each a mask, -1 */
+    const d4 noise = root_d(rss / (count - terms - __builtin_convertvector(free, d4)));
+    const d4 clipped = column_of(sum, CLIPPED) / count;
+    for (int m = 0; m < n; m++) {
+        if (!f.there[m]) continue;
+        double *o = out[m];
+        o[0] = f.x[1][m], o[1] = f.x[2][m], o[2] = f.x[3][m], o[3] = f.x[4][m], o[4] = noise[m];
+        o[5] = f.Q[0][m], o[6] = f.Q[1][m], o[7] = count[m], o[8] = clipped[m];
+    }
+}
+
+/* Cells with as many terms, until there are four to be solved at a time. */
+typedef struct {
+    const double *sum[4], *held[4];
+    double *out[4];
+    int n;
+} waiting;
+
+INLINE void solve_waiting(waiting *w, const int terms) {
+    if (!w->n) return;
+    for (int m = w->n; m < 4; m++) w->sum[m] = w->sum[0], w->held[m] = w->held[0];
+    solve(w->sum, terms, w->held, w->out, w->n);
+    w->n = 0;
+}
+
+static void solve_all(waiting *w, int terms) {
+    if (terms == OWN) solve_waiting(w, OWN);
+    else if (terms == OWN + 1) solve_waiting(w, OWN + 1);
+    else solve_waiting(w, OWN + 2);
 }
 
 /* Equations without pixels, with the twins whose steps reach into the cell. */
@@ -279,31 +322,38 @@ void VARIANT(step_sums)(const cc_picture *picture, int64_t n, const double *q, c
 }
 
 void VARIANT(steps)(int64_t n, const double *sums, const double *held, double *out) {
+    waiting with[3] = {{.n = 0}}; /* by how many twins they have */
     for (int64_t i = 0; i < n; i++) {
         const double *s = sums + CC_STEP_SUMS * i;
         double *o = out + CC_STEP_TERMS * i;
         for (int k = 0; k < CC_STEP_TERMS; k++) o[k] = NAN;
-        if (s[OF_TERMS] == OWN) solve(s, OWN, held + 2 * i, o);
-        else if (s[OF_TERMS] == OWN + 1) solve(s, OWN + 1, held + 2 * i, o);
-        else if (s[OF_TERMS] == OWN + 2) solve(s, OWN + 2, held + 2 * i, o);
+        if (!(s[OF_TERMS] >= OWN && s[OF_TERMS] <= TERMS)) continue; /* the cell left the picture */
+        const int twins = (int)s[OF_TERMS] - OWN;
+        waiting *w = with + twins;
+        w->sum[w->n] = s, w->held[w->n] = held + 2 * i, w->out[w->n] = o;
+        if (++w->n == 4) solve_all(w, OWN + twins);
     }
+    for (int twins = 0; twins < 3; twins++) solve_all(with + twins, OWN + twins);
 }
 
 void VARIANT(step_residuals)(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                              const double *below, const double *above, const double *twins, double half_length,
                              double blur, const double *sums, int32_t bins, double width, double *out) {
-    static const double free[2] = {0, 0};
+    static const double free[2] = {0, 0}, *const held[4] = {free, free, free, free};
     memset(out, 0, sizeof *out * (size_t)n * (size_t)(2 * bins + 1));
     for (int64_t i = 0; i < n; i++) {
         const double *s = sums + CC_STEP_SUMS * i;
-        double *o = out + (2 * bins + 1) * i, explained = 0, Q[2];
+        double *o = out + (2 * bins + 1) * i;
         residuals left = {.from = -0.5 * bins * width, .width = width, .sum = o, .number = o + bins, .count = bins};
         equations e;
         begin(&e, twins + 4 * i, below[i], above[i], half_length, blur);
         const int terms = e.terms, known = terms == (int)s[OF_TERMS];
-        if (!known || !factors(s, terms, free, left.x, &explained, Q)) continue;
+        if (!known) continue;
+        const factors f = factors_of((const double *const[4]){s, s, s, s}, terms, held);
+        if (!f.there[0]) continue;
+        for (int k = 0; k < terms; k++) left.x[k] = f.x[k][0];
         e.left = &left;
         gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, blur, &e);
-        o[2 * bins] = upper(s[terms * (terms + 1) / 2 + terms] - explained, 0) / (s[COUNTED] - terms);
+        o[2 * bins] = upper(s[terms * (terms + 1) / 2 + terms] - f.explained[0], 0) / (s[COUNTED] - terms);
     }
 }

@@ -27,6 +27,7 @@ INLINE f8 choose(i8 mask, f8 yes, f8 no) { return (f8)_mm256_blendv_ps((__m256)n
 INLINE f8 least_of(f8 a, f8 b) { return (f8)_mm256_min_ps((__m256)a, (__m256)b); }
 INLINE f8 most_of(f8 a, f8 b) { return (f8)_mm256_max_ps((__m256)a, (__m256)b); }
 INLINE f8 root(f8 v) { return (f8)_mm256_sqrt_ps((__m256)v); }
+INLINE d4 root_d(d4 v) { return (d4)_mm256_sqrt_pd((__m256d)v); }
 INLINE unsigned signs(i8 v) { return (unsigned)_mm256_movemask_ps((__m256)v); }
 INLINE f8 floats(d4 a, d4 b) { return (f8)_mm256_set_m128(_mm256_cvtpd_ps((__m256d)b), _mm256_cvtpd_ps((__m256d)a)); }
 
@@ -97,6 +98,10 @@ INLINE f8 least_of(f8 a, f8 b) { return choose(a < b, a, b); }
 INLINE f8 most_of(f8 a, f8 b) { return choose(a > b, a, b); }
 INLINE f8 root(f8 v) {
     for (int i = 0; i < 8; i++) v[i] = sqrtf(v[i]);
+    return v;
+}
+INLINE d4 root_d(d4 v) {
+    for (int i = 0; i < 4; i++) v[i] = sqrt(v[i]);
     return v;
 }
 INLINE unsigned signs(i8 v) {
