@@ -117,7 +117,7 @@ INLINE void motions_of(const view *w, const eight_places *e, const eight_spots *
 
 /* Add what places tell, across their lines, and to `slid`, unless NULL, how they move along them, which nothing tells. */
 static void add_places(const view *w, const eight_places *e, const kernel *k, sums *q, sums *slid) {
-    const eight_spots s = images_of(w, e);
+    const eight_spots s = images_of(w, e, 0);
     const f8 mean = looked_up(w->field->mean, s.sector);
     f8 all = eight(0), moments = eight(0), J[6];
     for (int o = -k->taps; o <= k->taps; o++) {
@@ -156,13 +156,6 @@ static void axes_at(const rigid *c, const float *p, double *F) {
             F[6 * i + of] = F[6 * (3 + i) + 3 + of] = a[of][i], F[6 * (3 + i) + of] = 0;
             F[6 * i + 3 + of] = p[j] * a[of][m] - p[m] * a[of][j];
         }
-}
-
-/* The places of a pose in one eye. */
-typedef struct { const cc_place *places; int32_t count; } run;
-
-static inline run run_of(const cc_pose_edges *v, int64_t k, int32_t eye) {
-    return (run){v->places + v->first[k * v->n_eyes + eye], v->count[k * v->n_eyes + eye]};
 }
 
 /* The motions of `freedom` (6, n), whose twists are about the part's origin, as twists about a pivot. */
@@ -226,7 +219,7 @@ static void judge(const cc_pose_edges *v, int64_t k, int32_t eye, const double *
     const view w = view_of(&v->eyes[eye], pose, r.places->p);
     for (int32_t i = 0; i < r.count; i += 8) {
         const eight_places some = eight_of(r.places + i, r.count - i, r.places->p);
-        const eight_spots s = images_of(&w, &some);
+        const eight_spots s = images_of(&w, &some, 0);
         const f8 best = best_at(f, &s, kernel);
         for (int m = 0; m < 8; m++) {
             const double weight = s.there[m] ? some.weight[m] : 0;
@@ -253,7 +246,7 @@ static void add_gains(const cc_eye *e, const double *pose, const run *r, const i
     const view w = view_of(e, pose, r->places->p);
     for (int32_t i = 0; i < r->count; i += 8) {
         const eight_places some = eight_of(r->places + i, r->count - i, r->places->p);
-        const eight_spots s = images_of(&w, &some);
+        const eight_spots s = images_of(&w, &some, 0);
         const f8 best = best_at(&e->field, &s, kernel);
         for (int m = 0; m < 8; m++)
             if (s.there[m]) gain[line[i + m]] += ((double)best[m] / 255 - belief->even) * nats;

@@ -15,6 +15,13 @@ typedef struct {
     i8 there;                    /* a mask: the last eight may be filled up */
 } eight_places;
 
+/* The places of a pose in one eye. */
+typedef struct { const cc_place *places; int32_t count; } run;
+
+static inline run run_of(const cc_pose_edges *v, int64_t k, int32_t eye) {
+    return (run){v->places + v->first[k * v->n_eyes + eye], v->count[k * v->n_eyes + eye]};
+}
+
 /* An eye, and a part before it: camera_from_part of places that are relative to the pivot. */
 typedef struct {
     float R[9], t[3], fx, skew, cx, fy, cy;
@@ -22,7 +29,7 @@ typedef struct {
 } view;
 
 /* The images of eight places: pixel, unit normal of the line there, its length in the picture (that of a tangent), 1/z,
- * (x/z, y/z) and the sector. Those that are in the picture have their mask set, the others are all 0. */
+ * (x/z, y/z) and the sector. Those that count have their mask set, the others are all 0. */
 typedef struct {
     f8 x, y, nx, ny, length, over_z, u, v;
     i8 sector, there;
@@ -66,8 +73,8 @@ INLINE i8 sectors_of(f8 dx, f8 dy) {
 
 INLINE f8 turned_by(const float *r, const f8 *v) { return r[0] * v[0] + r[1] * v[1] + r[2] * v[2]; }
 
-/* As image_of of place.h. */
-INLINE eight_spots images_of(const view *w, const eight_places *e) {
+/* As image_of of place.h, of the places that are at most `beside` px outside of the picture. */
+INLINE eight_spots images_of(const view *w, const eight_places *e, float beside) {
     const float *R = w->R;
     const f8 X = turned_by(R, e->p) + w->t[0], Y = turned_by(R + 3, e->p) + w->t[1];
     const f8 Z = turned_by(R + 6, e->p) + w->t[2];
@@ -76,17 +83,23 @@ INLINE eight_spots images_of(const view *w, const eight_places *e) {
     const f8 x = w->fx * u + w->skew * v + w->cx, y = w->fy * v + w->cy;
     const f8 dx = w->fx * du + w->skew * dv, dy = w->fy * dv, length = root(dx * dx + dy * dy);
     const f8 nx = -dy / (length + 1e-12f), ny = dx / (length + 1e-12f);
-    const i8 there = e->there & (Z > (float)NEAREST * (size_of(X) + size_of(Y))) & (x >= -0.5f) & (y >= -0.5f) &
-                     (x < (float)w->field->width - 0.5f) & (y < (float)w->field->height - 0.5f) & (length < 1e18f);
+    const float least = -0.5f - beside, right = (float)w->field->width - 0.5f + beside;
+    const float low = (float)w->field->height - 0.5f + beside;
+    const i8 there = e->there & (Z > (float)NEAREST * (size_of(X) + size_of(Y))) & (x >= least) & (y >= least) &
+                     (x < right) & (y < low) & (length < 1e18f);
     return (eight_spots){only(there, x), only(there, y), only(there, nx), only(there, ny), only(there, length),
                          only(there, k), only(there, u), only(there, v), sectors_of(dx, dy) & there, there};
 }
 
+INLINE i8 nearest_to(f8 v) {
+    const f8 up = v + 0.5f;
+    const i8 whole = __builtin_convertvector(up, i8);
+    return whole + (__builtin_convertvector(whole, f8) > up); /* below 0 it was rounded up */
+}
+
 /* The certainties `o` px along the normals of spots, 0 outside of the picture. */
 INLINE f8 certainties(const cc_field *f, const eight_spots *s, int o) {
-    const float far = 2 * TAPS; /* added before truncation, which then rounds as `nearest` of place.h does */
-    const i8 column = __builtin_convertvector(s->x + (float)o * s->nx + (far + 0.5f), i8) - 2 * TAPS;
-    const i8 row = __builtin_convertvector(s->y + (float)o * s->ny + (far + 0.5f), i8) - 2 * TAPS;
+    const i8 column = nearest_to(s->x + (float)o * s->nx), row = nearest_to(s->y + (float)o * s->ny);
     const i8 there = s->there & (column >= 0) & (column < f->width) & (row >= 0) & (row < f->height);
     const i8 at = ((s->sector * f->height + row) * f->width + column) & there;
     return __builtin_convertvector(bytes_at(f->planes, at) & there, f8);

@@ -1,7 +1,7 @@
 /* Edges of a part slid over direction fields: see field.h. Compiled once for each instruction set. */
-#include "place.h"
-#include "vectors.h"
+#include "eights.h"
 
+#define FARTHEST_PX 1e6f /* a place farther beside the picture is not slid into it */
 #define LANES 16 /* sums are added in groups of so many: a row of them is a multiple */
 
 /* Add a plane, shifted by (x, y), to the window of sums, whose rows are `stride` long. */
@@ -62,16 +62,20 @@ void VARIANT(climb_slide)(const cc_pose_edges *v, int32_t eye, const double *pos
     const int32_t stride = (2 * reach_x + LANES) / LANES * LANES;
     const int32_t wide = 2 * reach_x + 1, high = 2 * reach_y + 1, left = centre_x - reach_x, top = centre_y - reach_y;
     for (int64_t k = 0; k < v->n_poses; k++) {
-        const rigid c = seen_by(e, poses + 12 * k);
-        const cc_place *places = v->places + v->first[k * v->n_eyes + eye];
+        const run all = run_of(v, k, eye);
+        const int32_t count = imin(all.count, CC_SLIDABLE);
         double mean = 0, variance = 1e-9;
         memset(scratch, 0, (size_t)stride * (size_t)high * sizeof *scratch);
-        for (int32_t i = 0; i < imin(v->count[k * v->n_eyes + eye], CC_SLIDABLE); i++) {
-            spot s;
-            if (!image_of(e, &c, &places[i], &s)) continue;
-            const int sector = sector_of(s.dx, s.dy);
-            add_shifted(&e->field, sector, nearest(s.x) + left, nearest(s.y) + top, wide, high, stride, scratch);
-            mean += e->field.mean[sector], variance += e->field.variance[sector];
+        const view w = count ? view_of(e, poses + 12 * k, all.places->p) : (view){0};
+        for (int32_t i = 0; i < count; i += 8) {
+            const eight_places some = eight_of(all.places + i, count - i, all.places->p);
+            const eight_spots s = images_of(&w, &some, FARTHEST_PX);
+            const i8 x = nearest_to(s.x) + left, y = nearest_to(s.y) + top;
+            for (int m = 0; m < 8; m++) {
+                if (!s.there[m]) continue;
+                add_shifted(&e->field, s.sector[m], x[m], y[m], wide, high, stride, scratch);
+                mean += e->field.mean[s.sector[m]], variance += e->field.variance[s.sector[m]];
+            }
         }
         best_of(scratch, wide, high, stride, keep, apart, mean, sqrt(variance), left, top, shift + 2 * keep * k,
                 score + keep * k);
