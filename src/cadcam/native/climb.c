@@ -115,7 +115,8 @@ INLINE void motions_of(const view *w, const eight_places *e, const eight_spots *
     J[3] = p[1] * J[2] - p[2] * J[1], J[4] = p[2] * J[0] - p[0] * J[2], J[5] = p[0] * J[1] - p[1] * J[0];
 }
 
-/* Add what places tell, across their lines, and to `slid`, unless NULL, how they move along them, which nothing tells. */
+/* Add what places tell, across their lines, and to `slid`, unless NULL, how they move along them, which nothing
+ * tells. */
 static void add_places(const view *w, const eight_places *e, const kernel *k, sums *q, sums *slid) {
     const eight_spots s = images_of(w, e, 0);
     const f8 mean = looked_up(w->field->mean, s.sector);

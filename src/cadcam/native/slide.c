@@ -3,26 +3,58 @@
 
 #define FARTHEST_PX 1e6f /* a place farther beside the picture is not slid into it */
 #define LANES 16 /* sums are added in groups of so many: a row of them is a multiple */
+static const uint16_t STEPS[LANES] = {0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15};
 
-/* Add a plane, shifted by (x, y), to the window of sums, whose rows are `stride` long. */
-static void add_shifted(const cc_field *f, int sector, int32_t x, int32_t y, int32_t wide, int32_t high, int32_t stride,
-                        uint16_t *sums) {
-    const uint8_t *plane = f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
-    const int32_t from_y = imax(0, -y), to_y = imin(high, f->height - y);
-    if (x >= 0 && x + stride <= f->width) { /* the common case, a window inside: beyond `wide` nothing is looked at */
-        const uint8_t *row = plane + (ptrdiff_t)(y + from_y) * f->width + x;
-        uint16_t *out = sums + (size_t)from_y * (size_t)stride;
-        for (int32_t j = from_y; j < to_y; j++, row += f->width, out += stride)
-            for (int32_t k = 0; k < stride; k += LANES) *(h16 *)(out + k) += sixteen(row + k);
+/* A window of shifts in the field, and its sums, whose rows are `stride` long: beyond `wide` nothing is looked at. */
+typedef struct {
+    const cc_field *field;
+    uint16_t *sums;
+    int32_t wide, high, stride;
+} window;
+
+static inline const uint8_t *sector_plane(const cc_field *f, int sector) {
+    return f->planes + (size_t)sector * (size_t)f->width * (size_t)f->height;
+}
+
+/* Where in a plane shifted by (x, y) the window begins, if all of its rows lie in the picture, else NULL. */
+static inline const uint8_t *inside_at(const window *w, int sector, int32_t x, int32_t y) {
+    const cc_field *f = w->field;
+    if ((x < 0) | (y < 0) | (x + w->stride > f->width) | (y + w->high > f->height)) return NULL;
+    return sector_plane(f, sector) + (ptrdiff_t)y * f->width + x;
+}
+
+/* Add windows that begin at n places of the planes. */
+static void add_whole(const window *w, const uint8_t *const *from, int n) {
+    for (int32_t j = 0; j < w->high; j++)
+        for (int32_t k = 0; k < w->stride; k += LANES) {
+            h16 *out = (h16 *)(w->sums + (ptrdiff_t)j * w->stride + k), sum = *out;
+            for (int i = 0; i < n; i++) sum += sixteen(from[i] + (ptrdiff_t)j * w->field->width + k);
+            *out = sum;
+        }
+}
+
+/* Add to `out` those of LANES numbers of a row, shifted by x, that lie in it; none beyond `first` .. `last` is read. */
+INLINE void add_some(const uint8_t *row, int32_t x, int32_t width, const uint8_t *first, const uint8_t *last,
+                     uint16_t *out) {
+    const int32_t from = imax(0, -x), to = imin(LANES, width - x);
+    const ptrdiff_t begin = row - first + x;
+    if (begin >= 0 && begin + LANES <= last - first + 1) {
+        const h16 lane = *(const h16 *)STEPS;
+        *(h16 *)out += sixteen(first + begin) & (lane >= (uint16_t)from) & (lane < (uint16_t)imax(to, 0));
         return;
     }
-    const int32_t from_x = imax(0, -x), to_x = imin(wide, f->width - x);
-    if (from_x >= to_x) return;
-    for (int32_t j = from_y; j < to_y; j++) {
-        const uint8_t *row = plane + (ptrdiff_t)(y + j) * f->width + (x + from_x);
-        uint16_t *restrict out = sums + (size_t)j * (size_t)stride + from_x;
-        for (int32_t i = 0; i < to_x - from_x; i++) out[i] = (uint16_t)(out[i] + row[i]);
-    }
+    for (int32_t i = from; i < to; i++) out[i] = (uint16_t)(out[i] + row[x + i]);
+}
+
+/* Add a plane, shifted by (x, y), as far as it reaches. */
+static void add_part(const window *w, int sector, int32_t x, int32_t y) {
+    const cc_field *f = w->field;
+    const uint8_t *first = f->planes, *last = sector_plane(f, CC_SECTORS) - 1, *plane = sector_plane(f, sector);
+    if (x <= -w->stride || x >= f->width) return;
+    for (int32_t j = imax(0, -y); j < imin(w->high, f->height - y); j++)
+        for (int32_t k = 0; k < w->stride; k += LANES)
+            add_some(plane + (ptrdiff_t)(y + j) * f->width, x + k, f->width, first, last,
+                     w->sums + (ptrdiff_t)j * w->stride + k);
 }
 
 /* The largest of the window's sums: its value, and where. */
@@ -61,8 +93,11 @@ void VARIANT(climb_slide)(const cc_pose_edges *v, int32_t eye, const double *pos
     const cc_eye *e = &v->eyes[eye];
     const int32_t stride = (2 * reach_x + LANES) / LANES * LANES;
     const int32_t wide = 2 * reach_x + 1, high = 2 * reach_y + 1, left = centre_x - reach_x, top = centre_y - reach_y;
+    const window shifts = {&e->field, scratch, wide, high, stride};
+    const uint8_t *inside[CC_SLIDABLE];
     for (int64_t k = 0; k < v->n_poses; k++) {
         const run all = run_of(v, k, eye);
+        int n = 0;
         const int32_t count = imin(all.count, CC_SLIDABLE);
         double mean = 0, variance = 1e-9;
         memset(scratch, 0, (size_t)stride * (size_t)high * sizeof *scratch);
@@ -73,10 +108,13 @@ void VARIANT(climb_slide)(const cc_pose_edges *v, int32_t eye, const double *pos
             const i8 x = nearest_to(s.x) + left, y = nearest_to(s.y) + top;
             for (int m = 0; m < 8; m++) {
                 if (!s.there[m]) continue;
-                add_shifted(&e->field, s.sector[m], x[m], y[m], wide, high, stride, scratch);
+                const uint8_t *from = inside_at(&shifts, s.sector[m], x[m], y[m]);
+                if (from) inside[n++] = from;
+                else add_part(&shifts, s.sector[m], x[m], y[m]);
                 mean += e->field.mean[s.sector[m]], variance += e->field.variance[s.sector[m]];
             }
         }
+        add_whole(&shifts, inside, n);
         best_of(scratch, wide, high, stride, keep, apart, mean, sqrt(variance), left, top, shift + 2 * keep * k,
                 score + keep * k);
     }

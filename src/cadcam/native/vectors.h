@@ -76,10 +76,11 @@ INLINE void three_bytes(i8 v, uint8_t out[24]) {
 
 /* Two pairs of numbers, side by side. */
 INLINE __m128 two_pairs(const float *a, const float *b) {
-    return _mm_loadh_pi(_mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)(const void *)a)), (const __m64 *)(const void *)b);
+    const __m128 low = _mm_castsi128_ps(_mm_loadl_epi64((const __m128i *)(const void *)a));
+    return _mm_loadh_pi(low, (const __m64 *)(const void *)b);
 }
 
-/* Numbers p[at], and their neighbours p[at + 1]. Loaded one by one, which takes some processors half as long as a gather. */
+/* Numbers p[at], and their neighbours p[at + 1]. They are loaded pair by pair: some processors gather slowly. */
 INLINE void pairs(const float *p, i8 at, f8 *one, f8 *next) {
     const __m256 a = _mm256_set_m128(two_pairs(p + at[4], p + at[5]), two_pairs(p + at[0], p + at[1]));
     const __m256 b = _mm256_set_m128(two_pairs(p + at[6], p + at[7]), two_pairs(p + at[2], p + at[3]));

@@ -79,12 +79,12 @@ class Cells:
         """
         if spread is None:
             spread = sight.blur(at, half_length=size.half_length, reach_px=size.reach)
-        samples, blur = sight.samples, np.sqrt(((at.normal @ spread) * at.normal).sum(axis=1))
+        samples, blur = sight.samples, np.sqrt(np.einsum("ij,ij->i", at.normal @ spread, at.normal))
         room = _room(samples, blur)
         below, above = np.minimum(room, np.maximum(size.reach, _REACH * blur)[:, None]).T
-        apart = np.abs(samples.twins[:, :, 0]).min(axis=1) > _TWIN * blur
+        apart = np.minimum(*np.abs(samples.twins[:, :, 0].T)) > _TWIN * blur
         enough = (below >= size.room) & (above >= size.room)
-        which = np.flatnonzero(apart & enough & np.isfinite(at.q).all(axis=1))
+        which = np.flatnonzero(apart & enough & at.imaged)
         unsettled = cls(
             size,
             which,
@@ -104,7 +104,7 @@ class Cells:
     @property
     def blur(self) -> float:
         """Return the blur (px) across the cells' lines, on average."""
-        return float(np.sqrt(np.mean(self.blurs**2))) if len(self.blurs) else float(np.sqrt(np.trace(self.spread) / 2))
+        return float(np.sqrt(self.blurs @ self.blurs / n if (n := len(self.blurs)) else np.trace(self.spread) / 2))
 
     def alike(self) -> list[tuple[Longs, float]]:
         """Return groups of cells of similar blur: their numbers, and that blur, px."""
@@ -245,10 +245,10 @@ def _bow(at: Projected, run: Ids, half_length: float, blur: Array) -> Array:
     towards the inside of the curve, by k blur^2 / 2. The neighbours on the line, at distance s, are k s^2 / 2 off.
     """
     before, here, after = at.q[:-2], at.q[1:-1], at.q[2:]
-    apart2 = 0.5 * (((after - here) ** 2).sum(axis=1) + ((before - here) ** 2).sum(axis=1))
+    apart2 = 0.5 * sum(np.einsum("ij,ij->i", away, away) for away in (after - here, before - here))
     curvature = np.zeros(len(run))
     with np.errstate(invalid="ignore", divide="ignore"):
-        bent = ((before + after - 2 * here) * at.normal[1:-1]).sum(axis=1) / apart2
+        bent = np.einsum("ij,ij->i", before + after - 2 * here, at.normal[1:-1]) / apart2
     curvature[1:-1] = np.where((run[2:] == run[:-2]) & np.isfinite(bent), bent, 0.0)
     first, last = np.flatnonzero(np.diff(run, prepend=-1)), np.flatnonzero(np.diff(run, append=-1))
     curvature[first], curvature[last] = curvature[np.minimum(first + 1, last)], curvature[np.maximum(last - 1, first)]

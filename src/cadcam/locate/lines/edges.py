@@ -60,7 +60,8 @@ class EdgeSamples:
 
     def select(self, which: Mask | Longs | slice) -> EdgeSamples:
         """Return the chosen samples."""
-        return EdgeSamples(*(getattr(self, name)[which] for name in self.__slots__))
+        chosen = np.arange(len(self))[which]
+        return EdgeSamples(*(getattr(self, name).take(chosen, axis=0) for name in self.__slots__))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,6 +74,11 @@ class Projected:
     q: Array
     normal: Array
     row: Array
+
+    @property
+    def imaged(self) -> Mask:
+        """Return which samples (N,) the camera images."""
+        return np.isfinite(self.q[:, 0] + self.q[:, 1])
 
 
 def project(samples: EdgeSamples, camera: Camera, camera_from_part: Rigid) -> Projected:
@@ -104,7 +110,7 @@ def sample_lines(
     run = _runs(paths, step_px)
     arc0 = _along(paths.length, run)
     segment, fraction, arc = _cells(paths.length, run, arc0, step_px)
-    a, b, pa, pb = paths.a[segment], paths.b[segment], paths.pa[segment], paths.pb[segment]
+    a, b, pa, pb = (of.take(segment, axis=0) for of in (paths.a, paths.b, paths.pa, paths.pb))
     along, tangent = b - a, pb - pa
     at, p = a + fraction[:, None] * along, pa + fraction[:, None] * tangent
     some = np.flatnonzero(paths.contour[segment])

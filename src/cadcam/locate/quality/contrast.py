@@ -36,7 +36,7 @@ def _without(part: Part, sight: Sight, world_from_part: Rigid) -> Mask:
     view = open_renderer(part.scene).render(photo.camera, camera_from_part, channels=Channel.NORMAL | Channel.FACE)
     normal, color = view.normal, colors_of(part, view.face)  # normals in the camera frame: the light may move with it
     at = sight.project(world_from_part)
-    seen = np.isfinite(at.q).all(axis=1)
+    seen = at.imaged
     q = at.q[seen, None] + _ASIDE_PX * np.array([-1.0, 1.0])[:, None] * at.normal[seen, None]
     x, y = np.moveaxis(np.clip(np.rint(q).astype(np.int64), 0, np.array(photo.camera.size) - 1), 2, 0)
     change, sigma = fitted_light(photo.gray, normal, color).contrast(normal[y, x].astype(np.float64), color[y, x])

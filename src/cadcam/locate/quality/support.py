@@ -234,8 +234,10 @@ def _determined(told: Sequence[tuple[Array, Mask]]) -> float:
     rows, here = (np.concatenate(parts) for parts in zip(*told, strict=True))
     if not len(rows):
         return 0.0
-    axes, size, _ = np.linalg.svd(rows / np.maximum(np.linalg.norm(rows, axis=0), 1e-300), full_matrices=False)
-    shown = axes[here][:, size > _TOLD_AT_ALL * size[0]]
+    rows /= np.maximum(np.linalg.norm(rows, axis=0), 1e-300)
+    size2, motions = np.linalg.eigh(rows.T @ rows)
+    told_at_all = size2 > _TOLD_AT_ALL**2 * size2[-1]
+    shown = rows[here] @ (motions[:, told_at_all] / np.sqrt(size2[told_at_all]))
     return float(np.linalg.eigvalsh(shown.T @ shown)[0]) if shown.size else 0.0
 
 
@@ -288,7 +290,7 @@ class ShownLines:
     def of(cls, sight: Sight, world_from_part: Rigid, near: float) -> ShownLines:
         """Return those of a sight at a pose; near: largest distance (px) between a line and its step."""
         at, samples = sight.project(world_from_part), sight.samples
-        which = np.flatnonzero(np.isfinite(at.q).all(axis=1))
+        which = np.flatnonzero(at.imaged)
         strips, normal, run = Strips.of(samples.select(which)), at.normal[which], samples.run[which]
         q, row = at.q[which] + strips.middle[:, None] * normal, at.row[which]
         if not len(which):

@@ -234,7 +234,7 @@ def _as_matches(
 ) -> EdgeMatches:
     """Return the samples of all photos in one list, without those that are not imaged at the pose."""
     places = [s.project(pose) for s in sights]
-    kept = [np.isfinite(at.q).all(axis=1) for at in places]
+    kept = [at.imaged for at in places]
 
     def joined(parts: Sequence[Array]) -> Array:
         return np.concatenate([a[k] for a, k in zip(parts, kept, strict=True)])

@@ -137,7 +137,7 @@ def _in_photo(
 
 def _imaged(samples: EdgeSamples, photo: Photo, camera_from_part: Rigid) -> Mask:
     at = project(samples, photo.camera, camera_from_part)
-    return np.asarray(np.isfinite(at.q).all(axis=1) & np.isfinite(at.row).all(axis=1) & at.row.any(axis=1))
+    return np.asarray(at.imaged & np.isfinite(at.row).all(axis=1) & at.row.any(axis=1))
 
 
 def _along(q: Array, edge: Longs) -> Array:
