@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import cadcam
+from cadcam.errors import BadValue
 from cadcam.plan.assessment.assess import Outcome, outcome
 from cadcam.plan.layout import CandidateSurvey, plan_layout, survey
 from cadcam.plan.scene.feature import Kind, LayoutFeature
@@ -79,6 +80,30 @@ def test_the_shares_of_the_causes_add_up() -> None:
     measured = found.ratio > 0
     assert {"pixels", "calibration", "motion"} <= set(found.shares)
     np.testing.assert_allclose(sum(found.shares.values())[measured], 1.0, rtol=1e-6)
+
+
+OBLIQUE = np.array([np.sqrt(3) / 2, 0, 0.5])  # at 30 deg to the edge, which runs along x
+
+
+def test_an_edge_is_measured_in_a_direction() -> None:
+    """A displacement along an oblique direction moves the edge across itself by half as much."""
+    whole = features()[4]
+    limits = tuple(position(0.2, d)[0] for d in (np.array([0.0, 0, 1]), OBLIQUE, np.array([0.0, 1, 0])))
+    seen = survey(scene(9, features=(replace(whole, limits=(*position(0.2), *limits)),)))
+    chosen = (0, 2, 6, 8)
+    found = seen.assess(chosen)
+    worst, up, oblique, aside = found.sigma.T
+    assert (found.ratio > 0).all()
+    np.testing.assert_allclose(oblique, 2 * up)
+    assert ((worst >= np.maximum(up, aside) * (1 - 1e-9)) & (worst <= np.hypot(up, aside))).all()
+    np.testing.assert_allclose(np.linalg.norm(found.direction, axis=-1), 1.0)
+    np.testing.assert_allclose(sum(found.shares.values()), 1.0, rtol=1e-6)
+    np.testing.assert_allclose(seen.problem.ratios(chosen).reshape(2, -1), found.ratio, rtol=1e-5)
+
+
+def test_an_edge_is_not_measured_along_itself() -> None:
+    with pytest.raises(BadValue, match="direction of front is along the edge; expected one across it"):
+        replace(features()[4], limits=position(0.2, np.array([-1.0, 0, 0])))
 
 
 def test_an_edge_s_place_and_direction_scatter_as_predicted() -> None:
