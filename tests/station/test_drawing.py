@@ -51,6 +51,19 @@ def test_a_scale_is_told_from_an_offset(rng):
         trend([1.0, 2.0], [1.0, 2.0])
 
 
+def test_three_distances_show_a_scale_by_chance_as_rarely_as_many(rng):
+    """Of 2000 draws one in a hundred, and three standard deviations more at most."""
+    lengths = np.array([1000.0, 3000.0, 5000.0])
+    said = [trend(rng.normal(size=3), lengths).verdict for _ in range(2000)]
+    assert sum("scale" in words or "grow with" in words.partition("does not")[0] for words in said) < 20 + 14
+
+
+def test_differences_that_do_not_scatter_are_an_offset_or_nothing():
+    lengths = [1000.0, 2000.0, 4000.0]
+    assert (trend([0.0] * 3, lengths).t, trend([0.0] * 3, lengths).verdict) == (0.0, "nothing but chance")
+    assert (trend([-0.5] * 3, lengths).t, trend([-0.5] * 3, lengths).verdict[:17]) == (-np.inf, "a constant offset")
+
+
 def test_the_slope_is_known_as_well_as_it_says(rng):
     """600 draws: a standard deviation good to 2.9 %."""
     lengths = np.linspace(2000, 30000, 30)
