@@ -9,7 +9,7 @@ import pytest
 
 import cadcam
 from cadcam.errors import BadValue
-from cadcam.plan.assessment.assess import Outcome, outcome
+from cadcam.plan.assessment.assess import Outcome, assess, outcome
 from cadcam.plan.layout import CandidateSurvey, plan_layout, survey
 from cadcam.plan.scene.feature import Kind, LayoutFeature
 from cadcam.plan.scene.layout_scene import CalibratedFrom, Sigmas
@@ -211,6 +211,15 @@ def test_another_distance_moves_cameras_along_their_axes() -> None:
     for before, after in zip(layout.cameras, rebuilt(layout.survey.scene, layout.cameras, stretch=0.8), strict=True):
         np.testing.assert_allclose(after.eye - after.aim, 0.8 * (before.eye - before.aim), atol=1e-9)
         assert (after.optics.distance_mm, before.optics.distance_mm) == pytest.approx((912.1, 1140.2), abs=0.1)
+
+
+def test_a_moved_camera_rebuilt_is_still_calibrated_at_the_first_place_of_its_mount() -> None:
+    """Without any change the table compares with the plan itself, also where that place is not chosen."""
+    seen = survey(scene(9, mounts=(replace(ring(9), one_camera=True),), calibration=CalibratedFrom(30, 0.1, 0.1)))
+    chosen = [seen.candidates[i] for i in (2, 4, 7)]
+    again = rebuilt(seen.scene, chosen)
+    found = assess(again, [seen.visibility[i] for i in (2, 4, 7)], seen.places, seen.poses, seen.asked)
+    np.testing.assert_allclose(found.sigma, seen.assess((2, 4, 7)).sigma, rtol=1e-9)
 
 
 def test_what_if_says_what_planning_anew_says() -> None:
