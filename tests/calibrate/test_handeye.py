@@ -12,6 +12,7 @@ from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.report.handeye import pose_table, quality_notes
 
 from .robots import CAMERA, cell, target_poses
 
@@ -185,6 +186,18 @@ def test_the_held_out_error_is_that_of_calibrating_without_the_pose(rng):
         C = rest.flange_from_camera.inv @ B.inv @ rest.base_from_target
         off = c.camera.project(C @ c.points) - c.observations[i].q
         assert found.held_out.px[i] == pytest.approx(np.sqrt(np.mean(np.sum(off**2, axis=1))), rel=0.1)
+
+
+def test_poses_without_which_nothing_is_determined_are_predicted_by_none(rng):
+    """Two poses determine nothing: what three leave over of each other is no held-out error."""
+    c = cell(rng, 3, robot=(0.3, 0.001))
+    found = solved(c)
+    for name in ("px", "mm", "rotation"):
+        assert np.isnan(getattr(found.held_out, name)).all(), name
+    assert np.isnan(found.held_out.rms).all()
+    assert (found.held_out.chance == 1).all()
+    assert "do not determine the solution, so none is predicted" in " ".join(quality_notes(found))
+    assert not any("nan" in cell for row in pose_table(found).rows for cell in row)
 
 
 def test_flips_of_a_small_flat_target_are_told_apart_by_the_robot(rng):

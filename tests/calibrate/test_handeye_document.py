@@ -48,8 +48,9 @@ def test_a_calibration_round_trips_to_the_last_bit(found: HandEyeEstimate, tmp_p
     assert np.array_equal(again.coverage_factor(), found.coverage_factor())
 
 
-def test_one_from_poses_alone_round_trips(tmp_path: Path) -> None:
-    c = cell(np.random.default_rng(6), 6)
+@pytest.mark.parametrize("poses", [3, 6], ids=["nothing held out", "all held out"])
+def test_one_from_poses_alone_round_trips(tmp_path: Path, poses: int) -> None:
+    c = cell(np.random.default_rng(6), poses)
     found = calibrate_hand_eye_from_poses(c.base_from_flange, c.camera_from_target, mounting=c.mounting)
     write_hand_eye(tmp_path / "handeye.json", found)
     again = read_hand_eye(tmp_path / "handeye.json")

@@ -50,3 +50,12 @@ def test_nothing_is_left_where_only_that_turn_was_free() -> None:
 def test_the_turn_is_named_by_its_axis_and_a_place_on_it(axes: list[list[float]], words: str) -> None:
     estimate = PoseEstimate(Rigid(), np.eye(6), undetermined=turns(PLACE, np.array(axes, float)))
     assert estimate.undetermined_words.startswith(words)
+
+
+def test_a_point_of_the_part_varies_as_small_motions_move_it(rng: np.random.Generator) -> None:
+    """World_from_part @ exp(xi), by central differences: exact but for rounding, as exp is odd to second order."""
+    root, points = rng.normal(size=(6, 6)) * 1e-3, rng.normal(scale=100.0, size=(4, 3))
+    pose = PoseEstimate(Rigid.exp(rng.normal(size=6)), root @ root.T)
+    steps = [(Rigid.exp(1e-5 * xi) @ points - Rigid.exp(-1e-5 * xi) @ points) / 2e-5 for xi in np.eye(6)]
+    J = np.stack(steps, axis=-1)
+    np.testing.assert_allclose(pose.point_covariance(points), J @ pose.covariance @ J.swapaxes(1, 2), rtol=1e-6)

@@ -180,6 +180,17 @@ def test_the_report_is_one_file_that_names_everything(cadcam: Cadcam, small: Pat
     assert len(list((tmp_path / "views").glob("*.png"))) == 3 + 2 * 2
 
 
+def test_each_camera_has_a_picture_of_its_own_where_names_of_files_would_be_alike(
+    cadcam: Cadcam, small: Path, tmp_path: Path
+) -> None:
+    post = "{positions_mm: [[%d, 40, 520]], aim_mm: [50, 40, 20]}"
+    ring = next(line for line in SCENE.splitlines() if "ring:" in line)
+    small.write_text(SCENE.replace(ring, f"  post 1: {post % -150}\n  post-1: {post % 250}").replace("choose: 3", ""))
+    assert cadcam("layout", small, "--pictures", tmp_path / "views", "--no-what-if").code in (0, 3)
+    names = sorted(file.name for file in (tmp_path / "views").glob("camera*"))
+    assert names == ["camera_1_post_1.png", "camera_2_post_1.png"]
+
+
 RING = "arc: {centre_mm: [50, 40, 500], radius_mm: 500}, count: 8"
 UNSEEN = "no candidate sees 1 of 2 features: 'mark' (seen too obliquely or from behind 100%)"
 RANGE = "poses: {a: {position_mm: [[0, 1], 0, 0], steps: 1}}\ncameras:\n"

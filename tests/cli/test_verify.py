@@ -99,6 +99,18 @@ def test_the_calibration_s_uncertainty_is_part_of_each_deviation_s(cadcam: Calla
     assert not any(shares[1])
 
 
+def test_a_part_that_stays_on_its_plane_is_found_from_the_pose_of_before(
+    cadcam: Callable[..., Ran], cell: Path
+) -> None:
+    """--pose is the start that --freedom needs: the motions are counted from it."""
+    ran = verified(cadcam, cell, "good.png", "--freedom", "plane:0,0,1@part", "--json")
+    assert ran.code == 0, ran.err
+    pose = json.loads(ran.out)["pose"]
+    change = POSE.inv.rotation @ np.array(pose["world_from_part"]["rotation"])
+    np.testing.assert_allclose(change[2], [0, 0, 1], atol=1e-9)
+    assert pose["sigma_mm"][2] == 0.0 < min(pose["sigma_mm"][:2])
+
+
 def test_a_tolerance_that_names_nothing_is_an_error_that_lists_what_there_is(
     cadcam: Callable[..., Ran], cell: Path
 ) -> None:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -185,9 +186,13 @@ def test_another_plan_part_or_fewer_views_are_refused_by_name(tmp_path: Path) ->
         make_dataset(tmp_path / "set", scene(), plan(1), workers=1)
     with pytest.raises(BadValue, match=r"another lights.head"):
         make_dataset(tmp_path / "set", scene(), plan(2, lights=_brighter()), workers=1)
-    moved = Scene.of(scene().mesh.transformed(Rigid(np.eye(3), [1.0, 0, 0])))
-    with pytest.raises(BadValue, match=r"another part or unit \(\w{8}, now \w{8}\)"):
-        make_dataset(tmp_path / "set", moved, plan(2), workers=1)
+    mesh = scene().mesh
+    moved = Scene.of(mesh.transformed(Rigid(np.eye(3), [1.0, 0, 0])))
+    painted = Scene.of(replace(mesh, face_colors=np.tile(np.float32([1, 0, 0]), (mesh.n_faces, 1))))
+    fewer = Scene.of(mesh, edges=scene().edges.select(np.arange(6)))
+    for other in (moved, painted, fewer):
+        with pytest.raises(BadValue, match=r"another part, unit, crease angle or colour \(\w{8}, now \w{8}\)"):
+            make_dataset(tmp_path / "set", other, plan(2), workers=1)
     assert contents(tmp_path / "set") == before
     (tmp_path / "mine").mkdir()
     (tmp_path / "mine/thesis.txt").write_text("keep")

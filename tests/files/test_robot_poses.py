@@ -147,6 +147,9 @@ BAD = {
     "nan.txt": ("1 2 3 4 5 nan\n", "give a finite number"),
     "seven.txt": ("1 2 3 4 5 6 7\n", "7 numbers a pose; kuka is x y z a b c .* abb"),
     "columns.csv": ("x,y,z,w,p,r\n1,2,3,4,5,6\n", "columns x, y, z, w, p, r; kuka is x y z a b c .* fanuc would fit"),
+    "units.csv": ("x_mm,y_m,z_mm,a,b,c\n1,2,3,4,5,6\n", "names positions in m and mm at once"),
+    "angles.csv": ("x,y,z,a_deg,b_rad,c_deg\n1,2,3,4,5,6\n", "names angles in deg and rad at once"),
+    "rad.csv": ("x,y,z,a_rad,b_rad,c_rad\n1,2,3,4,5,6\n", r"angles are in rad; kuka has deg \(A about Z"),
     "twice.csv": ("a,1,2,3,4,5,6\na,1,2,3,4,5,7\n", "names two poses 'a'"),
     "cut.json": ("[[1, 2", "is not JSON"),
     "huge.json": (f"[[1, 2, 3, 4, 5, 1{'0' * 400}]]", "pose '1' is"),
@@ -193,6 +196,25 @@ def test_a_folder_without_poses_or_with_uneven_ones_is_refused(tmp_path):
     (tmp_path / "a.txt").write_text("1 2 3 4 5 6\n")
     (tmp_path / "b.txt").write_text("1 2 3 4 5 6\n1 2 3 4 5 7\n")
     with pytest.raises(UnreadableFile, match="holds 2 poses of 6 numbers"):
+        read_robot_poses(tmp_path, convention="kuka")
+
+
+def test_degrees_are_not_read_as_a_rotation_vector_in_rad(tmp_path):
+    """Universal Robots' columns have the names of Yaskawa's and Staubli's: the unit tells which they are not."""
+    (tmp_path / "deg.csv").write_text("x_mm,y_mm,z_mm,rx [deg],ry [deg],rz [deg]\n1,2,3,0,0,90\n")
+    with pytest.raises(UnreadableFile, match="angles are in deg; ur has rad"):
+        read_robot_poses(tmp_path / "deg.csv", convention="ur")
+    assert read_robot_numbers(tmp_path / "deg.csv").possible == ("yaskawa", "staubli")
+
+
+def test_the_files_of_a_folder_are_read_by_their_column_names(tmp_path):
+    for i in (1, 2):
+        (tmp_path / f"pose_{i}.csv").write_text(f"A,B,C,X_m,Y_m,Z_m\n{10 * i},20,30,0.1,0.2,0.3\n")
+    poses = read_robot_poses(tmp_path, convention="kuka")
+    np.testing.assert_allclose(poses["pose_2"].translation, [100, 200, 300])
+    np.testing.assert_allclose(poses["pose_2"].rotation, about("z", 20) @ about("y", 20) @ about("x", 30), atol=1e-15)
+    (tmp_path / "pose_3.csv").write_text("X_m,Y_m,Z_m,A,B,C\n0.1,0.2,0.3,10,20,30\n")
+    with pytest.raises(UnreadableFile, match=r"pose_3\.csv: names other columns or units; the same in each file"):
         read_robot_poses(tmp_path, convention="kuka")
 
 

@@ -278,6 +278,15 @@ def test_a_log_holds_every_bit_and_a_table_beside_it_the_same(sighting: Install,
         assert [float(v) for v in row[at : at + 3]] == pose.translation.tolist()
 
 
+def test_a_picture_s_name_may_hold_a_separator_of_lines(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    """One for Python, not for JSON lines: the log is continued, and read."""
+    sighting(12)
+    named = folder.rename(tmp_path / "in\u2028")
+    run(named, tmp_path / "log.jsonl", 2)
+    run(named, tmp_path / "log.jsonl")
+    assert len(read_track_log(tmp_path / "log.jsonl")) == 12
+
+
 def test_a_log_is_plain_json_lines(sighting: Install, folder: Path, tmp_path: Path) -> None:
     sighting(12)
     run(folder, tmp_path / "log.jsonl", 2)

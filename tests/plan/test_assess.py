@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import cadcam
-from cadcam.plan.assessment.assess import Outcome, outcome
+from cadcam.errors import BadValue
+from cadcam.plan.assessment.assess import Outcome, assess, outcome
 from cadcam.plan.layout import CandidateSurvey, plan_layout, survey
 from cadcam.plan.scene.feature import Kind, LayoutFeature
 from cadcam.plan.scene.layout_scene import CalibratedFrom, Sigmas
@@ -79,6 +80,30 @@ def test_the_shares_of_the_causes_add_up() -> None:
     measured = found.ratio > 0
     assert {"pixels", "calibration", "motion"} <= set(found.shares)
     np.testing.assert_allclose(sum(found.shares.values())[measured], 1.0, rtol=1e-6)
+
+
+OBLIQUE = np.array([np.sqrt(3) / 2, 0, 0.5])  # at 30 deg to the edge, which runs along x
+
+
+def test_an_edge_is_measured_in_a_direction() -> None:
+    """A displacement along an oblique direction moves the edge across itself by half as much."""
+    whole = features()[4]
+    limits = tuple(position(0.2, d)[0] for d in (np.array([0.0, 0, 1]), OBLIQUE, np.array([0.0, 1, 0])))
+    seen = survey(scene(9, features=(replace(whole, limits=(*position(0.2), *limits)),)))
+    chosen = (0, 2, 6, 8)
+    found = seen.assess(chosen)
+    worst, up, oblique, aside = found.sigma.T
+    assert (found.ratio > 0).all()
+    np.testing.assert_allclose(oblique, 2 * up)
+    assert ((worst >= np.maximum(up, aside) * (1 - 1e-9)) & (worst <= np.hypot(up, aside))).all()
+    np.testing.assert_allclose(np.linalg.norm(found.direction, axis=-1), 1.0)
+    np.testing.assert_allclose(sum(found.shares.values()), 1.0, rtol=1e-6)
+    np.testing.assert_allclose(seen.problem.ratios(chosen).reshape(2, -1), found.ratio, rtol=1e-5)
+
+
+def test_an_edge_is_not_measured_along_itself() -> None:
+    with pytest.raises(BadValue, match="direction of front is along the edge; expected one across it"):
+        replace(features()[4], limits=position(0.2, np.array([-1.0, 0, 0])))
 
 
 def test_an_edge_s_place_and_direction_scatter_as_predicted() -> None:
@@ -186,6 +211,15 @@ def test_another_distance_moves_cameras_along_their_axes() -> None:
     for before, after in zip(layout.cameras, rebuilt(layout.survey.scene, layout.cameras, stretch=0.8), strict=True):
         np.testing.assert_allclose(after.eye - after.aim, 0.8 * (before.eye - before.aim), atol=1e-9)
         assert (after.optics.distance_mm, before.optics.distance_mm) == pytest.approx((912.1, 1140.2), abs=0.1)
+
+
+def test_a_moved_camera_rebuilt_is_still_calibrated_at_the_first_place_of_its_mount() -> None:
+    """Without any change the table compares with the plan itself, also where that place is not chosen."""
+    seen = survey(scene(9, mounts=(replace(ring(9), one_camera=True),), calibration=CalibratedFrom(30, 0.1, 0.1)))
+    chosen = [seen.candidates[i] for i in (2, 4, 7)]
+    again = rebuilt(seen.scene, chosen)
+    found = assess(again, [seen.visibility[i] for i in (2, 4, 7)], seen.places, seen.poses, seen.asked)
+    np.testing.assert_allclose(found.sigma, seen.assess((2, 4, 7)).sigma, rtol=1e-9)
 
 
 def test_what_if_says_what_planning_anew_says() -> None:

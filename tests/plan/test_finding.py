@@ -8,7 +8,15 @@ import pytest
 from cadcam.camera.optics import Optics
 from cadcam.camera.sensor_format import sensor_format
 from cadcam.errors import BadValue
-from cadcam.plan.uncertainty.finding import Finder, blur_sigmas, circle_covariance, defocus, edge_variance, outline
+from cadcam.plan.uncertainty.finding import (
+    Finder,
+    blur_sigmas,
+    circle_covariance,
+    defocus,
+    edge_variance,
+    outline,
+    point_covariance,
+)
 
 
 @pytest.mark.parametrize(
@@ -71,6 +79,19 @@ def test_an_edge_twice_as_long_is_known_twice_as_well() -> None:
     finder = Finder(grey=0.01, contrast=0.5)
     one, two = edge_variance(finder, [50.0, 100.0], 0.7, sharp_px=0.7)
     assert one == pytest.approx(2 * two)
+
+
+@pytest.mark.parametrize("noise", [{"sigma_px": 0.05}, {"sigma_px": 0.05, "grey": 0.01, "contrast": 0.5}])
+def test_what_remains_whatever_the_noise_is_added_to_every_kind_of_feature(noise: dict[str, float]) -> None:
+    without, floor = Finder(**noise), Finder(**noise, floor_px=0.03)
+    A, sharp = np.diag([10.0, 5.0]), {"sharp_px": 0.5}
+    for sized in (True, False):
+        pure = circle_covariance(without, A, 0.7, **sharp, sized=sized)
+        np.testing.assert_allclose(
+            circle_covariance(floor, A, 0.7, **sharp, sized=sized), pure + 0.03**2 * np.eye(2), rtol=1e-12
+        )
+    np.testing.assert_allclose(point_covariance(floor, 1.0, **sharp), (2 * 0.05**2 + 0.03**2) * np.eye(2))
+    assert edge_variance(floor, 80.0, 0.7, **sharp) == pytest.approx(edge_variance(without, 80.0, 0.7, **sharp) + 9e-4)
 
 
 @pytest.mark.parametrize("stated", [{}, {"grey": 0.01}, {"sigma_px": -1.0}, {"sigma_px": 0.1, "floor_px": -1.0}])

@@ -35,7 +35,8 @@ def random_problem(seed: int, *, candidates: int = 13, targets: int = 25, seen: 
     basis = np.tile(np.eye(3), (targets, 1, 1))
     basis[::4, :, 1:] = 0.0  # every fourth is judged along x alone
     limits = tuple(Limit(Quantity.POSITION, v) for v in rng.uniform(1, 4, targets))
-    asked = Asked(np.arange(targets), limits, basis, np.zeros(targets, bool), np.zeros((targets, 3, 3)))
+    nothing = np.zeros((targets, 3, 3))
+    asked = Asked(np.arange(targets), limits, basis, np.zeros(targets, bool), nothing, nothing[..., 0])
     return SelectionProblem(information[:, None], asked)
 
 

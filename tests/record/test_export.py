@@ -20,10 +20,12 @@ from cadcam.record.trend import trend
 from .made import NOON, record
 from .test_store import same
 
+SEPARATORS = "one\u0085two\u2028three"  # of lines, for Python; not for JSON lines
+
 
 @pytest.mark.parametrize("suffix", [".json", ".jsonl"])
 def test_json_comes_back_to_the_last_bit(tmp_path: Path, suffix: str) -> None:
-    records = [record(0), Record("bolt", time=NOON), record(2)]
+    records = [record(0), Record("bolt", time=NOON), record(2, reason=SEPARATORS)]
     write_records(tmp_path / f"all{suffix}", records)
     for one, back in zip(records, read_records(tmp_path / f"all{suffix}"), strict=True):
         same(back, one)
@@ -90,6 +92,7 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
         lambda: Record(""),
         lambda: Record("p", time=NOON.replace(tzinfo=None)),
         lambda: Record("p", verdict="pass"),
+        lambda: Record("p", quality=float("nan")),
         lambda: Deviation("f", float("nan"), 1.0),
         lambda: Deviation("f", 0.0, -1.0),
         lambda: Deviation("f", 0.0, 1.0, unit="m"),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -97,6 +98,21 @@ def test_an_unknown_look_or_part_is_named_with_the_nearest() -> None:
         named_look("inspect")
     with pytest.raises(UnknownName, match="unknown part 'nut'"):
         repaint(BRACKET, [("nut", (1, 0, 0))])
+
+
+@pytest.mark.parametrize(
+    ("chosen", "said"),
+    [
+        ({"*": (1, 0, 0)}, "part and colour is the text"),
+        (("*", (1, 0, 0)), "part and colour is the text"),
+        ([("*", 1, 0, 0)], "is a tuple of 4; expected a pair"),
+        ([("*", "#ff0000")], "numbers of shape"),
+        ([("*", (255, 0, 0))], "divide bytes by 255"),
+    ],
+)
+def test_a_colour_that_is_none_is_refused(chosen: Any, said: str) -> None:
+    with pytest.raises(BadValue, match=said):
+        repaint(BRACKET, chosen)
 
 
 def test_parts_are_repainted_by_name_and_pattern_the_last_one_winning() -> None:

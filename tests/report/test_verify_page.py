@@ -26,11 +26,11 @@ from cadcam.report.locate import alternatives_table, location_as_json
 from cadcam.report.verify.json import VerificationOrigin, record_of, verification_as_json
 from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
-from cadcam.report.verify.words import to_do
+from cadcam.report.verify.words import in_unit, to_do
 from cadcam.verify.judge import Verification, verify_part
 from cadcam.verify.reasons import direction_words
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
-from cadcam.verify.tolerances.verdict import Verdict
+from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
 from ..verify.scene import displaced, part, photo, plate
 
@@ -80,6 +80,12 @@ def test_what_rounds_to_nothing_has_no_sign() -> None:
     other = replace(at(Rigid(), 0.9), alternatives=(at(turned, 0.8),))
     (row,) = alternatives_table(other).rows
     assert row == ("0.800", "90.0", "0.00, 1.00, 0.00", "0.0, -84.0, 0.0")
+
+
+@pytest.mark.parametrize(("limit", "said"), [(0.5, "+0.004 mm 0.000"), (0.005, "+0.0042 mm 0.0004")])
+def test_a_fine_limit_is_told_with_finer_numbers(limit: float, said: str) -> None:
+    one = Judgement("rib", Limit(Quantity.POSITION, limit), 0.0042, 0.0002, Verdict.PASS)
+    assert " ".join(in_unit(one)[:2]) == said
 
 
 def test_a_displaced_rib_fails_and_the_block_passes(found: tuple[Verification, Photo]) -> None:

@@ -17,6 +17,15 @@ def test_exact_pairs_are_split_exactly(rng):
     assert found.closure == pytest.approx([0, 0], abs=1e-12)
 
 
+@pytest.mark.parametrize("n", [2, 3, 12])
+def test_what_the_mechanics_leave_over_is_a_share_of_the_vision_s_error(rng, n):
+    """Of 300 tables of independent errors: a single pair is known to 3 %."""
+    found = [split(rng.normal(0, 0.4, (n, n, 2))) for _ in range(300)]
+    vision, left = (np.sqrt(np.mean(np.square([getattr(s, what) for s in found]))) for what in ("vision", "closure"))
+    assert vision == pytest.approx(0.4, rel=0.12)
+    assert left == pytest.approx(0.4 * np.sqrt((n - 2) / (2 * n)), rel=0.12, abs=1e-12)
+
+
 def test_vision_s_sigma_comes_back_from_noisy_pairs(rng):
     m = 10 * rng.normal(size=(15, 2))
     found = split(m[:, None] - m[None] + [0.6, 0.3] * rng.normal(size=(15, 15, 2)))

@@ -131,7 +131,8 @@ def test_entries_that_the_disk_does_not_hold_leave_the_log_as_it_was(tmp_path, s
 
 
 def test_a_log_grows_and_is_never_rewritten(tmp_path, stations, work):
-    entries = log_entries(measure_marks(stations, work.sightings), work.sightings, block="B1")
+    separated = "B\u20281"  # a separator of lines, for Python; not for JSON lines
+    entries = log_entries(measure_marks(stations, work.sightings), work.sightings, block=separated)
     append_log(tmp_path / "log.jsonl", entries[:1])
     before = (tmp_path / "log.jsonl").read_bytes()
     append_log(tmp_path / "log.jsonl", entries[1:])

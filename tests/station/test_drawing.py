@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from cadcam.errors import BadValue, TooFewPoints, UnknownName
 from cadcam.station.drawing import check_distances, independent, trend
@@ -49,6 +50,29 @@ def test_a_scale_is_told_from_an_offset(rng):
     assert trend(1e-3 * lengths + noise, lengths).verdict.endswith("grow with the length")
     with pytest.raises(TooFewPoints):
         trend([1.0, 2.0], [1.0, 2.0])
+
+
+@pytest.mark.parametrize("n", [3, 4, 12])
+def test_the_trend_is_a_regression_with_its_degrees_of_freedom(rng, n):
+    lengths = rng.uniform(2000, 30000, n)
+    d = 1e-4 * lengths + rng.normal(size=n)
+    found, line, mean = trend(d, lengths), stats.linregress(lengths / 1000, d), stats.ttest_1samp(d, 0.0)
+    assert (found.slope, found.slope_sigma, found.p_slope) == pytest.approx((line.slope, line.stderr, line.pvalue))
+    assert (found.t, found.p_mean) == pytest.approx((mean.statistic, mean.pvalue))
+    assert found.standard_error == pytest.approx(stats.sem(d))
+
+
+def test_three_distances_show_a_scale_by_chance_as_rarely_as_many(rng):
+    """Of 2000 draws one in a hundred, and three standard deviations more at most."""
+    lengths = np.array([1000.0, 3000.0, 5000.0])
+    said = [trend(rng.normal(size=3), lengths).verdict for _ in range(2000)]
+    assert sum("scale" in words or "grow with" in words.partition("does not")[0] for words in said) < 20 + 14
+
+
+def test_differences_that_do_not_scatter_are_an_offset_or_nothing():
+    lengths = [1000.0, 2000.0, 4000.0]
+    assert (trend([0.0] * 3, lengths).t, trend([0.0] * 3, lengths).verdict) == (0.0, "nothing but chance")
+    assert (trend([-0.5] * 3, lengths).t, trend([-0.5] * 3, lengths).verdict[:17]) == (-np.inf, "a constant offset")
 
 
 def test_the_slope_is_known_as_well_as_it_says(rng):

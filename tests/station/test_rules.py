@@ -64,10 +64,23 @@ def test_positions_in_a_row_are_interpolated_along_it():
     assert weights(row, [1500.0, 20.0], "linear") == pytest.approx([0, 0.75, 0.25])
 
 
+@pytest.mark.parametrize("rule", ["linear", "bilinear", "b4"])
+@pytest.mark.parametrize("degrees", [0.0, 30.0])
+def test_a_camera_on_a_rail_is_between_its_positions_though_none_is_exactly_on_it(rule, degrees):
+    along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
+    across = along[::-1] * [-1, 1]
+    rail = np.array([4000.0, 300.0]) + np.outer([0.0, 4000.0, 8000.0], along) + np.outer([1.0, -2.0, 2.0], across)
+    assert weights(rail, rail[0] + 2000 * along + 3 * across, rule) == pytest.approx([0.5, 0.5, 0], abs=1e-3)
+    for place in (rail[0] + 2000 * along + 1100 * across, rail[0] - 1100 * along):
+        with pytest.raises(BadValue):
+            weights(rail, place, rule)
+
+
 @pytest.mark.parametrize("rule", ["nearest", "linear", "bilinear", "b4"])
 def test_outside_is_refused_unless_asked_for(rule):
-    with pytest.raises(BadValue, match="extrapolation has to be asked for"):
-        weights(GRID, [10_500.0, 3000.0], rule)
+    for place in ([10_500.0, 3000.0], [-2500.0, 3000.0], [4000.0, 8500.0], [4000.0, -2500.0]):
+        with pytest.raises(BadValue, match="extrapolation has to be asked for"):
+            weights(GRID, place, rule)
     assert weights(GRID, [10_500.0, 2900.0], rule, extrapolate=True).argmax() == 9  # (8000, 2000)
 
 

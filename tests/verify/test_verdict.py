@@ -97,6 +97,11 @@ def test_the_shortest_and_longest_vectors_of_an_ellipsoid(rng: np.random.Generat
             assert low == 0
 
 
+@pytest.mark.parametrize("value", [0.0, -0.7, 1.0, 1.4])
+def test_one_component_is_decided_by_its_own_standard_deviation(value: float) -> None:
+    assert towards(np.array([value]), np.array([[0.15**2]]), LIMIT) == pytest.approx(0.15)
+
+
 @pytest.mark.parametrize("sigma", [(0.1, 0.1), (0.05, 0.45), (0.45, 0.05), (0.3, 0.3), (0.2, 0.2, 0.4)])
 def test_a_displacement_on_its_limit_is_passed_and_failed_as_rarely_as_one_component(
     rng: np.random.Generator, sigma: tuple[float, ...]

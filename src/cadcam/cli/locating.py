@@ -154,8 +154,8 @@ def start_as_asked(arguments: argparse.Namespace, view: Viewpoint) -> Rigid | No
     return None
 
 
-def freedom_as_asked(arguments: argparse.Namespace) -> Freedom:
-    """Return the motions that --freedom allows."""
+def freedom_as_asked(arguments: argparse.Namespace, *, posed: bool = False) -> Freedom:
+    """Return the motions that --freedom allows, from a start; posed: whether a pose that was found before is one."""
     from cadcam.locate.freedom import FREE, Freedom
 
     text, at, frame = arguments.freedom.partition("@")
@@ -168,7 +168,7 @@ def freedom_as_asked(arguments: argparse.Namespace) -> Freedom:
     makers = {"plane": (3, Freedom.planar), "along": (3, Freedom.along), "axis": (6, Freedom.about)}
     if kind not in makers:
         raise UnknownName("freedom", kind, ("free", *makers))
-    if arguments.start is None and arguments.points is None:
+    if arguments.start is None and arguments.points is None and not posed:
         raise BadValue("--freedom", f"{arguments.freedom!r} without a start", "--start or --points: the rest stays so")
     count, make = makers[kind]
     values = numbers("--freedom", rest, count, form=f"{count} numbers after {kind}:")

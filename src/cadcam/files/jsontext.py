@@ -167,6 +167,14 @@ def parsed(file: TextFile) -> Place:
     return place
 
 
+def json_lines(text: str) -> list[str]:
+    """Return the lines of JSON lines: cut at line feeds alone, as within a text JSON allows other separators of lines.
+
+    U+0085 and U+2028 are such; `str.splitlines` cuts at them.
+    """
+    return text.removesuffix("\n").split("\n") if text else []
+
+
 def parsed_line(path: str | os.PathLike[str], number: int, line: str) -> Place:
     """Return the JSON object in a line of a file of JSON lines; `UnreadableFile` with the line where it is none."""
     try:

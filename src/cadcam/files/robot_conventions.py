@@ -25,7 +25,8 @@ from cadcam.kinds import expect
 class Convention:
     """Columns of a pose, position first; its unit of length ("" if the caller must give it); words; the rotation.
 
-    rotation, cells: from the numbers of a rotation (n, m) to its matrices (n, 3, 3), and back.
+    rotation, cells: from the numbers of a rotation (n, m) to its matrices (n, 3, 3), and back. angle: their unit, "deg"
+    or "rad"; "" where they are no angles.
     """
 
     columns: tuple[str, ...]
@@ -33,6 +34,7 @@ class Convention:
     meaning: str
     rotation: Callable[[Array], Array]
     cells: Callable[[Array], Array]
+    angle: str = ""
 
     def poses(self, numbers: Array, *, unit: str | None = None) -> Rigid:
         """Return base_from_flange (n) in mm of numbers (n, columns). Raises `BadValue` for no or another unit."""
@@ -140,18 +142,21 @@ CONVENTIONS: dict[str, Convention] = {
         "A about Z, B about Y', C about X'', deg: R = Rz(A) Ry(B) Rx(C)",
         _turned("zyx"),
         _angles("ZYX"),
+        angle="deg",
     ),
     "fanuc": Convention(
         ("x", "y", "z", "w", "p", "r"),
         "mm",
         "W, P, R about the fixed X, Y, Z, deg: R = Rz(R) Ry(P) Rx(W)",
         *_FIXED_XYZ,
+        angle="deg",
     ),
     "yaskawa": Convention(
         ("x", "y", "z", "rx", "ry", "rz"),
         "mm",
         "Rx, Ry, Rz about the fixed X, Y, Z, deg: R = Rz Ry Rx",
         *_FIXED_XYZ,
+        angle="deg",
     ),
     "staubli": Convention(
         ("x", "y", "z", "rx", "ry", "rz"),
@@ -159,6 +164,7 @@ CONVENTIONS: dict[str, Convention] = {
         "Rx, then Ry', then Rz'', deg: R = Rx Ry Rz",
         _turned("xyz"),
         _angles("XYZ"),
+        angle="deg",
     ),
     "kawasaki": Convention(
         ("x", "y", "z", "o", "a", "t"),
@@ -166,6 +172,7 @@ CONVENTIONS: dict[str, Convention] = {
         "O about Z, A about Y', T about Z'', deg: R = Rz(O) Ry(A) Rz(T)",
         _turned("zyz"),
         _angles("ZYZ"),
+        angle="deg",
     ),
     "abb": Convention(
         ("x", "y", "z", "q1", "q2", "q3", "q4"),
@@ -173,8 +180,10 @@ CONVENTIONS: dict[str, Convention] = {
         "quaternion q1 (w) q2 q3 q4 (x y z)",
         *_W_FIRST,
     ),
-    "ur": Convention(("x", "y", "z", "rx", "ry", "rz"), "m", "rotation vector, rad; position in m", *_VECTOR),
-    "rotation-vector": Convention(("x", "y", "z", "rx", "ry", "rz"), "", "rotation vector, rad; unit stated", *_VECTOR),
+    "ur": Convention(("x", "y", "z", "rx", "ry", "rz"), "m", "rotation vector, rad; position in m", *_VECTOR, "rad"),
+    "rotation-vector": Convention(
+        ("x", "y", "z", "rx", "ry", "rz"), "", "rotation vector, rad; unit stated", *_VECTOR, "rad"
+    ),
     "quaternion-wxyz": Convention(
         ("x", "y", "z", "qw", "qx", "qy", "qz"),
         "",

@@ -17,7 +17,7 @@ import json
 import os
 import re
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -36,25 +36,28 @@ _NAME_COLUMNS = ("name", "id", "pose", "image", "label")
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class RobotNumbers(Brief):
-    """Poses as in a file: names ("" where none), numbers (n, k), column names in lower case if any."""
+    """Poses as in a file: names ("" where none), numbers (n, k), column names in lower case if any.
+
+    unit, angle: of the positions and angles, "" where the column names do not say.
+    """
 
     path: str
     names: tuple[str, ...]
     numbers: Array
     columns: tuple[str, ...] = ()
     unit: str = ""
+    angle: str = ""
 
     @property
     def possible(self) -> tuple[str, ...]:
-        """Return the names of the conventions with this many numbers a pose and, if named, these columns."""
-        fit = [n for n, c in CONVENTIONS.items() if len(c.columns) == self.numbers.shape[1]]
-        return tuple(n for n in fit if not self.columns or set(CONVENTIONS[n].columns) == set(self.columns))
+        """Return the names of the conventions with this many numbers a pose and, if named, these columns and angles."""
+        fit = {n: c for n, c in CONVENTIONS.items() if len(c.columns) == self.numbers.shape[1]}
+        named = [n for n, c in fit.items() if not self.columns or set(c.columns) == set(self.columns)]
+        return tuple(n for n in named if self.angle in ("", fit[n].angle))
 
     def some(self, rows: Sequence[int]) -> RobotNumbers:
         """Return some of the poses."""
-        return RobotNumbers(
-            self.path, tuple(self.names[i] for i in rows), self.numbers[list(rows)], self.columns, self.unit
-        )
+        return replace(self, names=tuple(self.names[i] for i in rows), numbers=self.numbers[list(rows)])
 
     def poses(self, convention: str, *, unit: str | None = None) -> Rigid:
         """Return base_from_flange (n), mm, of a convention; `UnreadableFile` where the file does not match it."""
@@ -71,6 +74,9 @@ class RobotNumbers(Brief):
             )
         if unit and self.unit and unit_name(unit) != self.unit:
             raise UnreadableFile(self.path, f"says its positions are in {self.unit}", f"not in {unit}")
+        if self.angle not in ("", rule.angle):
+            has = f"{convention} has {rule.angle or 'none'} ({rule.meaning})"
+            raise UnreadableFile(self.path, f"says its angles are in {self.angle}", has)
         try:
             return rule.poses(numbers, unit=unit or self.unit or None)
         except CadcamError as error:
@@ -122,7 +128,10 @@ def _one_each(files: Sequence[Path], label: str) -> RobotNumbers:
             raise UnreadableFile(
                 file, f"holds {n} poses of {k} numbers", f"one of {each[0].numbers.shape[1]} as in {files[0].name}"
             )
-    return RobotNumbers(label, tuple(f.stem for f in files), np.concatenate([e.numbers for e in each]))
+        if (one.columns, one.unit, one.angle) != (each[0].columns, each[0].unit, each[0].angle):
+            raise UnreadableFile(file, "names other columns or units", f"the same in each file, as in {files[0].name}")
+    names, numbers = tuple(f.stem for f in files), np.concatenate([e.numbers for e in each])
+    return replace(each[0], path=label, names=names, numbers=numbers)
 
 
 def _natural(path: Path) -> list[tuple[int, str]]:
@@ -131,7 +140,7 @@ def _natural(path: Path) -> list[tuple[int, str]]:
 
 
 def _from_text(file: TextFile) -> RobotNumbers:
-    columns, unit, lines = _text_table(file)
+    columns, unit, angle, lines = _text_table(file)
     width = len(lines[0].cells)
     named = [i for i, c in enumerate(columns) if c in _NAME_COLUMNS] if columns else _name_in_front(lines[0])
     numbers = [i for i in range(width) if i not in named]
@@ -140,16 +149,16 @@ def _from_text(file: TextFile) -> RobotNumbers:
     values = np.array([[number_in(file, line.number, whats[i], line.cells[i]) for i in numbers] for line in lines])
     if values.shape[1] == 16 and not columns:
         values = _without_last_row(file.path, values.reshape(-1, 4, 4))
-    return RobotNumbers(file.path, names, values, tuple(columns[i] for i in numbers) if columns else (), unit)
+    return RobotNumbers(file.path, names, values, tuple(columns[i] for i in numbers) if columns else (), unit, angle)
 
 
-def _text_table(file: TextFile) -> tuple[tuple[str, ...], str, list[Line]]:
-    """Return the names of the columns, if any, the unit of x, y, z, and the lines below, all of one length."""
+def _text_table(file: TextFile) -> tuple[tuple[str, ...], str, str, list[Line]]:
+    """Return the names of the columns, if any, the units of x, y, z and of angles, and the lines, all of one length."""
     lines = list(lines_of_cells(file))
     if not lines:
         raise UnreadableFile(file.path, "holds only comments", "give one pose a line")
     try:
-        columns, unit = _header(lines[0])
+        columns, units, angles = _header(lines[0])
     except UnknownName as error:
         raise UnreadableFile(file.path, f"names a column with an {error}", "robots' positions are lengths") from error
     lines = lines[1:] if columns else lines
@@ -161,20 +170,30 @@ def _text_table(file: TextFile) -> tuple[tuple[str, ...], str, list[Line]]:
             raise UnreadableFile(
                 file.path, f"line {line.number} has {len(line.cells)} cells", f"there are {wanted} in the first line"
             )
-    return columns, unit, lines
+    return columns, _one_unit(file, "positions", units), _one_unit(file, "angles", angles), lines
 
 
-def _header(line: Line) -> tuple[tuple[str, ...], str]:
-    """Return the column names in lower case and the unit of x, y, z; empty for a line of numbers."""
+def _one_unit(file: TextFile, what: str, named: set[str]) -> str:
+    if len(named) > 1:
+        raise UnreadableFile(file.path, f"names {what} in {' and '.join(sorted(named))} at once", "give one unit")
+    return next(iter(named), "")
+
+
+def _header(line: Line) -> tuple[tuple[str, ...], set[str], set[str]]:
+    """Return the column names in lower case, and what units of x, y, z and of angles they state; none for numbers."""
+    columns, units, angles = list[str](), set[str](), set[str]()
     if sum(is_number(c) for c in line.cells) > len(line.cells) // 2:
-        return (), ""
-    columns, units = [], set()
+        return (), units, angles
     for cell in line.cells:
         match = re.fullmatch(r"([xyz])[_ ]?[\[(]?([a-z]+)?[\])]?", cell.lower())
         if match and match[2]:
             units.add(unit_name(match[2]))
-        columns.append(match[1] if match else re.sub(r"[_ ]?[\[(]?(deg|rad)[\])]?$", "", cell.lower()))
-    return tuple(columns), units.pop() if len(units) == 1 else ""
+        turn = re.fullmatch(r"(.+?)[_ ]?[\[(]?(deg|rad)[\])]?", cell.lower())
+        if turn:
+            angles.add(turn[2])
+        named = match or turn
+        columns.append(named[1] if named else cell.lower())
+    return tuple(columns), units, angles
 
 
 def _name_in_front(line: Line) -> list[int]:

@@ -7,12 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.camera.optics import STANDARD_MM
 from cadcam.errors import CadcamError
 from cadcam.kinds import expect
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess
 from cadcam.plan.layout import Layout
-from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Sigmas
+from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
 from cadcam.plan.sight.candidate import Candidate, Placing
 from cadcam.plan.sight.visibility import Visibility, seen_from
 from cadcam.plan.uncertainty.finding import Finder
@@ -74,14 +75,18 @@ def _changes(scene: LayoutScene, cameras: Sequence[Candidate]) -> Iterator[tuple
 
 
 def rebuilt(scene: LayoutScene, cameras: Sequence[Candidate], *, stretch: float = 1.0) -> tuple[Candidate, ...]:
-    """Return the cameras with the types and assumptions of a scene, moved along their axes to or from their aims."""
+    """Return the cameras with the types and assumptions of a scene, moved along their axes to or from their aims.
+
+    One that is moved about is calibrated at the first place of its mount, chosen or not, as `candidates` has it.
+    """
     mounts, placing = {mount.name: mount for mount in scene.mounts}, Placing(scene)
-    return tuple(
-        placing.candidate(
-            c.name, mounts[c.mount], scene.cameras[c.type.name], eye=c.aim + stretch * (c.eye - c.aim), aim=c.aim
-        )
-        for c in cameras
-    )
+
+    def placed(name: str, mount: Mount, kind: str, eye: Array, aim: Array) -> Candidate:
+        return placing.candidate(name, mount, scene.cameras[kind], aim + stretch * (eye - aim), aim)
+
+    for mount, kind in dict.fromkeys((c.mount, c.type.name) for c in cameras):
+        placed(mount, mounts[mount], kind, mounts[mount].eyes[0], mounts[mount].aims[0])
+    return tuple(placed(c.name, mounts[c.mount], c.type.name, c.eye, c.aim) for c in cameras)
 
 
 def looks_of(layout: Layout, scene: LayoutScene, cameras: Sequence[Candidate]) -> tuple[Visibility, ...]:

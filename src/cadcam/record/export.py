@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.errors import UnknownName, UnreadableFile
-from cadcam.files.jsontext import Place, as_json, parsed, parsed_line
+from cadcam.files.jsontext import Place, as_json, json_lines, parsed, parsed_line
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
 from cadcam.kinds import expect_each, expect_path
@@ -61,7 +61,7 @@ def read_records(path: str | os.PathLike[str]) -> list[Record]:
     if Path(path).suffix.lower() == ".csv":
         raise UnreadableFile(path, "is a table for spreadsheets", "give the export as .json or .jsonl")
     if Path(path).suffix.lower() == ".jsonl":
-        lines = ((i, text) for i, text in enumerate(file.text.splitlines(), 1) if text.strip())
+        lines = ((i, text) for i, text in enumerate(json_lines(file.text), 1) if text.strip())
         return [record_at(parsed_line(file.path, i, text)) for i, text in lines]
     place = parsed(file)
     if place.object.get("format") != FORMAT:

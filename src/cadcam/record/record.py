@@ -94,6 +94,8 @@ class Record(Brief):
         expect_numbers(self)
         if not self.part:
             raise BadValue("part of a record", "empty", "the name of the kind of part")
+        if self.quality is not None and not 0 <= self.quality <= 1:
+            raise BadValue("quality of a record", self.quality, "a number from 0 to 1")
         if self.time.tzinfo is None:
             raise BadValue("time of a record", self.time.isoformat(), "a time with its zone, such as datetime.now(UTC)")
         _check_verdict(self.verdict, self.part)

@@ -9,8 +9,9 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cadcam.errors import UnknownName
-from cadcam.kinds import expect
+from cadcam.arrays import Picture, frozen
+from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect, said
 from cadcam.render.view import PLAIN, Look, Scene
 
 Color = tuple[float, float, float]
@@ -36,12 +37,13 @@ def named_look(name: str) -> Look:
 def repaint(scene: Scene, chosen: Iterable[tuple[str, Color]]) -> Scene:
     """Return the scene with other colours for some parts: (name, RGB in [0, 1]) pairs; later ones take precedence.
 
-    A name may be a pattern as for file names (`bolt*`, `rib_[0-9]`); one that matches no part is `UnknownName`.
+    A name may be a pattern as for file names (`bolt*`, `rib_[0-9]`); one that matches no part is `UnknownName`, and
+    what is no pair or no such colour `BadValue`.
     """
     expect(scene, "scene", Scene)
     colors, paint = scene.colors.copy(), scene.paint.copy()
     names = scene.mesh.part_names
-    for pattern, color in chosen:
+    for pattern, color in map(_checked, chosen):
         fitting = [i for i, name in enumerate(names) if name == pattern or fnmatchcase(name, pattern)]
         if not fitting:
             raise UnknownName("part", pattern, names)
@@ -49,3 +51,12 @@ def repaint(scene: Scene, chosen: Iterable[tuple[str, Color]]) -> Scene:
         painted = np.isin(scene.mesh.part, fitting)
         paint[painted] = scene.mesh.part[painted]
     return replace(scene, colors=colors, paint=paint)
+
+
+def _checked(pair: object) -> tuple[str, Picture]:
+    if not isinstance(pair, (tuple, list)) or len(pair) != 2 or not isinstance(pair[0], str):
+        raise BadValue("part and colour", said(pair), "a pair such as ('bolt*', (1, 0, 0))")
+    color = frozen(pair[1], f"colour of {pair[0]!r}", (3,), np.float32)
+    if color.min() < 0 or color.max() > 1:
+        raise BadValue(f"colour of {pair[0]!r}", color.tolist(), "RGB in [0, 1]: divide bytes by 255")
+    return pair[0], color

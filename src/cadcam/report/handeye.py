@@ -42,13 +42,18 @@ def quality_notes(estimate: HandEyeEstimate) -> tuple[str, ...]:
         else ()
     )
     px = "" if estimate.noise_px is None else f"{held_px:.3g} px, "
+    held = "held out: without any one pose the others do not determine the solution, so none is predicted"
+    if np.isfinite(held_mm):
+        held = (
+            f"held out, each pose predicted by the others: {px}{held_mm:.3g} mm, {np.degrees(held_rad):.2g} deg (rms)"
+        )
     factor = float(estimate.coverage_factor(0.95).max())
     few = (f"for 95 % multiply the sigmas by {factor:.3g}: the robot's noise is known from few poses",)
     return (
         f"robot's noise: position {_noise(noise.translation, noise.translation_sigma)} mm, orientation "
         f"{_noise(float(np.degrees(noise.rotation)), float(np.degrees(noise.rotation_sigma)))} deg a coordinate",
         *pixels,
-        f"held out, each pose predicted by the others: {px}{held_mm:.3g} mm, {np.degrees(held_rad):.2g} deg (rms)",
+        held,
         *(few if factor > _FEW_FREEDOM else ()),
         *estimate.doubts,
     )
@@ -60,10 +65,10 @@ def pose_table(estimate: HandEyeEstimate) -> Table:
     rows = []
     for i, name in enumerate(estimate.names):
         shift, turn = np.linalg.norm(estimate.offsets[i, :3]), np.degrees(np.linalg.norm(estimate.offsets[i, 3:]))
-        in_pixels = (f"{estimate.residuals_px[i]:.2f}", f"{held.px[i]:.2f}") if pixels else ()
+        in_pixels = (f"{estimate.residuals_px[i]:.2f}", _or_blank(held.px[i], 2)) if pixels else ()
         mark = "suspicious" if estimate.suspicious[i] else ""
         second = "second pose" if pixels and estimate.second_pose[i] else ""
-        numbers = (f"{held.mm[i]:.3f}", f"{np.degrees(held.rotation[i]):.3f}", f"{held.chance[i]:.2g}")
+        numbers = (_or_blank(held.mm[i], 3), _or_blank(np.degrees(held.rotation[i]), 3), f"{held.chance[i]:.2g}")
         rows.append(
             (name, f"{shift:.3f}", f"{turn:.4f}", *in_pixels, *numbers, ", ".join(t for t in (mark, second) if t))
         )
@@ -120,6 +125,10 @@ def _motion_table(name: str, pose: Rigid, covariance: Array, axes: str, notes: t
 def _shown(value: float, sigma: float) -> tuple[str, str]:
     shown, spread = with_sigma(value, float(sigma))
     return shown, f"+- {spread}"
+
+
+def _or_blank(value: float, decimals: int) -> str:
+    return f"{value:.{decimals}f}" if np.isfinite(value) else ""
 
 
 def _noise(sigma: float, own: float) -> str:

@@ -25,7 +25,8 @@ class Split(Brief):
 
     mechanics (N, 2): m, where the view really is minus where the controller puts it, less the mean over all positions.
     vision (2,): standard deviation of the error of one prediction, from d_ij + d_ji. closure (2,): rms of the residuals
-    of the antisymmetric parts about m_i - m_j: about the vision's error, too.
+    of the antisymmetric parts about m_i - m_j: where all errors are independent, sqrt((N - 2) / 2N) of the vision's, so
+    0.65 of it for twelve positions and 0 for two.
     """
 
     deviations: Array

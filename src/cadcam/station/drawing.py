@@ -12,6 +12,8 @@ from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.measurement import Measurement
 from cadcam.errors import BadValue, TooFewPoints, UnknownName
 
+_LEVEL = 0.01  # probability below which a mean or a slope is not chance
+
 
 @dataclass(frozen=True, slots=True)
 class DistanceCheck:
@@ -38,8 +40,9 @@ class DistanceCheck:
 class DifferenceTrend:
     """Statistics of n differences, mm: mean, standard deviation, mean of the absolute values, and tests.
 
-    p_mean: probability of such a mean if the differences were random about zero (Student). slope: difference by
-    length, mm per m, with its standard deviation; correlation: of difference and length.
+    slope: difference by length, mm per m, with its standard deviation; correlation: of difference and length. p_mean,
+    p_slope: probability of such a mean, and of such a slope, if the differences were random about zero (Student, n - 1
+    and n - 2 degrees of freedom: of few differences, a slope of many standard deviations is no surprise).
     """
 
     n: int
@@ -50,6 +53,7 @@ class DifferenceTrend:
     slope: float
     slope_sigma: float
     correlation: float
+    p_slope: float
 
     @property
     def standard_error(self) -> float:
@@ -59,13 +63,12 @@ class DifferenceTrend:
     @property
     def t(self) -> float:
         """Return the mean in units of its standard deviation."""
-        return self.mean / self.standard_error
+        return _in_sigmas(self.mean, self.standard_error)
 
     @property
     def verdict(self) -> str:
         """Return in words what is significant at 1 %: a constant offset, a scale, both or neither."""
-        scale = abs(self.slope) > 2.6 * self.slope_sigma > 0
-        offset = self.p_mean < 0.01
+        scale, offset = self.p_slope < _LEVEL, self.p_mean < _LEVEL
         if offset and scale:
             return "the differences have an offset and grow with the length"
         if offset:
@@ -114,11 +117,12 @@ def trend(differences: Floats, lengths: Floats) -> DifferenceTrend:
     if len(d) < 3:
         raise TooFewPoints("a trend", len(d), 3, of="distances")
     mean, sd = float(d.mean()), float(d.std(ddof=1))
-    t = abs(mean) / (sd / np.sqrt(len(d))) if sd > 0 else np.inf
     slope, slope_sigma, r = _line(d, L / 1000)
-    return DifferenceTrend(
-        len(d), mean, sd, float(np.abs(d).mean()), 2 * float(stdtr(len(d) - 1, -t)), slope, slope_sigma, r
+    p_mean, p_slope = (
+        2 * float(stdtr(len(d) - fitted, -abs(_in_sigmas(value, sigma))))
+        for fitted, value, sigma in ((1, mean, sd / np.sqrt(len(d))), (2, slope, slope_sigma))
     )
+    return DifferenceTrend(len(d), mean, sd, float(np.abs(d).mean()), p_mean, slope, slope_sigma, r, p_slope)
 
 
 def _check(measured: Measurement, drawn: Mapping[str, Floats], one: str, other: str) -> DistanceCheck:
@@ -131,6 +135,11 @@ def _check(measured: Measurement, drawn: Mapping[str, Floats], one: str, other: 
     drawn_length = float(np.linalg.norm(on_drawing))
     angle = float(np.arctan2(cross, dot))
     return DistanceCheck(one, other, length.value, length.sigma, length.half_width, drawn_length, angle)
+
+
+def _in_sigmas(value: float, sigma: float) -> float:
+    """Return a value in units of its standard deviation: 0 for 0, even where nothing scatters."""
+    return value / sigma if sigma > 0 else float(np.copysign(np.inf, value)) if value else 0.0
 
 
 def _line(d: Array, x: Array) -> tuple[float, float, float]:

@@ -46,8 +46,11 @@ def weights(positions: Floats, at: Floats, rule: Rule, *, extrapolate: bool = Fa
 
 
 def check_inside(positions: Array, at: Array, *, extrapolate: bool, near_mm: float = NEAR_MM) -> None:
-    """Raise `BadValue` for a position outside of the calibrated ones and farther than `near_mm` from any of them."""
-    if extrapolate or surrounded(positions, at):
+    """Raise `BadValue` for a position outside of the calibrated ones and farther than `near_mm` from any of them.
+
+    Positions in a row count within `near_mm` beside it, from end to end.
+    """
+    if extrapolate or surrounded(positions, at) or _beside_row(positions, at) <= near_mm:
         return
     distance = np.linalg.norm(positions - at, axis=1)
     nearest = int(np.argmin(distance))
@@ -70,6 +73,18 @@ def surrounded(positions: Array, at: Array) -> bool:
     around = np.sort(np.arctan2(off[:, 1], off[:, 0]))
     gaps = np.diff(around, append=around[0] + 2 * np.pi)
     return bool(gaps.max() <= np.pi + _OUTSIDE)
+
+
+def _beside_row(positions: Array, at: Array) -> float:
+    """Return how far a position lies from the line of the others, mm; inf beyond its ends and where they have none.
+
+    Without it none would be measured there: no position that is measured lies on a line to the last digit.
+    """
+    if len(positions) < 2 or not _on_a_line(positions):
+        return float("inf")
+    centre = positions.mean(axis=0)
+    along, across = ((positions - at) @ axis for axis in np.linalg.svd(positions - centre)[2])
+    return float(abs(across.mean())) if along.min() <= 0 <= along.max() else float("inf")
 
 
 def bilinear_weights(corners: Floats, at: Floats) -> Array | None:

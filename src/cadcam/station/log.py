@@ -19,7 +19,7 @@ from cadcam.arrays import Floats
 from cadcam.camera.measurement import Measurement
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import UnreadableFile, UnwritableFile
-from cadcam.files.jsontext import parsed_line
+from cadcam.files.jsontext import json_lines, parsed_line
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.record.record import Deviation, Record
@@ -86,7 +86,7 @@ def _append(handle: int, data: bytes) -> None:
 def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the entries of a log, oldest first. Raises `UnreadableFile` naming the line."""
     out: list[dict[str, Any]] = []
-    for number, line in enumerate(read_text(path).text.splitlines(), start=1):
+    for number, line in enumerate(json_lines(read_text(path).text), start=1):
         if not line.strip():
             continue
         entry = parsed_line(path, number, line).object

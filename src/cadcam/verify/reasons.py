@@ -13,7 +13,7 @@ from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
-from cadcam.verify.tolerances.tolerance import Quantity, Rule
+from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
 ANOTHER_VIEW, IN_VIEW = "take another view", "take a photo that shows it"
@@ -123,6 +123,12 @@ def vector_words(v: np.typing.NDArray[np.float64]) -> str:
     return "(" + ", ".join(f"{0.0 if abs(x) < 5e-3 else x:.2f}" for x in v) + ")"
 
 
+def decimals_of(limit: Limit) -> int:
+    """Return with how many decimals deviations and U are written beside a limit, in the unit of its quantity."""
+    value = limit.quantity.per_unit * limit.value
+    return 4 if value < _FINER else 3 if value < _FINE else 2
+
+
 def _undecided(judgements: Sequence[Judgement]) -> list[str]:
     """Return a line for each value too near to its limit, and for each reason for which others were not measured."""
     said: dict[tuple[str, str], list[str]] = {}  # by value or feature, and reason: quantities
@@ -169,7 +175,5 @@ def _size(j: Judgement, value: float) -> str:
 
 def _number(j: Judgement, value: float) -> str:
     """Return a value of a judgement in the unit of its quantity, with the decimals that its limit asks for."""
-    scale = j.limit.quantity.per_unit
-    limit = scale * j.limit.value
-    decimals = 4 if limit < _FINER else 3 if limit < _FINE else 2
-    return f"{round(scale * value, decimals) + 0.0:.{decimals}f}"
+    decimals = decimals_of(j.limit)
+    return f"{round(j.limit.quantity.per_unit * value, decimals) + 0.0:.{decimals}f}"

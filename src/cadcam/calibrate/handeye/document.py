@@ -97,9 +97,9 @@ def hand_eye_as_json(estimate: HandEyeEstimate) -> dict[str, Any]:
         "noise_px": estimate.noise_px,
         "camera": None if estimate.camera is None else bare_camera_as_json(estimate.camera),
         "held_out_rms": {
-            "px": None if estimate.noise_px is None else px,
-            "mm": mm,
-            "rotation_rad": rotation,
+            "px": or_null(px),
+            "mm": or_null(mm),
+            "rotation_rad": or_null(rotation),
         },
         "scale": {"value": estimate.scale, "sigma": or_null(estimate.scale_sigma)},
         "poses": [_pose_json(estimate, i) for i in range(len(estimate.names))],
@@ -113,8 +113,8 @@ def _pose_json(estimate: HandEyeEstimate, i: int) -> dict[str, Any]:
         "base_from_flange": pose_as_json(estimate.base_from_flange[i]),
         "camera_from_target": pose_as_json(estimate.camera_from_target[i]),
         "offset_mm_rad": estimate.offsets[i].tolist(),
-        "held_out_mm": float(held.mm[i]),
-        "held_out_rotation_rad": float(held.rotation[i]),
+        "held_out_mm": or_null(held.mm[i]),
+        "held_out_rotation_rad": or_null(held.rotation[i]),
         "chance": float(held.chance[i]),
         "suspicious": bool(estimate.suspicious[i]),
     }
@@ -160,8 +160,8 @@ def _observations_at(place: Place) -> Observations:
 def _held_out_at(poses: list[Place], *, by_pixels: bool) -> HeldOut:
     return HeldOut(
         px=np.array([_or(p.at("held_out_px"), np.nan) if by_pixels else np.nan for p in poses]),
-        mm=np.array([p.at("held_out_mm").number() for p in poses]),
-        rotation=np.array([p.at("held_out_rotation_rad").number() for p in poses]),
+        mm=np.array([_or(p.at("held_out_mm"), np.nan) for p in poses]),
+        rotation=np.array([_or(p.at("held_out_rotation_rad"), np.nan) for p in poses]),
         chance=np.array([p.at("chance").number() for p in poses]),
     )
 

@@ -33,7 +33,8 @@ class HeldOut(Brief):
 
     px: rms distance between predicted and measured pixels (nan without pixels); mm: rms distance of the target's points
     (or of its origin) between their prediction and the pose estimated from this picture alone; rotation: of the target,
-    rad. chance: that a pose without a blunder is this far off, given the noise of the others (F test).
+    rad. chance: that a pose without a blunder is this far off, given the noise of the others (F test). Where the others
+    do not determine the solution they predict nothing: nan, and chance 1.
     """
 
     px: Array
@@ -47,8 +48,11 @@ class HeldOut(Brief):
 
     @property
     def rms(self) -> tuple[float, float, float]:
-        """Return the root mean squares over all poses: px (nan without pixels), mm and rad."""
-        px, mm, rotation = (float(np.sqrt(np.mean(np.square(each)))) for each in (self.px, self.mm, self.rotation))
+        """Return the root mean squares over the poses predicted: px (nan without pixels), mm and rad; nan for none."""
+        some = np.isfinite(self.mm)
+        if not some.any():
+            return float("nan"), float("nan"), float("nan")
+        px, mm, rotation = (float(np.sqrt(np.mean(each[some] ** 2))) for each in (self.px, self.mm, self.rotation))
         return px, mm, rotation
 
 

@@ -18,7 +18,7 @@ def held_out(
 ) -> HeldOut:
     """Return each pose predicted by all the others: the fit without it, in one exact linear step.
 
-    held: the flange holds the camera. Where a pose is indispensable for the solution its numbers are inf.
+    held: the flange holds the camera. Where the others do not determine the solution a pose's numbers are nan.
     """
     shift, distance2 = _without_each(fit)
     seen = poses.held_from_fixed
@@ -28,8 +28,9 @@ def held_out(
     if not held:
         should, seen = should.inv, seen.inv
     rotation = np.linalg.norm(so3.log(np.swapaxes(should.rotation, 1, 2) @ seen.rotation), axis=1)
-    px, mm = _distances(should, seen, views, camera)
-    return HeldOut(px, mm, rotation, _chance(distance2))
+    known = np.isfinite(distance2)
+    px, mm = (np.where(known, off, np.nan) for off in _distances(should, seen, views, camera))
+    return HeldOut(px, mm, np.where(known, rotation, np.nan), np.where(known, _chance(distance2), 1.0))
 
 
 def scale_of_target(poses: HandEyePoses, fit: PosesFit) -> tuple[float, float]:
@@ -55,7 +56,10 @@ def scale_of_target(poses: HandEyePoses, fit: PosesFit) -> tuple[float, float]:
 
 
 def _without_each(fit: PosesFit) -> tuple[Array, Array]:
-    """Return the changes (n, 12) of the parameters without each pose, and its squared distance from the rest."""
+    """Return the changes (n, 12) of the parameters without each pose, and its squared distance (n,) from the rest.
+
+    No change, and nan, where the rest does not determine the parameters.
+    """
     D, W, e = fit.jacobian, fit.weights, fit.offsets
     H = fit.information
     scale = 1 / np.sqrt(np.diag(H))
@@ -69,8 +73,8 @@ def _without_each(fit: PosesFit) -> tuple[Array, Array]:
     less = (_variances_without_each(fit) - fit.variances) @ PATTERNS.reshape(2, 36)
     V = np.linalg.inv(W) + less.reshape(-1, 6, 6) + D @ C @ np.swapaxes(D, 1, 2)
     distance2 = np.einsum("ni,nij,nj->n", left, np.linalg.inv(V), left)
-    shift[~known], distance2[~known] = np.nan, np.nan
-    return np.nan_to_num(shift), np.where(known, distance2, 0.0)
+    shift[~known], distance2[~known] = 0.0, np.nan
+    return shift, distance2
 
 
 def _distances(should: Rigid, seen: Rigid, views: PaddedViews | None, camera: Camera | None) -> tuple[Array, Array]:

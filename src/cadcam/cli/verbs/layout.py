@@ -237,13 +237,15 @@ def _covered(layout: Layout) -> list[tuple[Painting, list[tuple[str, Picture]]]]
 
 
 def _pictures(folder: str, layout: Layout) -> None:
+    """Write what the chosen cameras see, and the coverage; cameras are numbered as their files are."""
     from pathlib import Path
 
     from cadcam.image.picture import write_picture
     from cadcam.plan.pictures import camera_pictures
 
     with working("drawing pictures"):
-        named = [(f"camera {c.name}", p) for c, p in zip(layout.cameras, camera_pictures(layout), strict=True)]
+        views = zip(layout.cameras, camera_pictures(layout), strict=True)
+        named = [(f"camera {i} {c.name}", p) for i, (c, p) in enumerate(views, 1)]
     named += [(f"coverage {title}", p) for _, views in _covered(layout) for title, p in views]
     for name, picture in named:
         path = Path(folder) / f"{_as_file_name(name)}.png"

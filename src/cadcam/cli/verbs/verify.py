@@ -156,7 +156,7 @@ def _asked(arguments: argparse.Namespace) -> _Asked | None:
     if not arguments.photos:
         return None
     shots = read_shots(arguments.photos, arguments)
-    view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments)
+    view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments, posed=bool(arguments.pose))
     if arguments.start or arguments.points:
         refuse(arguments, "--pose", why="beside --start or --points", expected="one of them")
     start = start_as_asked(arguments, view)

@@ -26,7 +26,7 @@ from cadcam import __version__
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import UnreadableFile, UnwritableFile
-from cadcam.files.jsontext import Place, parsed_line
+from cadcam.files.jsontext import Place, json_lines, parsed_line
 from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
@@ -207,7 +207,7 @@ def head_of(
 
 def read_track_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile`, naming the line."""
-    lines = read_text(path, max_bytes=_MAX_BYTES).text.splitlines()
+    lines = json_lines(read_text(path, max_bytes=_MAX_BYTES).text)
     _check_head(path, _object(path, 1, lines[0]))
     entries = [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
     for number, entry in enumerate(entries, 2):
@@ -231,7 +231,7 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[
     """Return the complete lines of a log after its head; truncate the file after them."""
     data = Path(path).read_bytes()
     whole = data[: data.rfind(b"\n") + 1]
-    lines = whole.decode(errors="replace").splitlines()
+    lines = json_lines(whole.decode(errors="replace"))
     there = _object(path, 1, lines[0]) if lines else {}
     _check_head(path, there)
     if len(lines) == 1:  # a run that failed at its first frame, perhaps by inputs that were mended since

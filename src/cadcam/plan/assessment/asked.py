@@ -2,7 +2,8 @@
 
 A limit of a position is judged in the worst direction in which the feature can be displaced (not along a straight
 edge; not along the normal of a known plane, where the height is given and not measured), or in the direction that it
-names; a limit of an angle by the worst rotation of the edge. With U = k sigma, the test uncertainty ratio is limit/U.
+names; a limit of an angle by the worst rotation of the edge. A displacement in a direction oblique to a straight edge
+is judged by how far it moves the edge across itself. With U = k sigma, the test uncertainty ratio is limit/U.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ class Asked:
     """L limits: feature of each (L,), the limits, and bases (L, 3, 3) whose columns span what is judged, else zero.
 
     turns (L,): whether the limit is one of the edge's slope. prior (L, 3, 3): what is known without a camera, 1/mm^2.
+    along (L, 3): unit direction of a straight edge, in which no picture shows a displacement; zero for other features.
     """
 
     feature: Longs
@@ -32,12 +34,14 @@ class Asked:
     basis: Array
     turns: Mask
     prior: Array
+    along: Array
 
     @classmethod
     def of_positions(cls, n: int) -> Asked:
         """Return the position of each of n features, in its worst direction, with a nominal limit of 1 mm."""
         limits = (Limit(Quantity.POSITION, 1.0),) * n
-        return cls(np.arange(n), limits, np.tile(np.eye(3), (n, 1, 1)), np.zeros(n, bool), np.zeros((n, 3, 3)))
+        every, nothing = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
+        return cls(np.arange(n), limits, every, np.zeros(n, bool), nothing, np.zeros((n, 3)))
 
     def __len__(self) -> int:
         return len(self.limits)
@@ -59,15 +63,14 @@ class Asked:
     @property
     def known(self) -> Array:
         """Return the prior information (L, 3, 3), regularised along straight edges so that nothing is singular."""
-        out = np.zeros((len(self), 3, 3))
-        spanned = self.basis @ np.swapaxes(self.basis, -1, -2)
-        rank = np.rint(np.trace(spanned, axis1=-2, axis2=-1))
-        edge = (rank == 2) & (self.prior == 0).all(axis=(-2, -1))
-        out[edge] = _FREE * (np.eye(3) - spanned[edge])
-        return np.asarray(self.prior + out / (self.value**2)[:, None, None])
+        edges = self.along[:, :, None] * self.along[:, None, :]
+        return np.asarray(self.prior + _FREE * edges / (self.value**2)[:, None, None])
 
     def worst(self, covariance: Array) -> tuple[Array, Array]:
-        """Return the largest sigma (..., L) that is judged, mm or rad, and its direction (..., L, 3); NaN if none."""
+        """Return the largest sigma (..., L) that is judged, mm or rad, and the w (..., L, 3) whose w . x has it.
+
+        x: the displacement. NaN if there is none.
+        """
         B = self.basis
         inner = np.swapaxes(B, -1, -2) @ covariance @ B
         known = np.asarray(np.isfinite(inner).all(axis=(-2, -1)))
@@ -78,7 +81,7 @@ class Asked:
 
 def asked_of(features: Sequence[LayoutFeature], plane_mm: Array) -> Asked:
     """Return the limits of some features; plane_mm (F,): sigma of the height of their known planes, NaN for none."""
-    owner, limits, bases, turns, prior = [], [], [], [], []
+    owner, limits, bases, turns, prior, along = [], [], [], [], [], []
     for i, feature in enumerate(features):
         for limit in feature.limits:
             owner.append(i)
@@ -88,13 +91,19 @@ def asked_of(features: Sequence[LayoutFeature], plane_mm: Array) -> Asked:
             n = feature.normal
             height = np.isfinite(plane_mm[i]) and n is not None
             prior.append(np.outer(n, n) / plane_mm[i] ** 2 if height and n is not None else np.zeros((3, 3)))
-    return Asked(np.array(owner), tuple(limits), np.array(bases), np.array(turns, bool), np.array(prior))
+            along.append(np.zeros(3) if feature.along is None else feature.along)
+    return Asked(
+        np.array(owner), tuple(limits), np.array(bases), np.array(turns, bool), np.array(prior), np.array(along)
+    )
 
 
 def _basis(feature: LayoutFeature, limit: Limit) -> Array:
     out = np.zeros((3, 3))
     if limit.direction is not None:
-        out[:, 0] = limit.direction
+        across = limit.direction
+        if feature.along is not None:
+            across = across - (across @ feature.along) * feature.along
+        out[:, 0] = across / (across @ across)  # w with w . x = u for a displacement by u along the direction
         return out
     along = feature.along if feature.along is not None else feature.normal if feature.plane_mm is not None else None
     if along is None:

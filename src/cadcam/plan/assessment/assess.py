@@ -167,8 +167,9 @@ def _assessed(
     poses: int,
 ) -> Assessment:
     L = len(asked)
-    sigma, direction = asked.worst(found.covariance.reshape(poses, L, 3, 3))
-    d = direction.reshape(-1, 3)
+    sigma, worst = asked.worst(found.covariance.reshape(poses, L, 3, 3))
+    direction = worst / np.maximum(np.linalg.norm(worst, axis=-1, keepdims=True), 1e-300)
+    d = worst.reshape(-1, 3)
     variance = {PIXELS: np.einsum("ni,nij,nj->n", d, found.from_pixels, d)}
     for name, columns in zip(names, at, strict=True):
         more = np.sum(np.einsum("ni,nip->np", d, found.by_number[..., columns]) ** 2, axis=-1)

@@ -54,7 +54,7 @@ class SelectionProblem:
 
     def _take(self, each: Array, base: Array, k: Array, basis: Array) -> None:
         self._each, self._base, self._k, self._basis = each, base, k, basis
-        rank = np.rint((basis**2).sum(axis=(-2, -1)))
+        rank = basis.any(axis=-2).sum(axis=-1)
         self._groups = [(r, np.flatnonzero(rank == r)) for r in (1, 2, 3)]
         self.candidates, _, self.targets = each.shape
 
@@ -98,7 +98,7 @@ class SelectionProblem:
         for rank, at in self._groups:
             if len(at):
                 C = inverse(total[..., at], least=_WEAK)
-                variance = largest(C) if rank == 3 else spanned(C, self._basis[at], int(rank))
+                variance = largest(C) if rank == 3 else spanned(C, self._basis[at], rank)
                 out[:, at] = 1 / (self._k[at] * np.sqrt(variance))
         return out
 

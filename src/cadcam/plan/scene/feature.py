@@ -59,6 +59,8 @@ class LayoutFeature(Brief):
                 raise BadValue(f"limit of {self.name}", limit.quantity.value, "position_mm or angle_deg")
             if limit.quantity is Quantity.ANGLE and not self.straight:
                 raise BadValue(f"angle_deg of {self.name}", "asked of what has no direction", "an edge_mm to ask it of")
+            if limit.direction is not None and self.along is not None and abs(limit.direction @ self.along) > _PARALLEL:
+                raise BadValue(f"direction of {self.name}", "along the edge", "one across it: along it nothing shows")
 
     @classmethod
     def edge(cls, name: str, ends: Array, limits: tuple[Limit, ...]) -> LayoutFeature:

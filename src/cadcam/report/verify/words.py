@@ -10,7 +10,7 @@ from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
-from cadcam.verify.reasons import contradicting, vector_words
+from cadcam.verify.reasons import contradicting, decimals_of, vector_words
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
@@ -115,14 +115,16 @@ def feature_notes(seen: Inspection) -> list[str]:
 
 
 def in_unit(j: Judgement) -> tuple[str, str, str]:
-    """Return deviation, U and limit with their unit, as text."""
+    """Return deviation, U and limit with their unit, as text: three decimals, more where the limit asks for them."""
     if j.limit.quantity is Quantity.PRESENCE:
         return "", "", "required"
     scale, unit = j.limit.quantity.per_unit, j.limit.quantity.unit
     limit = f"{scale * j.limit.value:.3g} {unit}"
     if not np.isfinite(j.deviation):
         return "", "", limit
-    return f"{round(scale * j.deviation, 3) + 0.0:+.3f} {unit}", f"{scale * j.U:.3f}", limit
+    decimals = max(decimals_of(j.limit), 3)
+    deviation = round(scale * j.deviation, decimals) + 0.0
+    return f"{deviation:+.{decimals}f} {unit}", f"{scale * j.U:.{decimals}f}", limit
 
 
 def rule_words(found: Verification) -> str:
