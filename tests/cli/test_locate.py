@@ -121,7 +121,7 @@ def test_what_was_located_is_drawn_there_whatever_pose_the_camera_file_has(cadca
     for pose in ("pose.json", "located.json"):
         drawn = cadcam("overlay", *LOCATE[1:], "--pose", pose, "-o", "drawn.png", "--json")
         assert drawn.code == 0, drawn.err
-        again = cadcam("locate", *LOCATE[1:], "--start", pose, "--pose-out", "again.json")
+        again = cadcam("locate", *LOCATE[1:], "--start", pose, "--pose-out", pose)  # over what it started from
         assert again.code == 0, again.err
         matched = cadcam("match", *LOCATE[1:], "--pose", pose)
         assert matched.code == 0, matched.err
