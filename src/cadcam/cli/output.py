@@ -60,6 +60,16 @@ def check_folder(path: str | None) -> None:
         raise UnwritableFile(path, f"{there} is read-only", "choose another place, or change its permissions")
 
 
+def refuse_own_folder(path: str | None, read: Iterable[str]) -> None:
+    """Refuse a folder for pictures, if any, that holds one of the pictures read.
+
+    Pictures of one name would be lost; a second run on the folder would take what the first one drew for photos.
+    """
+    folder = None if path is None else Path(path).resolve()
+    if folder in {Path(picture).parent.resolve() for picture in read}:
+        raise UnwritableFile(str(path), "holds the pictures that are read", "name another folder for what is drawn")
+
+
 def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document to stdout."""
     from cadcam.files.jsontext import as_json

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, overlaid, part_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
-from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say, say_written, working
+from cadcam.cli.output import (
+    check_folder,
+    check_target,
+    print_json,
+    print_tables,
+    progress,
+    refuse_own_folder,
+    say,
+    say_written,
+    working,
+)
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
 from cadcam.cli.whites import check_counts, say_white
 from cadcam.cli.wires import LOOKS, add_line_options
@@ -85,6 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     viewpoints, said = viewpoints_of(arguments.frames, arguments.camera, arguments.rig)
     start, freedom = start_as_asked(arguments, viewpoints[0]) or said, freedom_as_asked(arguments)
     frames = Frames([file_of(path) for path in arguments.frames], viewpoints, full_scale=arguments.full_scale)
+    refuse_own_folder(arguments.overlays, frames.files)
     _settle_white(arguments, frames)
     mesh, _ = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
