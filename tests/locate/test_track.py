@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cadcam.errors import BadValue, NothingInView, UnreadableFile
+from cadcam.errors import BadValue, NothingInView, UnreadableFile, UnwritableFile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.locate.freedom import Freedom
@@ -260,6 +260,37 @@ def test_a_log_is_only_continued_with_the_same_inputs(sighting: Install, folder:
     (tmp_path / "other.jsonl").write_text('{"format": "something else"}\n')
     with pytest.raises(UnreadableFile, match="not a log of tracked frames"):
         run(folder, tmp_path / "other.jsonl")
+
+
+def test_a_log_is_written_by_one_run_at_a_time(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    sighting(12)
+    log, pictures = tmp_path / "log.jsonl", opened(folder)
+    head = head_of(PART, pictures.viewpoints, FIRST)
+    with TrackLog.open(log, head) as first:
+        lines = track_part_to_log(first, PART, pictures, FIRST)
+        next(lines)
+        for overwrite in (False, True):
+            with pytest.raises(UnwritableFile, match="another run is writing to it; wait for its end"):
+                TrackLog.open(log, head, overwrite=overwrite)
+        assert len(list(lines)) == 11
+    assert [entry["frame"] for entry in read_track_log(log)] == [*range(12)]
+    assert len(run(folder, log)) == 12
+
+
+def test_only_a_log_is_overwritten(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    sighting(12)
+    log, head = tmp_path / "log.jsonl", head_of(PART, opened(folder).viewpoints, FIRST)
+    run(folder, log, 5)
+    log.write_text(log.read_text().replace('"version": 2', '"version": 1'))
+    with TrackLog.open(log, head, overwrite=True) as anew:
+        assert anew.entries == []
+    assert log.read_text() == json.dumps(head) + "\n"
+    for other in ('{"part": "bracket"}\n', "serial 4711\n"):
+        log.write_text(other)
+        with pytest.raises(UnreadableFile, match=r"log.jsonl: (is not a log of tracked frames|line 1 is not JSON)"):
+            TrackLog.open(log, head, overwrite=True)
+        assert log.read_text() == other
 
 
 def test_a_log_holds_every_bit_and_a_table_beside_it_the_same(sighting: Install, folder: Path, tmp_path: Path) -> None:

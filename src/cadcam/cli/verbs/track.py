@@ -104,10 +104,9 @@ def run(arguments: argparse.Namespace) -> int:
         "velocity": not arguments.no_velocity,
         "texture": not arguments.no_print,
     }
-    if arguments.overwrite:
-        Path(arguments.output).unlink(missing_ok=True)
     head = head_of(part, frames.viewpoints, start, **how)
-    with TrackLog.open(arguments.output, head, table=arguments.csv, filtered=arguments.smooth) as log:
+    kept: dict[str, Any] = {"table": arguments.csv, "filtered": arguments.smooth, "overwrite": arguments.overwrite}
+    with TrackLog.open(arguments.output, head, **kept) as log:
         if log.entries and not arguments.json:
             say(f"{len(log.entries)} frames are in {arguments.output}; going on")
         with progress("tracking", frames.count or 0) as step:

@@ -4,7 +4,7 @@ The log is JSON lines. The first describes the run: {"format": "cadcam track", "
 part, cameras, start and options. Then comes one line per frame: {"frame", "files", "sha256", "found", "quality", "how",
 "reason", "pose", "filtered": null where the part was lost}. Poses are written as by `write_part_pose`: "pose" from the
 frame's photos (and, where "followed", from the texture of earlier frames), "filtered" from all frames so far. A log is
-only continued with the same inputs.
+only continued with the same inputs, and by one process at a time.
 """
 
 from __future__ import annotations
@@ -46,6 +46,7 @@ _INPUTS = {  # entries of the first line, and what the caller knows them as
 }
 _SWITCHES = {"velocity": "--no-velocity", "texture": "--no-print"}  # entries that these options turn off
 _MAX_BYTES = 4_000_000_000
+_LONGEST_HEAD = 1_000_000  # bytes of a first line; cameras are fingerprints there
 _POSE = ("x_mm", "y_mm", "z_mm", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)))
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg")
 COLUMNS = ("frame", "files", "found", "quality", "how", *_POSE, *_SIGMAS)
@@ -102,13 +103,19 @@ class TrackLog:
     """A log that frames are appended to; made by `open`."""
 
     def __init__(
-        self, path: str | os.PathLike[str], entries: list[dict[str, Any]], table: str | None, *, filtered: bool
+        self,
+        path: str | os.PathLike[str],
+        file: io.BufferedWriter,
+        entries: list[dict[str, Any]],
+        table: io.BufferedWriter | None,
+        *,
+        filtered: bool,
     ) -> None:
         self.path = os.fspath(path)
         self.entries = entries
         self._filtered = filtered
-        self._file = _appending(path)
-        self._table = None if table is None else _appending(table)
+        self._file = file
+        self._table = table
 
     @classmethod
     def open(
@@ -118,20 +125,28 @@ class TrackLog:
         *,
         table: str | os.PathLike[str] | None = None,
         filtered: bool = False,
+        overwrite: bool = False,
     ) -> TrackLog:
         """Return the log at `path`: a new one that begins with `head` (`head_of`), or one with the same head.
 
-        An incomplete last line is removed; a log without frames is begun anew. table: a CSV file, one line per frame,
-        rewritten from the log, with the `filtered` poses or else those of single frames. Raises `UnreadableFile` where
-        the file holds another run.
+        An incomplete last line is removed; a log without frames is begun anew, and with `overwrite` any. table: a CSV
+        file, one line per frame, rewritten from the log, with the `filtered` poses or else those of single frames.
+        Raises `UnreadableFile` where the file holds another run, or with `overwrite` no log of tracked frames at all;
+        `UnwritableFile` where another process has the log open.
         """
-        there = Path(path)
-        entries = _continued(path, head) if there.exists() and there.stat().st_size else []
-        if not entries:
-            _write(path, json.dumps(head, ensure_ascii=False) + "\n")
-        if table is not None:
-            _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
-        return cls(path, entries, None if table is None else os.fspath(table), filtered=filtered)
+        file = _appending(path)
+        try:
+            _lock(file, path)
+            entries = _continued(path, head, anew=overwrite) if Path(path).stat().st_size else []
+            if not entries:
+                file.truncate(0)
+                _add(file, json.dumps(head, ensure_ascii=False) + "\n")
+            if table is not None:
+                _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
+            return cls(path, file, entries, None if table is None else _appending(table), filtered=filtered)
+        except BaseException:
+            file.close()
+            raise
 
     def __repr__(self) -> str:
         found = sum(bool(entry["found"]) for entry in self.entries)
@@ -227,8 +242,12 @@ def _check_white(path: str, entry: Mapping[str, Any], frame: Frame) -> None:
         raise UnreadableFile(path, reason, f"{'' if brighter else f'--full-scale {one}, or '}start a new log")
 
 
-def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the complete lines of a log after its head; truncate the file after them."""
+def _continued(path: str | os.PathLike[str], head: dict[str, Any], *, anew: bool) -> list[dict[str, Any]]:
+    """Return the complete lines of a log after its head; truncate the file after them. None if it is begun anew."""
+    if anew:
+        with Path(path).open("rb") as file:
+            _check_is_log(path, _object(path, 1, file.readline(_LONGEST_HEAD).decode(errors="replace")))
+        return []
     data = Path(path).read_bytes()
     whole = data[: data.rfind(b"\n") + 1]
     lines = whole.decode(errors="replace").splitlines()
@@ -263,9 +282,13 @@ def _brief(key: str, value: Any) -> str:
     return ""
 
 
-def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
+def _check_is_log(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
     if head.get("format") != FORMAT:
         raise UnreadableFile(path, "is not a log of tracked frames", "name another file")
+
+
+def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
+    _check_is_log(path, head)
     if head.get("version") != VERSION:
         raise UnreadableFile(path, f"has version {head.get('version')!r}", f"version {VERSION} is read here")
 
@@ -314,6 +337,25 @@ def _appending(path: str | os.PathLike[str]) -> io.BufferedWriter:
         return Path(path).open("ab")
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
+
+
+def _lock(file: io.BufferedWriter, path: str | os.PathLike[str]) -> None:
+    """Keep others from writing to a log while it is open here: lines of two runs would stand between each other.
+
+    The system lets go of it when this process ends, however it ends. Where it has no locks, on some network drives,
+    nobody is kept away.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        reason = "another run is writing to it"
+        raise UnwritableFile(path, reason, "wait for its end, or name another log") from None
+    except OSError:
+        return
 
 
 def _write(path: str | os.PathLike[str], text: str) -> None:
