@@ -143,6 +143,22 @@ def test_two_cameras_know_the_place_better_than_one(cadcam: Cadcam, here: Path) 
     assert read_picture("both.png").shape[1] > 2 * 480
 
 
+def test_photos_of_one_name_are_told_apart_by_their_folders(cadcam: Cadcam, here: Path) -> None:
+    """As cameras store them: left/0008.png, right/0008.png. What is said of a photo has to say of which."""
+    write_camera("camera.json", CAMERA, camera_from_world=POSE)
+    for folder in ("left", "right"):
+        (here / "shots" / folder).mkdir(parents=True)
+        (here / "shots" / folder / "0008.png").symlink_to(here / "photo.png")
+    photos = ["left/0008.png", "right/0008.png"]
+    two = (*(f"shots/{p}" for p in photos), LOCATE[2], *(2 * ("--camera", "camera.json")))
+    ran = cadcam("locate", *two, "--pose-out", "pose.json")
+    assert ran.code == 0, ran.err
+    assert [c["name"] for c in json.loads(Path("pose.json").read_text())["cameras"]] == photos
+    Path("shots/right/0008.png").unlink()
+    write_picture("shots/right/0008.png", np.full((CAMERA.size[1], CAMERA.size[0]), 0.3))
+    assert "photo 'right/0008.png' is empty" in cadcam("locate", *two).err
+
+
 def test_a_restricted_motion_keeps_the_rest_as_in_the_start(cadcam: Cadcam, here: Path) -> None:
     write_start(here / "start.txt", POSE @ Rigid.exp([4, -3, 0, 0, 0, 0.07]))
     ran = cadcam(*LOCATE, "--start", "start.txt", "--freedom", "plane:0,0,1@part", "--pose-out", "pose.json")
