@@ -20,6 +20,7 @@ from cadcam.image.picture import write_picture
 
 from ..verify.scene import CAMERA, POSE, displaced, photographed, plate
 from .job import Ran
+from .locating import MODELS, make_photo_job
 
 TOLERANCES = """\
 features:
@@ -127,6 +128,21 @@ def test_a_template_of_what_a_photo_shows_can_be_verified(cadcam: Callable[..., 
     named = cadcam("verify", cell / "good.png", cell / "plate.glb", "--list", *files[:4], "-o", cell / "names.png")
     assert named.code == 0
     assert (cell / "names.png").exists()
+
+
+def test_a_template_of_a_single_part_can_be_verified(cadcam: Callable[..., Ran], tmp_path: Path) -> None:
+    """The part itself has to be the datum: an edge of it is judged."""
+    make_photo_job(tmp_path)
+    files = ("--camera", tmp_path / "camera.json", "--start", tmp_path / "start.txt")
+    words = ("verify", tmp_path / "photo.png", MODELS / "bracket.stl", *files)
+    written = cadcam(*words, "--template", "-o", tmp_path / "edge.yaml")
+    assert written.code == 0, written.err
+    judged = cadcam(*words, "--tolerances", tmp_path / "edge.yaml")
+    assert judged.code == 0, judged.out + judged.err
+    assert re.search(r"rename me +profile +[+-]0\.\d+ mm", judged.out)
+    blind = cadcam("verify", MODELS / "bracket.stl", "--template", "-o", tmp_path / "any.yaml")
+    assert blind.code == 0, blind.err
+    assert cadcam(*words, "--tolerances", tmp_path / "any.yaml").code in (0, 3)
 
 
 def test_wrong_words_are_told_before_the_model_is_read(cadcam: Callable[..., Ran], cell: Path) -> None:
