@@ -140,6 +140,10 @@ def test_a_template_of_a_single_part_can_be_verified(cadcam: Callable[..., Ran],
     judged = cadcam(*words, "--tolerances", tmp_path / "edge.yaml")
     assert judged.code == 0, judged.out + judged.err
     assert re.search(r"rename me +profile +[+-]0\.\d+ mm", judged.out)
+    alone = (
+        "unclear, bracket: the model has no other part to compare it with: name some of its edges in a tolerance file"
+    )
+    assert alone in cadcam(*words).out
     blind = cadcam("verify", MODELS / "bracket.stl", "--template", "-o", tmp_path / "any.yaml")
     assert blind.code == 0, blind.err
     assert cadcam(*words, "--tolerances", tmp_path / "any.yaml").code in (0, 3)
