@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -147,6 +148,25 @@ def test_a_template_of_a_single_part_can_be_verified(cadcam: Callable[..., Ran],
     blind = cadcam("verify", MODELS / "bracket.stl", "--template", "-o", tmp_path / "any.yaml")
     assert blind.code == 0, blind.err
     assert cadcam(*words, "--tolerances", tmp_path / "any.yaml").code in (0, 3)
+
+
+def test_names_that_are_no_text_are_spelled_out(cadcam: Callable[..., Ran], cell: Path) -> None:
+    """As from a disk in Latin-1: the byte 0xfc is no UTF-8."""
+    odd = os.fsdecode(b"Pr\xfcfling.png")
+    try:
+        (cell / "good.png").rename(cell / odd)
+    except OSError:
+        pytest.skip("this disk takes no such names")
+    outputs = ("-o", cell / "r.html", "-o", cell / "r.json")
+    ran = verified(cadcam, cell, odd, *outputs, "--serial", os.fsdecode(b"\xb5 7"))
+    assert ran.code == 0, ran.err
+    said = json.loads((cell / "r.json").read_text())
+    assert (Path(said["photos"][0]["path"]).name, said["serial"]) == (r"Pr\udcfcfling.png", r"\udcb5 7")
+    assert r"Pr\udcfcfling.png" in (cell / "r.html").read_text()
+    for job in ("add", cell / "r.json"), ("show", said["id"]), ("export", cell / "all.jsonl"):
+        kept = cadcam("state", *job, "--store", cell / "parts.sqlite")
+        assert kept.code == 0, kept.err
+    assert cadcam("state", "add", cell / "all.jsonl", "--store", cell / "again.sqlite").code == 0
 
 
 def test_wrong_words_are_told_before_the_model_is_read(cadcam: Callable[..., Ran], cell: Path) -> None:

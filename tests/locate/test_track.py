@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
@@ -307,6 +308,19 @@ def test_a_log_holds_every_bit_and_a_table_beside_it_the_same(sighting: Install,
         np.testing.assert_array_equal(entry["pose"].world_from_part.matrix, pose.matrix)
         at = COLUMNS.index("x_mm")
         assert [float(v) for v in row[at : at + 3]] == pose.translation.tolist()
+
+
+def test_pictures_whose_names_are_no_text_are_logged(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    sighting(12)
+    try:
+        folder = folder.rename(tmp_path / os.fsdecode(b"gr\xfcn"))
+    except OSError:
+        pytest.skip("this disk takes no such names")
+    run(folder, tmp_path / "log.jsonl", 5)
+    run(folder, tmp_path / "log.jsonl")
+    assert len(read_track_log(tmp_path / "log.jsonl")) == 12
+    for suffix in (".jsonl", ".csv"):
+        assert "udcfcn/shot11.png" in (tmp_path / f"log{suffix}").read_text()
 
 
 def test_a_log_is_plain_json_lines(sighting: Install, folder: Path, tmp_path: Path) -> None:

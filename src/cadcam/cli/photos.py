@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from glob import glob
+from os import fsencode
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -188,4 +189,4 @@ def _hash(path: str) -> str:
 
     from cadcam.files.text import read_bytes
 
-    return sha256(read_bytes(path)).hexdigest() if Path(path).is_file() else sha256(path.encode()).hexdigest()
+    return sha256(read_bytes(path)).hexdigest() if Path(path).is_file() else sha256(fsencode(path)).hexdigest()

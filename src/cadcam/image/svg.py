@@ -18,7 +18,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import checked, encoded
-from cadcam.whole import write_whole
+from cadcam.whole import utf8, write_whole
 
 _CORNER = 0.5  # from a pixel's centre to SVG's origin at its corner
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, production 2
@@ -89,7 +89,7 @@ def write_svg(
     title: str = "",
 ) -> None:
     """Write `svg_text` to a file, whole or not at all; missing folders are made. Raises `UnwritableFile`."""
-    write_whole(path, svg_text(size, layers, photo=photo, title=title).encode())
+    write_whole(path, utf8(svg_text(size, layers, photo=photo, title=title)))
 
 
 def hex_color(color: Sequence[float]) -> str:

@@ -25,6 +25,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.record.record import Deviation, Record
 from cadcam.station.budget import budget_of
 from cadcam.station.gantry import Sighting
+from cadcam.whole import utf8
 
 _K = 2.0
 
@@ -58,7 +59,7 @@ def log_entries(
 
 def append_log(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]]) -> None:
     """Append entries to a log, all of them or none, and flush them to disk; create the log if necessary."""
-    data = "".join(json.dumps(entry, ensure_ascii=False) + "\n" for entry in entries).encode()
+    data = utf8("".join(json.dumps(entry, ensure_ascii=False) + "\n" for entry in entries))
     try:
         handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:

@@ -26,7 +26,7 @@ from cadcam import __version__
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import UnreadableFile, UnwritableFile
-from cadcam.files.jsontext import Place, parsed_line
+from cadcam.files.jsontext import Place, json_line, parsed_line
 from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
@@ -36,6 +36,7 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, Tracker
+from cadcam.whole import utf8
 
 FORMAT, VERSION = "cadcam track", 2
 _INPUTS = {  # entries of the first line, and what the caller knows them as
@@ -140,7 +141,7 @@ class TrackLog:
             entries = _continued(path, head, anew=overwrite) if Path(path).stat().st_size else []
             if not entries:
                 file.truncate(0)
-                _add(file, json.dumps(head, ensure_ascii=False) + "\n")
+                _add(file, json_line(head) + "\n")
             if table is not None:
                 _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
             return cls(path, file, entries, None if table is None else _appending(table), filtered=filtered)
@@ -165,7 +166,7 @@ class TrackLog:
     def append(self, tracked: TrackedFrame) -> dict[str, Any]:
         """Append a frame; return its line once it is on disk."""
         entry = entry_of(tracked)
-        _add(self._file, json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n")
+        _add(self._file, json_line(entry) + "\n")
         if self._table is not None:
             _add(self._table, _row(entry, self._filtered))
         self.entries.append(entry)
@@ -360,13 +361,13 @@ def _lock(file: io.BufferedWriter, path: str | os.PathLike[str]) -> None:
 
 def _write(path: str | os.PathLike[str], text: str) -> None:
     try:
-        Path(path).write_text(text, encoding="utf-8")
+        Path(path).write_bytes(utf8(text))
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
 
 
 def _add(file: io.BufferedWriter, line: str) -> None:
     """Append a line and wait until it is on disk."""
-    file.write(line.encode())
+    file.write(utf8(line))
     file.flush()
     os.fsync(file.fileno())

@@ -31,7 +31,7 @@ from cadcam.verify.judge import Verification
 from cadcam.verify.reasons import vector_words
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
-from cadcam.whole import write_whole
+from cadcam.whole import utf8, write_whole
 
 _PLAIN = "#555555"  # of a state that is neither good nor bad
 _HELD = "\u00a0"  # a space at which no line is broken
@@ -52,7 +52,7 @@ def write_verification_page(
     expect(found, "found", Verification)
     photos = expect_each(photos, "photos", Photo)
     expect(origin, "origin", VerificationOrigin)
-    write_whole(path, verification_page(found, photos, origin).encode())
+    write_whole(path, utf8(verification_page(found, photos, origin)))
 
 
 def verification_page(found: Verification, photos: Sequence[Photo], origin: VerificationOrigin) -> str:
