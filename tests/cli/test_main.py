@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import shlex
 import subprocess
@@ -55,6 +56,20 @@ def test_every_example_in_a_help_text_is_accepted(verb: str) -> None:
     assert len(commands) >= 2
     for command in commands:
         assert parser.parse_args(shlex.split(command)[1:]).verb == verb
+
+
+@pytest.mark.parametrize("odd", ["Gehäuse", os.fsdecode(b"Geh\xe4use")])
+def test_names_that_stdout_has_no_characters_for_are_spelled_out_but_json_is_utf_8(job: Path, odd: str) -> None:
+    try:
+        model = (job / "block.obj").rename(job / f"{odd}.obj")
+    except OSError:
+        pytest.skip("this disk takes no such names")
+    model.write_text(f"o Käfig\n{model.read_text()}")
+    for flag, said in (((), rb"K\xe4fig"), (("--json",), "Käfig".encode())):
+        command = [sys.executable, "-m", "cadcam", "verify", str(model), "--list", *flag]
+        ran = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"}, check=False)
+        assert ran.returncode == 0, ran.stderr
+        assert said in ran.stdout
 
 
 def test_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import io
 import os
 import sys
 import traceback
@@ -167,10 +168,15 @@ def _same_file(one: str, other: str) -> bool:
 
 
 def _open_streams() -> None:
-    """Redirect stdout and stderr to nowhere where closed, as in some services: else files get their numbers."""
+    """Redirect stdout and stderr to nowhere where closed, as in some services: else files get their numbers.
+
+    What stdout has no characters for, as umlauts in ASCII, is spelled out as on stderr: it is no reason to stop.
+    """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115  open to the end
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _too_much(error: MemoryError) -> str:

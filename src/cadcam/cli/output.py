@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -71,10 +72,15 @@ def refuse_own_folder(path: str | None, read: Iterable[str]) -> None:
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Print one JSON document to stdout."""
+    """Print one JSON document to stdout, in UTF-8 whatever the terminal's characters are."""
     from cadcam.files.jsontext import as_json
 
-    sys.stdout.write(as_json(document).decode())
+    said = as_json(document)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.flush()
+        sys.stdout.buffer.write(said)
+    else:
+        sys.stdout.write(said.decode())
 
 
 def print_tables(tables: Iterable[Table]) -> None:
