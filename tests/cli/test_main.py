@@ -8,12 +8,15 @@ import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import cadcam
+from cadcam import __main__ as started
 from cadcam.cli import arguments
 from cadcam.cli import main as cli
 from cadcam.errors import BadValue
@@ -209,6 +212,22 @@ def test_exit_codes_tell_what_happened(
     assert said.out == ""
     assert "cadcam decompose: " in said.err
     assert ("Traceback" in said.err) == traced
+
+
+def test_an_interruption_while_the_command_line_is_loaded_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C within the first tenths of a second."""
+
+    class Loading(ModuleType):
+        def __getattr__(self, name: str) -> object:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "cadcam.cli.main", Loading("cadcam.cli.main"))
+    assert started.main() == 130
+    assert capsys.readouterr().err == "cadcam: interrupted\n"
+    project = tomllib.loads((Path(__file__).resolve().parents[2] / "pyproject.toml").read_text())
+    assert project["project"]["scripts"]["cadcam"] == f"{started.__name__}:main"
 
 
 def test_a_reader_that_stops_early_is_no_error() -> None:
