@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
@@ -277,6 +278,32 @@ def test_a_log_is_written_by_one_run_at_a_time(sighting: Install, folder: Path, 
         assert len(list(lines)) == 11
     assert [entry["frame"] for entry in read_track_log(log)] == [*range(12)]
     assert len(run(folder, log)) == 12
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda entry: entry.clear(), "has no 'files'; keys are none"),
+        (lambda entry: entry.pop("sha256"), "has no 'sha256'"),
+        (lambda entry: entry.update(quality=float("nan")), "line 3.quality is not finite"),
+        (lambda entry: entry.update(found="yes"), 'line 3.found is "yes"; true or false is expected'),
+        (lambda entry: entry.update(filtered=None), "line 3.filtered is null; an object {...} is expected"),
+        (lambda entry: entry["pose"].pop("world_from_part"), "line 3.pose has no 'world_from_part'"),
+    ],
+)
+def test_a_line_that_was_changed_is_told(
+    sighting: Install, folder: Path, tmp_path: Path, change: Callable[[dict[str, Any]], object], says: str
+) -> None:
+    sighting(12)
+    log = tmp_path / "log.jsonl"
+    run(folder, log, 4)
+    lines = log.read_text().splitlines()
+    entry = json.loads(lines[2])
+    change(entry)
+    log.write_text("\n".join([*lines[:2], json.dumps(entry), *lines[3:]]) + "\n")
+    for read in (lambda: read_track_log(log), lambda: run(folder, log)):
+        with pytest.raises(UnreadableFile, match=re.escape(says)):
+            read()
 
 
 def test_only_a_log_is_overwritten(sighting: Install, folder: Path, tmp_path: Path) -> None:

@@ -225,7 +225,7 @@ def read_track_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile`, naming the line."""
     lines = read_text(path, max_bytes=_MAX_BYTES).text.splitlines()
     _check_head(path, _object(path, 1, lines[0]))
-    entries = [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
+    entries = [_frame(path, number, line) for number, line in enumerate(lines[1:], 2)]
     for number, entry in enumerate(entries, 2):
         for name in ("pose", "filtered"):
             if entry[name] is not None:
@@ -262,7 +262,7 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any], *, anew: bool
             raise UnreadableFile(path, reason, "name a new log, or --overwrite this one")
     if len(whole) < len(data):
         os.truncate(path, len(whole))
-    return [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
+    return [_frame(path, number, line) for number, line in enumerate(lines[1:], 2)]
 
 
 def _differs(key: str, there: Any, now: Any) -> str:
@@ -292,6 +292,24 @@ def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
     _check_is_log(path, head)
     if head.get("version") != VERSION:
         raise UnreadableFile(path, f"has version {head.get('version')!r}", f"version {VERSION} is read here")
+
+
+def _frame(path: str | os.PathLike[str], number: int, line: str) -> dict[str, Any]:
+    """Return the line of a frame; `UnreadableFile` names what is missing in it, or of another kind."""
+    place = parsed_line(path, number, line)
+    for name in ("files", "sha256"):
+        place.at(name).texts()
+    for name in ("how", "reason"):
+        place.at(name).text()
+    place.at("frame").whole()
+    place.at("quality").number()
+    found, filtered = place.at("found").flag(), place.at("filtered")
+    for pose in (place.at("pose"), *([filtered] if found or filtered.value is not None else [])):
+        for name in ("sigma_mm", "sigma_deg"):
+            pose.at(name).array((3,))
+        for name, shape in (("rotation", (3, 3)), ("translation_mm", (3,))):
+            pose.at("world_from_part").at(name).array(shape)
+    return place.object
 
 
 def _object(path: str | os.PathLike[str], number: int, line: str) -> dict[str, Any]:
