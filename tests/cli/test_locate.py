@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from cadcam.cad.read import read_model
 from cadcam.cad.write import write_model
 from cadcam.camera.observations import Observations
 from cadcam.cli.photos import file_of
@@ -125,6 +126,25 @@ def test_what_was_located_is_drawn_there_whatever_pose_the_camera_file_has(cadca
         assert again.code == 0, again.err
         matched = cadcam("match", *LOCATE[1:], "--pose", pose)
         assert matched.code == 0, matched.err
+
+
+def test_a_part_is_not_drawn_in_another_unit_than_it_was_located_in(cadcam: Cadcam, here: Path) -> None:
+    """An OBJ file has no unit: with --unit left out it would be 1000 times as small, in the right place."""
+    mesh = read_model(LOCATE[2])
+    write_model("m.obj", replace(mesh, vertices=mesh.vertices / 1000))
+    words = ("photo.png", "m.obj", *LOCATE[3:])
+    located = cadcam("locate", *words, "--unit", "m", "--start", "start.txt", "--pose-out", "p.json")
+    assert located.code == 0, located.err
+    for verb in (
+        ("overlay", "-o", "o.png", "--pose"),
+        ("match", "--pose"),
+        ("verify", "--pose"),
+        ("locate", "--start"),
+    ):
+        ran = cadcam(verb[0], *words, *verb[1:], "p.json")
+        assert ran.code == 2, verb
+        assert "unit of m.obj is mm; expected that in which p.json has it: --unit m" in ran.err
+        assert cadcam(verb[0], *words, *verb[1:], "p.json", "--unit", "m").code == 0
 
 
 def test_two_cameras_know_the_place_better_than_one(cadcam: Cadcam, here: Path) -> None:
