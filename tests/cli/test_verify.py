@@ -140,6 +140,7 @@ def test_a_template_of_a_single_part_can_be_verified(cadcam: Callable[..., Ran],
     assert written.code == 0, written.err
     judged = cadcam(*words, "--tolerances", tmp_path / "edge.yaml")
     assert judged.code == 0, judged.out + judged.err
+    assert judged.out.startswith("PASS: the limit is kept, uncertainty included\n")
     assert re.search(r"rename me +profile +[+-]0\.\d+ mm", judged.out)
     alone = (
         "unclear, bracket: the model has no other part to compare it with: name some of its edges in a tolerance file"
