@@ -47,7 +47,7 @@ class SvgLayer:
         if color.min() < 0 or color.max() > 1:
             raise BadValue("color", tuple(self.color), "red, green, blue from 0 to 1")
         if not 0 < self.width < 1e4:
-            raise BadValue("width", self.width, "a line width above 0 px")
+            raise BadValue("width", self.width, "a line width above 0 and below 10000 px")
         if not 0 <= self.opacity <= 1:
             raise BadValue("opacity", self.opacity, "0 (nothing) to 1 (opaque)")
         if self.dash is not None and not min(self.dash) > 0:
