@@ -34,6 +34,20 @@ def write_whole(path: str | os.PathLike[str], data: bytes) -> None:
         raise UnwritableFile(repr(path), str(error), "choose another name") from None
 
 
+def utf8(text: str) -> bytes:
+    r"""Return text as the bytes of a file, whatever names are in it.
+
+    Linux takes any bytes for a name, such as those of a disk in Latin-1. Python keeps what is no text of them as lone
+    surrogates, which neither UTF-8 nor a database takes: here they are spelled out, as \udcfc.
+    """
+    return text.encode(errors="backslashreplace")
+
+
+def plain(text: str) -> str:
+    """Return text with what is no text in it spelled out, as by `utf8`."""
+    return utf8(text).decode()
+
+
 def _remedy(error: OSError) -> str:
     full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
     return "free some space, then run it again" if full else "choose a folder you may write to"

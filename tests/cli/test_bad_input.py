@@ -21,6 +21,8 @@ Cadcam = Callable[..., Ran]
 OVERLAY = ("overlay", "photo.png", "block.obj", "--camera", "camera.json", "-o", "out.png")
 RENDER = ("render", "block.obj", "--camera", "camera.json", "-o", "out.png")
 MEASURE = ("measure", "points.csv", "-o", "camera.json")
+LOCATE = ("locate", "photo.png", "block.obj", "--camera", "camera.json")
+RIG = ("rig", "--camera", "a=points.csv", "--size", "320x240")
 CALIBRATE = ("calibrate", "points.csv", "--size", "320x240", "-o", "out.json")
 
 
@@ -71,6 +73,13 @@ CASES = [
         (*CALIBRATE[:2], "--internals", "camera.json", "-o", "camera.json"),
         lambda j: None,
         LOST,
+    ),
+    Case("a pose over the camera", (*LOCATE, "--pose-out", "camera.json"), lambda j: None, LOST),
+    Case(
+        "poses over points", ("calibrate", "points.csv", *CALIBRATE[1:4], "--poses", "points.csv"), lambda j: None, LOST
+    ),
+    Case(
+        "a rig's poses over points", (*RIG, "--camera", "b=points.csv", "--poses", "points.csv"), lambda j: None, LOST
     ),
     Case(
         "camera for points",

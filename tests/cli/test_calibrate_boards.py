@@ -94,6 +94,7 @@ def test_pictures_of_twelve_bits_in_sixteen_give_what_files_that_say_it_give(cad
         (("{folder}/view0.png", "{folder}/view1.png", "--size", "480x360"), "--board BOARD for pictures"),
         (("points.csv",), "--size WxH"),
         (("{folder}", "--board", CHESS, "--lens", "fisheye:k9"), "k9"),
+        (("{folder}/view*.png", "--board", CHESS, "--pictures", "{folder}"), "holds the pictures that are read"),
     ],
 )
 def test_bad_input_is_one_message(

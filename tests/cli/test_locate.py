@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy import ndimage
 
+from cadcam.cad.read import read_model
 from cadcam.cad.write import write_model
 from cadcam.camera.observations import Observations
 from cadcam.cli.photos import file_of
@@ -121,10 +122,29 @@ def test_what_was_located_is_drawn_there_whatever_pose_the_camera_file_has(cadca
     for pose in ("pose.json", "located.json"):
         drawn = cadcam("overlay", *LOCATE[1:], "--pose", pose, "-o", "drawn.png", "--json")
         assert drawn.code == 0, drawn.err
-        again = cadcam("locate", *LOCATE[1:], "--start", pose, "--pose-out", "again.json")
+        again = cadcam("locate", *LOCATE[1:], "--start", pose, "--pose-out", pose)  # over what it started from
         assert again.code == 0, again.err
         matched = cadcam("match", *LOCATE[1:], "--pose", pose)
         assert matched.code == 0, matched.err
+
+
+def test_a_part_is_not_drawn_in_another_unit_than_it_was_located_in(cadcam: Cadcam, here: Path) -> None:
+    """An OBJ file has no unit: with --unit left out it would be 1000 times as small, in the right place."""
+    mesh = read_model(LOCATE[2])
+    write_model("m.obj", replace(mesh, vertices=mesh.vertices / 1000))
+    words = ("photo.png", "m.obj", *LOCATE[3:])
+    located = cadcam("locate", *words, "--unit", "m", "--start", "start.txt", "--pose-out", "p.json")
+    assert located.code == 0, located.err
+    for verb in (
+        ("overlay", "-o", "o.png", "--pose"),
+        ("match", "--pose"),
+        ("verify", "--pose"),
+        ("locate", "--start"),
+    ):
+        ran = cadcam(verb[0], *words, *verb[1:], "p.json")
+        assert ran.code == 2, verb
+        assert "unit of m.obj is mm; expected that in which p.json has it: --unit m" in ran.err
+        assert cadcam(verb[0], *words, *verb[1:], "p.json", "--unit", "m").code == 0
 
 
 def test_two_cameras_know_the_place_better_than_one(cadcam: Cadcam, here: Path) -> None:
@@ -141,6 +161,22 @@ def test_two_cameras_know_the_place_better_than_one(cadcam: Cadcam, here: Path) 
     assert worst[0] < worst[1] / 2
     assert np.linalg.norm(np.array(said["pose"]["world_from_part"]["translation_mm"])) < 0.3
     assert read_picture("both.png").shape[1] > 2 * 480
+
+
+def test_photos_of_one_name_are_told_apart_by_their_folders(cadcam: Cadcam, here: Path) -> None:
+    """As cameras store them: left/0008.png, right/0008.png. What is said of a photo has to say of which."""
+    write_camera("camera.json", CAMERA, camera_from_world=POSE)
+    for folder in ("left", "right"):
+        (here / "shots" / folder).mkdir(parents=True)
+        (here / "shots" / folder / "0008.png").symlink_to(here / "photo.png")
+    photos = ["left/0008.png", "right/0008.png"]
+    two = (*(f"shots/{p}" for p in photos), LOCATE[2], *(2 * ("--camera", "camera.json")))
+    ran = cadcam("locate", *two, "--pose-out", "pose.json")
+    assert ran.code == 0, ran.err
+    assert [c["name"] for c in json.loads(Path("pose.json").read_text())["cameras"]] == photos
+    Path("shots/right/0008.png").unlink()
+    write_picture("shots/right/0008.png", np.full((CAMERA.size[1], CAMERA.size[0]), 0.3))
+    assert "photo 'right/0008.png' is empty" in cadcam("locate", *two).err
 
 
 def test_a_restricted_motion_keeps_the_rest_as_in_the_start(cadcam: Cadcam, here: Path) -> None:

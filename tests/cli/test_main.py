@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import argparse
+import os
 import re
 import shlex
 import subprocess
 import sys
+import tomllib
 from contextlib import suppress
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
 import cadcam
+from cadcam import __main__ as started
 from cadcam.cli import arguments
 from cadcam.cli import main as cli
 from cadcam.errors import BadValue
@@ -55,6 +59,20 @@ def test_every_example_in_a_help_text_is_accepted(verb: str) -> None:
     assert len(commands) >= 2
     for command in commands:
         assert parser.parse_args(shlex.split(command)[1:]).verb == verb
+
+
+@pytest.mark.parametrize("odd", ["Gehäuse", os.fsdecode(b"Geh\xe4use")])
+def test_names_that_stdout_has_no_characters_for_are_spelled_out_but_json_is_utf_8(job: Path, odd: str) -> None:
+    try:
+        model = (job / "block.obj").rename(job / f"{odd}.obj")
+    except OSError:
+        pytest.skip("this disk takes no such names")
+    model.write_text(f"o Käfig\n{model.read_text()}")
+    for flag, said in (((), rb"K\xe4fig"), (("--json",), "Käfig".encode())):
+        command = [sys.executable, "-m", "cadcam", "verify", str(model), "--list", *flag]
+        ran = subprocess.run(command, capture_output=True, env={**os.environ, "PYTHONIOENCODING": "ascii"}, check=False)
+        assert ran.returncode == 0, ran.stderr
+        assert said in ran.stdout
 
 
 def test_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None:
@@ -194,6 +212,22 @@ def test_exit_codes_tell_what_happened(
     assert said.out == ""
     assert "cadcam decompose: " in said.err
     assert ("Traceback" in said.err) == traced
+
+
+def test_an_interruption_while_the_command_line_is_loaded_is_one_line(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ctrl-C within the first tenths of a second."""
+
+    class Loading(ModuleType):
+        def __getattr__(self, name: str) -> object:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "cadcam.cli.main", Loading("cadcam.cli.main"))
+    assert started.main() == 130
+    assert capsys.readouterr().err == "cadcam: interrupted\n"
+    project = tomllib.loads((Path(__file__).resolve().parents[2] / "pyproject.toml").read_text())
+    assert project["project"]["scripts"]["cadcam"] == f"{started.__name__}:main"
 
 
 def test_a_reader_that_stops_early_is_no_error() -> None:

@@ -121,13 +121,14 @@ def test_a_part_that_is_in_no_frame_is_not_found(cadcam: Cadcam, here: Path) -> 
         (lambda j: (j / "track.jsonl").write_text("{}\n"), TRACK, "not a log of tracked frames"),
         (lambda j: write_camera(j / "camera.json", CAMERA.resize((240, 180))), TRACK, "shots/0.png is 480 x 360 px"),
         (lambda _: None, (*TRACK[:-1], "track.txt"), "unknown suffix"),
+        (lambda _: None, (*TRACK, "--overwrite", "--overlays", "more/../shots"), "holds the pictures that are read"),
         (
             lambda _: None,
             ("track", MODEL, "shots", *TRACK[3:]),
             "expected a folder, pattern or video; frames come first, the model last (now 'shots')",
         ),
     ],
-    ids=["no frames", "fewer of one camera", "start", "not a log", "size", "suffix", "swapped"],
+    ids=["no frames", "fewer of one camera", "start", "not a log", "size", "suffix", "own folder", "swapped"],
 )
 def test_a_mistake_is_explained(
     cadcam: Cadcam, here: Path, change: Callable[[Path], object], words: tuple[str, ...], says: str

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import os
 import re
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -20,6 +21,7 @@ from cadcam.image.picture import write_picture
 
 from ..verify.scene import CAMERA, POSE, displaced, photographed, plate
 from .job import Ran
+from .locating import MODELS, make_photo_job
 
 TOLERANCES = """\
 features:
@@ -139,6 +141,45 @@ def test_a_template_of_what_a_photo_shows_can_be_verified(cadcam: Callable[..., 
     named = cadcam("verify", cell / "good.png", cell / "plate.glb", "--list", *files[:4], "-o", cell / "names.png")
     assert named.code == 0
     assert (cell / "names.png").exists()
+
+
+def test_a_template_of_a_single_part_can_be_verified(cadcam: Callable[..., Ran], tmp_path: Path) -> None:
+    """The part itself has to be the datum: an edge of it is judged."""
+    make_photo_job(tmp_path)
+    files = ("--camera", tmp_path / "camera.json", "--start", tmp_path / "start.txt")
+    words = ("verify", tmp_path / "photo.png", MODELS / "bracket.stl", *files)
+    written = cadcam(*words, "--template", "-o", tmp_path / "edge.yaml")
+    assert written.code == 0, written.err
+    judged = cadcam(*words, "--tolerances", tmp_path / "edge.yaml")
+    assert judged.code == 0, judged.out + judged.err
+    assert judged.out.startswith("PASS: the limit is kept, uncertainty included\n")
+    assert re.search(r"rename me +profile +[+-]0\.\d+ mm", judged.out)
+    alone = (
+        "unclear, bracket: the model has no other part to compare it with: name some of its edges in a tolerance file"
+    )
+    assert alone in cadcam(*words).out
+    blind = cadcam("verify", MODELS / "bracket.stl", "--template", "-o", tmp_path / "any.yaml")
+    assert blind.code == 0, blind.err
+    assert cadcam(*words, "--tolerances", tmp_path / "any.yaml").code in (0, 3)
+
+
+def test_names_that_are_no_text_are_spelled_out(cadcam: Callable[..., Ran], cell: Path) -> None:
+    """As from a disk in Latin-1: the byte 0xfc is no UTF-8."""
+    odd = os.fsdecode(b"Pr\xfcfling.png")
+    try:
+        (cell / "good.png").rename(cell / odd)
+    except OSError:
+        pytest.skip("this disk takes no such names")
+    outputs = ("-o", cell / "r.html", "-o", cell / "r.json")
+    ran = verified(cadcam, cell, odd, *outputs, "--serial", os.fsdecode(b"\xb5 7"))
+    assert ran.code == 0, ran.err
+    said = json.loads((cell / "r.json").read_text())
+    assert (Path(said["photos"][0]["path"]).name, said["serial"]) == (r"Pr\udcfcfling.png", r"\udcb5 7")
+    assert r"Pr\udcfcfling.png" in (cell / "r.html").read_text()
+    for job in ("add", cell / "r.json"), ("show", said["id"]), ("export", cell / "all.jsonl"):
+        kept = cadcam("state", *job, "--store", cell / "parts.sqlite")
+        assert kept.code == 0, kept.err
+    assert cadcam("state", "add", cell / "all.jsonl", "--store", cell / "again.sqlite").code == 0
 
 
 def test_wrong_words_are_told_before_the_model_is_read(cadcam: Callable[..., Ran], cell: Path) -> None:

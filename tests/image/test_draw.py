@@ -147,6 +147,7 @@ def test_bad_arguments_are_named():
     for what, options in [
         ("width", {"width": 0}),
         ("width", {"width": math.nan}),
+        ("above 0 and below 10000 px", {"width": 1e9}),
         ("opacity", {"opacity": 1.5}),
         ("color", {"color": (255, 0, 0)}),
         ("color", {"color": (0.5,)}),

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
@@ -12,7 +14,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cadcam.errors import BadValue, NothingInView, UnreadableFile
+from cadcam.errors import BadValue, NothingInView, UnreadableFile, UnwritableFile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.locate.freedom import Freedom
@@ -262,6 +264,63 @@ def test_a_log_is_only_continued_with_the_same_inputs(sighting: Install, folder:
         run(folder, tmp_path / "other.jsonl")
 
 
+def test_a_log_is_written_by_one_run_at_a_time(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    pytest.importorskip("fcntl")
+    sighting(12)
+    log, pictures = tmp_path / "log.jsonl", opened(folder)
+    head = head_of(PART, pictures.viewpoints, FIRST)
+    with TrackLog.open(log, head) as first:
+        lines = track_part_to_log(first, PART, pictures, FIRST)
+        next(lines)
+        for overwrite in (False, True):
+            with pytest.raises(UnwritableFile, match="another run is writing to it; wait for its end"):
+                TrackLog.open(log, head, overwrite=overwrite)
+        assert len(list(lines)) == 11
+    assert [entry["frame"] for entry in read_track_log(log)] == [*range(12)]
+    assert len(run(folder, log)) == 12
+
+
+@pytest.mark.parametrize(
+    ("change", "says"),
+    [
+        (lambda entry: entry.clear(), "has no 'files'; keys are none"),
+        (lambda entry: entry.pop("sha256"), "has no 'sha256'"),
+        (lambda entry: entry.update(quality=float("nan")), "line 3.quality is not finite"),
+        (lambda entry: entry.update(found="yes"), 'line 3.found is "yes"; true or false is expected'),
+        (lambda entry: entry.update(filtered=None), "line 3.filtered is null; an object {...} is expected"),
+        (lambda entry: entry["pose"].pop("world_from_part"), "line 3.pose has no 'world_from_part'"),
+    ],
+)
+def test_a_line_that_was_changed_is_told(
+    sighting: Install, folder: Path, tmp_path: Path, change: Callable[[dict[str, Any]], object], says: str
+) -> None:
+    sighting(12)
+    log = tmp_path / "log.jsonl"
+    run(folder, log, 4)
+    lines = log.read_text().splitlines()
+    entry = json.loads(lines[2])
+    change(entry)
+    log.write_text("\n".join([*lines[:2], json.dumps(entry), *lines[3:]]) + "\n")
+    for read in (lambda: read_track_log(log), lambda: run(folder, log)):
+        with pytest.raises(UnreadableFile, match=re.escape(says)):
+            read()
+
+
+def test_only_a_log_is_overwritten(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    sighting(12)
+    log, head = tmp_path / "log.jsonl", head_of(PART, opened(folder).viewpoints, FIRST)
+    run(folder, log, 5)
+    log.write_text(log.read_text().replace('"version": 2', '"version": 1'))
+    with TrackLog.open(log, head, overwrite=True) as anew:
+        assert anew.entries == []
+    assert log.read_text() == json.dumps(head) + "\n"
+    for other in ('{"part": "bracket"}\n', "serial 4711\n"):
+        log.write_text(other)
+        with pytest.raises(UnreadableFile, match=r"log.jsonl: (is not a log of tracked frames|line 1 is not JSON)"):
+            TrackLog.open(log, head, overwrite=True)
+        assert log.read_text() == other
+
+
 def test_a_log_holds_every_bit_and_a_table_beside_it_the_same(sighting: Install, folder: Path, tmp_path: Path) -> None:
     sighting(12, hidden={7})
     run(folder, tmp_path / "log.jsonl")
@@ -285,6 +344,19 @@ def test_a_picture_s_name_may_hold_a_separator_of_lines(sighting: Install, folde
     run(named, tmp_path / "log.jsonl", 2)
     run(named, tmp_path / "log.jsonl")
     assert len(read_track_log(tmp_path / "log.jsonl")) == 12
+
+
+def test_pictures_whose_names_are_no_text_are_logged(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    sighting(12)
+    try:
+        folder = folder.rename(tmp_path / os.fsdecode(b"gr\xfcn"))
+    except OSError:
+        pytest.skip("this disk takes no such names")
+    run(folder, tmp_path / "log.jsonl", 5)
+    run(folder, tmp_path / "log.jsonl")
+    assert len(read_track_log(tmp_path / "log.jsonl")) == 12
+    for suffix in (".jsonl", ".csv"):
+        assert "udcfcn/shot11.png" in (tmp_path / f"log{suffix}").read_text()
 
 
 def test_a_log_is_plain_json_lines(sighting: Install, folder: Path, tmp_path: Path) -> None:

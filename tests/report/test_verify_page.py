@@ -111,6 +111,18 @@ def test_a_feature_is_datum_or_judged_by_a_limit_or_only_compared(found: tuple[V
     }
 
 
+def test_a_judged_feature_of_the_datum_is_judged_and_its_uncertainty_told(found: tuple[Verification, Photo]) -> None:
+    """As of `datum: [{part: '*'}]`: each feature is measured from all others."""
+    seen = found[0].inspection
+    assert seen is not None
+    features = tuple(replace(f, datum=f.datum or f.name == "rib <1>") for f in seen.features)
+    every = replace(found[0], inspection=replace(seen, features=features))
+    told = {f["name"]: f["role"] for f in verification_as_json(every, ORIGIN)["features"]}
+    assert told["rib <1>"] == "judged"
+    from_what = verification_page(every, [found[1]], ORIGIN).partition("What the uncertainty comes from")[2]
+    assert "<b>rib &lt;1&gt;</b>: " in from_what.partition("</section>")[0]
+
+
 def test_what_fails_is_named_with_its_size_and_labelled_with_what_was_judged(found: tuple[Verification, Photo]) -> None:
     j = found[0].judgements[0]
     said = f"{j.deviation:.2f} +- {j.U:.2f} mm"

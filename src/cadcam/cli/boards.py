@@ -8,7 +8,16 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import refuse
 from cadcam.cli.estimating import fixed_as_asked, lens_as_asked
-from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say, working
+from cadcam.cli.output import (
+    check_folder,
+    check_target,
+    print_json,
+    print_tables,
+    progress,
+    refuse_own_folder,
+    say,
+    working,
+)
 from cadcam.cli.photos import picture_files
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue
@@ -51,6 +60,7 @@ def run_boards(arguments: argparse.Namespace) -> None:
 
     _check_options(arguments)
     pattern, files = parse_pattern(arguments.board), picture_files(arguments.points)
+    refuse_own_folder(arguments.pictures, files)
     model = board_model_as_asked(arguments)
     white = white_as_asked(arguments, files)
     found = found_boards(files, pattern, white)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import argparse
 import errno
+import io
 import os
 import sys
 import traceback
@@ -85,8 +86,9 @@ camera axes x right, y down, z forward. Help on a verb: cadcam VERB --help
 """
 
 
-_WRITTEN = ("output", "csv", "plot", "diagram")  # arguments that name files to be written anew
-_RESULTS = (*_WRITTEN, "pose_out", "log", "store")  # ... and those that a run may continue from
+_WRITTEN = ("output", "csv", "plot", "diagram", "pose_out")  # arguments that name files to be written anew
+_RESULTS = (*_WRITTEN, "log", "store")  # ... and those that a run may continue from
+_TAKEN_UP = {"pose_out": ("start",)}  # what may be written over: where the part was found is where to look next
 _BUG = 70  # EX_SOFTWARE of sysexits.h: a production line must not take a crash for a failed part
 
 
@@ -135,12 +137,17 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse_own_input(arguments: argparse.Namespace) -> None:
-    """Refuse an output that is one of the input files: it would be overwritten."""
-    given = vars(arguments)
-    read = [path for dest, value in given.items() if dest not in _RESULTS for path in _files(value)]
-    for out in (text for dest in _WRITTEN for text in _texts(given.get(dest))):
-        if any(_same_file(out, path) for path in read):
-            raise UnwritableFile(out, "is an input of this command, which would be lost", "give another name")
+    """Refuse an output that is one of the input files: it would be overwritten.
+
+    `writes` of a verb's parser names further arguments that it writes, which other verbs read, such as --poses.
+    """
+    given, more = vars(arguments), getattr(arguments, "writes", ())
+    for written in (*_WRITTEN, *more):
+        unread = (*_RESULTS, *more, *_TAKEN_UP.get(written, ()))
+        read = [path for dest, value in given.items() if dest not in unread for path in _files(value)]
+        for out in _texts(given.get(written)):
+            if any(_same_file(out, path) for path in read):
+                raise UnwritableFile(out, "is an input of this command, which would be lost", "give another name")
 
 
 def _texts(value: object) -> list[str]:
@@ -161,10 +168,15 @@ def _same_file(one: str, other: str) -> bool:
 
 
 def _open_streams() -> None:
-    """Redirect stdout and stderr to nowhere where closed, as in some services: else files get their numbers."""
+    """Redirect stdout and stderr to nowhere where closed, as in some services: else files get their numbers.
+
+    What stdout has no characters for, as umlauts in ASCII, is spelled out as on stderr: it is no reason to stop.
+    """
     for name in ("stdout", "stderr"):
         if getattr(sys, name) is None:
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115  open to the end
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 def _too_much(error: MemoryError) -> str:

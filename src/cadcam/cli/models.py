@@ -39,7 +39,10 @@ def check_order(photos: Sequence[str], model: str, *, frames: bool = False) -> N
 
 
 def load_as_asked(arguments: argparse.Namespace) -> tuple[Mesh, LoadReport]:
-    """Return the mesh in mm and the report of loading it, which is also printed to stderr except with --json."""
+    """Return the mesh in mm and the report of loading it, which is also printed to stderr except with --json.
+
+    Raises `BadValue` where --pose or --start says that this file was located in another unit.
+    """
     with working(f"loading {arguments.model}"):
         from cadcam.cad.read import read_model_with_report
 
@@ -49,7 +52,31 @@ def load_as_asked(arguments: argparse.Namespace) -> tuple[Mesh, LoadReport]:
     if not arguments.json:
         for line in report.lines():
             say(line)
+    for file in (getattr(arguments, "pose", None), getattr(arguments, "start", None)):
+        if file is not None:
+            _check_unit(report, file)
     return mesh, report
+
+
+def _check_unit(report: LoadReport, pose: str) -> None:
+    """Refuse a model in another unit than that in which it was located: it would be drawn 25 or 1000 times too small.
+
+    pose: a file that may be the JSON of `cadcam locate`, which says the unit; others do not.
+    """
+    import json
+
+    from cadcam.files.text import read_text
+
+    try:
+        said = json.loads(read_text(pose).text)
+    except (ValueError, RecursionError):
+        return
+    model = said.get("model") if isinstance(said, dict) else None
+    if not isinstance(model, dict) or model.get("sha256") != report.sha256:
+        return
+    unit = model.get("unit")
+    if isinstance(unit, str) and unit != report.unit:
+        raise BadValue(f"unit of {report.path}", report.unit, f"that in which {pose} has it: --unit {unit}")
 
 
 def model_as_json(report: LoadReport, mesh: Mesh) -> dict[str, Any]:

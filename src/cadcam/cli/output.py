@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -60,11 +61,26 @@ def check_folder(path: str | None) -> None:
         raise UnwritableFile(path, f"{there} is read-only", "choose another place, or change its permissions")
 
 
+def refuse_own_folder(path: str | None, read: Iterable[str]) -> None:
+    """Refuse a folder for pictures, if any, that holds one of the pictures read.
+
+    Pictures of one name would be lost; a second run on the folder would take what the first one drew for photos.
+    """
+    folder = None if path is None else Path(path).resolve()
+    if folder in {Path(picture).parent.resolve() for picture in read}:
+        raise UnwritableFile(str(path), "holds the pictures that are read", "name another folder for what is drawn")
+
+
 def print_json(document: dict[str, Any]) -> None:
-    """Print one JSON document to stdout."""
+    """Print one JSON document to stdout, in UTF-8 whatever the terminal's characters are."""
     from cadcam.files.jsontext import as_json
 
-    sys.stdout.write(as_json(document).decode())
+    said = as_json(document)
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.flush()
+        sys.stdout.buffer.write(said)
+    else:
+        sys.stdout.write(said.decode())
 
 
 def print_tables(tables: Iterable[Table]) -> None:

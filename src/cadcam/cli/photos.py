@@ -6,6 +6,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from glob import glob
+from os import fsencode
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -141,8 +142,8 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
     from cadcam.locate.photo import EDGE_PX
 
     out, said = [], None
-    for path, file in zip(paths, cameras, strict=True):
-        known, name = read_any_camera(file), Path(file_of(path)).name
+    for name, file in zip(_told_apart([file_of(path) for path in paths]), cameras, strict=True):
+        known = read_any_camera(file)
         if len(paths) > 1 and known.camera_from_world is None:
             raise BadValue(f"the pose in {file}", "missing", "camera files with camera_from_world, or --rig FILE")
         if len(paths) == 1:  # its pose at calibration does not matter: its own frame is the world
@@ -157,6 +158,16 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
             place = Rigid() if known.camera_from_world is None else known.camera_from_world
             out.append(Viewpoint.exact(name, known.camera, place, sigma_px=EDGE_PX))
     return out, said
+
+
+def _told_apart(files: Sequence[str]) -> list[str]:
+    """Return the files' names, each with as many of its folders as tell all apart: left/0008.jpg, right/0008.jpg."""
+    names, parts = [Path(file).name for file in files], [Path(file).parts for file in files]
+    for n in range(2, max(map(len, parts)) + 1):
+        if len(set(names)) == len(names):
+            break
+        names = [Path(*p[-n:]).as_posix() for p in parts]
+    return names
 
 
 def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, PictureInfo]:
@@ -178,4 +189,4 @@ def _hash(path: str) -> str:
 
     from cadcam.files.text import read_bytes
 
-    return sha256(read_bytes(path)).hexdigest() if Path(path).is_file() else sha256(path.encode()).hexdigest()
+    return sha256(read_bytes(path)).hexdigest() if Path(path).is_file() else sha256(fsencode(path)).hexdigest()

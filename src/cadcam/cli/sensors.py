@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -27,4 +28,4 @@ def generator(start: int, path: str | None = None) -> Generator:
 
     import numpy as np
 
-    return np.random.default_rng([start] if path is None else [start, zlib.crc32(Path(path).name.encode())])
+    return np.random.default_rng([start] if path is None else [start, zlib.crc32(os.fsencode(Path(path).name))])

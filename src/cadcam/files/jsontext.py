@@ -15,10 +15,12 @@ import cadcam
 from cadcam.arrays import LARGEST, Array
 from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.text import TextFile
+from cadcam.whole import utf8
 
 T = TypeVar("T")
 
 _DECIMAL_COMMA = re.compile(r"\s*[+-]?\d+,\d+\s*")
+_NO_TEXT = re.compile("[\ud800-\udfff]")
 _DECIMAL_POINT = "numbers have a decimal point, 0.5 instead of 0,5"
 
 
@@ -167,7 +169,7 @@ def parsed(file: TextFile) -> Place:
     return place
 
 
-def json_lines(text: str) -> list[str]:
+def split_lines(text: str) -> list[str]:
     """Return the lines of JSON lines: cut at line feeds alone, as within a text JSON allows other separators of lines.
 
     U+0085 and U+2028 are such; `str.splitlines` cuts at them.
@@ -188,7 +190,13 @@ def parsed_line(path: str | os.PathLike[str], number: int, line: str) -> Place:
 
 def as_json(value: Any) -> bytes:
     """Return indented JSON with rows of numbers on one line; floats keep every bit, NaN and infinity are refused."""
-    return (_written(value, "") + "\n").encode()
+    return utf8(_written(value, "") + "\n")
+
+
+def json_line(value: Any) -> str:
+    """Return JSON on one line; what is no text in the name of a file is spelled out (`whole.utf8`)."""
+    text = json.dumps(value, allow_nan=False, ensure_ascii=False)
+    return _NO_TEXT.sub(lambda lone: rf"\\u{ord(lone[0]):x}", text)
 
 
 def head_as_json(form: str, version: int) -> dict[str, Any]:
@@ -231,7 +239,7 @@ def _written(value: Any, indent: str) -> str:
         return "{\n" + ",\n".join(items) + f"\n{indent}}}"
     if isinstance(value, list) and any(isinstance(v, (list, dict)) for v in value):
         return "[\n" + ",\n".join(deeper + _written(v, deeper) for v in value) + f"\n{indent}]"
-    return json.dumps(value, allow_nan=False, ensure_ascii=False)
+    return json_line(value)
 
 
 def _in_words(shape: tuple[int | None, ...]) -> str:

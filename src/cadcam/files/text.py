@@ -12,6 +12,7 @@ from pathlib import Path
 from cadcam.arrays import LARGEST
 from cadcam.errors import BadValue, UnreadableFile
 from cadcam.kinds import expect_path
+from cadcam.whole import utf8
 
 MAX_BYTES = 64_000_000  # a points file of a million lines; anything longer is the wrong file
 _DELIMITERS = ("\t", ";", ",")
@@ -102,7 +103,7 @@ def rows_of_cells(header: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes
     lines = [header, *rows]
     if not all(name for name, *_ in lines):
         raise BadValue("name", "''", "one line of text")
-    return "".join(",".join(map(_cell, line)) + "\n" for line in lines).encode()
+    return utf8("".join(",".join(map(_cell, line)) + "\n" for line in lines))
 
 
 def _cell(text: str) -> str:

@@ -45,7 +45,7 @@ def draw_polylines(
     """
     paint = _color(color)
     if not 0 < width < 1e4:
-        raise BadValue("width", width, "a line width above 0 px")
+        raise BadValue("width", width, "a line width above 0 and below 10000 px")
     if not 0 <= opacity <= 1:
         raise BadValue("opacity", opacity, "0 (nothing) to 1 (opaque)")
     rgb = _rgb_copy(picture)

@@ -18,7 +18,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import checked, encoded
-from cadcam.whole import write_whole
+from cadcam.whole import utf8, write_whole
 
 _CORNER = 0.5  # from a pixel's centre to SVG's origin at its corner
 _NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")  # XML 1.0, production 2
@@ -47,7 +47,7 @@ class SvgLayer:
         if color.min() < 0 or color.max() > 1:
             raise BadValue("color", tuple(self.color), "red, green, blue from 0 to 1")
         if not 0 < self.width < 1e4:
-            raise BadValue("width", self.width, "a line width above 0 px")
+            raise BadValue("width", self.width, "a line width above 0 and below 10000 px")
         if not 0 <= self.opacity <= 1:
             raise BadValue("opacity", self.opacity, "0 (nothing) to 1 (opaque)")
         if self.dash is not None and not min(self.dash) > 0:
@@ -89,7 +89,7 @@ def write_svg(
     title: str = "",
 ) -> None:
     """Write `svg_text` to a file, whole or not at all; missing folders are made. Raises `UnwritableFile`."""
-    write_whole(path, svg_text(size, layers, photo=photo, title=title).encode())
+    write_whole(path, utf8(svg_text(size, layers, photo=photo, title=title)))
 
 
 def hex_color(color: Sequence[float]) -> str:

@@ -11,7 +11,6 @@ from __future__ import annotations
 
 import csv
 import io
-import json
 import os
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
@@ -21,7 +20,7 @@ from typing import Any
 import numpy as np
 
 from cadcam.errors import UnknownName, UnreadableFile
-from cadcam.files.jsontext import Place, as_json, json_lines, parsed, parsed_line
+from cadcam.files.jsontext import Place, as_json, json_line, parsed, parsed_line, split_lines
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
 from cadcam.kinds import expect_each, expect_path
@@ -61,7 +60,7 @@ def read_records(path: str | os.PathLike[str]) -> list[Record]:
     if Path(path).suffix.lower() == ".csv":
         raise UnreadableFile(path, "is a table for spreadsheets", "give the export as .json or .jsonl")
     if Path(path).suffix.lower() == ".jsonl":
-        lines = ((i, text) for i, text in enumerate(json_lines(file.text), 1) if text.strip())
+        lines = ((i, text) for i, text in enumerate(split_lines(file.text), 1) if text.strip())
         return [record_at(parsed_line(file.path, i, text)) for i, text in lines]
     place = parsed(file)
     if place.object.get("format") != FORMAT:
@@ -105,7 +104,7 @@ def record_at(place: Place) -> Record:
 
 def as_jsonl(records: Iterable[Record]) -> str:
     """Return a line of JSON for each record."""
-    return "".join(json.dumps(record_as_json(r), ensure_ascii=False, allow_nan=False) + "\n" for r in records)
+    return "".join(json_line(record_as_json(r)) + "\n" for r in records)
 
 
 def as_csv(records: Sequence[Record]) -> str:

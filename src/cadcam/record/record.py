@@ -14,6 +14,7 @@ from cadcam.arrays import Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
 from cadcam.kinds import expect, expect_each, expect_number, expect_numbers
+from cadcam.whole import plain
 
 VERDICTS = ("PASS", "FAIL", "UNDECIDED")
 UNITS = ("mm", "deg")
@@ -61,6 +62,7 @@ class Source:
     sha256: str
 
     def __post_init__(self) -> None:
+        _spell_out(self, "path")
         expect(self.sha256, f"sha256 of {self.path}", str)
         if not _SHA256.fullmatch(self.sha256):
             raise BadValue(f"sha256 of {self.path}", repr(self.sha256), "64 hexadecimal digits")
@@ -99,9 +101,18 @@ class Record(Brief):
         if self.time.tzinfo is None:
             raise BadValue("time of a record", self.time.isoformat(), "a time with its zone, such as datetime.now(UTC)")
         _check_verdict(self.verdict, self.part)
+        _spell_out(self, "part", "serial", "station", "reason")
         object.__setattr__(self, "time", self.time.astimezone(UTC))
         object.__setattr__(self, "deviations", expect_each(self.deviations, "deviations", Deviation))
         object.__setattr__(self, "sources", expect_each(self.sources, "sources", Source))
+
+
+def _spell_out(of: Source | Record, *names: str) -> None:
+    """Spell out what is no text in texts that may hold the name of a file: no database would take it."""
+    for name in names:
+        value = getattr(of, name)
+        if isinstance(value, str):
+            object.__setattr__(of, name, plain(value))
 
 
 def _check_verdict(verdict: str, of: str) -> None:

@@ -19,12 +19,13 @@ from cadcam.arrays import Floats
 from cadcam.camera.measurement import Measurement
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import UnreadableFile, UnwritableFile
-from cadcam.files.jsontext import json_lines, parsed_line
+from cadcam.files.jsontext import parsed_line, split_lines
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.record.record import Deviation, Record
 from cadcam.station.budget import budget_of
 from cadcam.station.gantry import Sighting
+from cadcam.whole import utf8
 
 _K = 2.0
 
@@ -58,7 +59,7 @@ def log_entries(
 
 def append_log(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]]) -> None:
     """Append entries to a log, all of them or none, and flush them to disk; create the log if necessary."""
-    data = "".join(json.dumps(entry, ensure_ascii=False) + "\n" for entry in entries).encode()
+    data = utf8("".join(json.dumps(entry, ensure_ascii=False) + "\n" for entry in entries))
     try:
         handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
         try:
@@ -86,7 +87,7 @@ def _append(handle: int, data: bytes) -> None:
 def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the entries of a log, oldest first. Raises `UnreadableFile` naming the line."""
     out: list[dict[str, Any]] = []
-    for number, line in enumerate(json_lines(read_text(path).text), start=1):
+    for number, line in enumerate(split_lines(read_text(path).text), start=1):
         if not line.strip():
             continue
         entry = parsed_line(path, number, line).object

@@ -65,7 +65,8 @@ def summary(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
     if not judgements:
         return "no limits given: nothing was judged"
     if verdict is Verdict.PASS:
-        return f"all {len(judgements)} limits are kept, uncertainty included"
+        kept = "the limit is" if len(judgements) == 1 else f"all {len(judgements)} limits are"
+        return f"{kept} kept, uncertainty included"
     undecided = [j for j in judgements if j.verdict in (Verdict.UNDECIDED, Verdict.NOT_FOUND)]
     if verdict is Verdict.FAIL:
         missing = {j.feature for j in judgements if j.verdict is Verdict.FAIL and j.limit.quantity is Quantity.PRESENCE}

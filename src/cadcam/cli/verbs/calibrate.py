@@ -87,6 +87,7 @@ def add_to(verbs: Verbs) -> None:
     joint.add_argument("--no-advice", action="store_true", help="do not check which parameters the views determine")
     add_board_options(parser)
     add_points_options(parser)
+    parser.set_defaults(writes=("poses",))
     add_json(parser)
 
 

@@ -93,7 +93,7 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.pose_out and location.found:
         from cadcam.files.pose_estimate import write_part_pose
 
-        model = {"path": str(report.path), "sha256": report.sha256}
+        model = {"path": str(report.path), "sha256": report.sha256, "unit": report.unit}
         cameras = [photo.viewpoint for photo in shots.photos]
         write_part_pose(arguments.pose_out, location.pose, viewpoints=cameras, model=model)
     if arguments.json:

@@ -90,6 +90,7 @@ def add_to(verbs: Verbs) -> None:
     add_full_scale(parser)
     _add_camera_options(parser.add_argument_group("cameras"))
     add_points_options(parser)
+    parser.set_defaults(writes=("poses",))
     add_json(parser)
 
 

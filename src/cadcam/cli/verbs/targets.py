@@ -230,10 +230,10 @@ def _find(arguments: argparse.Namespace, mark: Mark, file: str, white: float | N
 
 def _report(arguments: argparse.Namespace, mark: Mark, found: dict[str, list[FoundMark]]) -> None:
     from cadcam.report.targets import marks_as_json, marks_csv, marks_table
-    from cadcam.whole import write_whole
+    from cadcam.whole import utf8, write_whole
 
     if arguments.csv:
-        write_whole(arguments.csv, marks_csv(found).encode())
+        write_whole(arguments.csv, utf8(marks_csv(found)))
     if arguments.json:
         print_json(marks_as_json(str(mark), found))
     else:

@@ -9,7 +9,17 @@ from typing import TYPE_CHECKING, Any
 from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, overlaid, part_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
-from cadcam.cli.output import check_folder, check_target, print_json, print_tables, progress, say, say_written, working
+from cadcam.cli.output import (
+    check_folder,
+    check_target,
+    print_json,
+    print_tables,
+    progress,
+    refuse_own_folder,
+    say,
+    say_written,
+    working,
+)
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
 from cadcam.cli.whites import check_counts, say_white
 from cadcam.cli.wires import LOOKS, add_line_options
@@ -85,6 +95,7 @@ def run(arguments: argparse.Namespace) -> int:
     viewpoints, said = viewpoints_of(arguments.frames, arguments.camera, arguments.rig)
     start, freedom = start_as_asked(arguments, viewpoints[0]) or said, freedom_as_asked(arguments)
     frames = Frames([file_of(path) for path in arguments.frames], viewpoints, full_scale=arguments.full_scale)
+    refuse_own_folder(arguments.overlays, frames.files)
     _settle_white(arguments, frames)
     mesh, _ = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
@@ -93,10 +104,9 @@ def run(arguments: argparse.Namespace) -> int:
         "velocity": not arguments.no_velocity,
         "texture": not arguments.no_print,
     }
-    if arguments.overwrite:
-        Path(arguments.output).unlink(missing_ok=True)
     head = head_of(part, frames.viewpoints, start, **how)
-    with TrackLog.open(arguments.output, head, table=arguments.csv, filtered=arguments.smooth) as log:
+    kept: dict[str, Any] = {"table": arguments.csv, "filtered": arguments.smooth, "overwrite": arguments.overwrite}
+    with TrackLog.open(arguments.output, head, **kept) as log:
         if log.entries and not arguments.json:
             say(f"{len(log.entries)} frames are in {arguments.output}; going on")
         with progress("tracking", frames.count or 0) as step:

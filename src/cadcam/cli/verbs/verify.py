@@ -242,17 +242,22 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
 
 def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -> None:
     """Write or print a tolerance file; with photos and a pose, of what these show."""
+    import numpy as np
+
     from cadcam.verify.tolerances.file import template
     from cadcam.whole import write_whole
 
     seen: tuple[str, ...] = ()
+    chain = None
     if asked is not None:
         from cadcam.verify.edges.sightlines import sightlines
 
         pose = _located(arguments, part, asked).pose.world_from_part
-        shown = set(sightlines(part, asked.shots.photos, pose)[0].part.tolist())
+        lines = sightlines(part, asked.shots.photos, pose)[0]
+        shown, chains = set(lines.part.tolist()), lines.chain[lines.chain >= 0]  # contours have none
         seen = tuple(name for i, name in enumerate(part.scene.mesh.part_names) if i in shown)
-    text = template(part.scene, seen=seen)
+        chain = int(np.bincount(chains).argmax()) if len(chains) else None
+    text = template(part.scene, seen=seen, chain=chain)
     if not arguments.output:
         print(text, end="")
     for path in arguments.output:

@@ -87,6 +87,11 @@ class Frames:
         """The first picture of each source that is not a video."""
         return tuple(files[0] for files in self._files if files is not None)
 
+    @property
+    def files(self) -> tuple[str, ...]:
+        """All pictures of all sources that are not videos."""
+        return tuple(file for files in self._files if files is not None for file in files)
+
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames. Raises `UnreadableFile`, or `SizeMismatch` where a picture is not of its camera's size."""
         streams = [_pictures(*three) for three in zip(self.sources, self._files, self._whites(), strict=True)]

@@ -4,7 +4,7 @@ The log is JSON lines. The first describes the run: {"format": "cadcam track", "
 part, cameras, start and options. Then comes one line per frame: {"frame", "files", "sha256", "found", "quality", "how",
 "reason", "pose", "filtered": null where the part was lost}. Poses are written as by `write_part_pose`: "pose" from the
 frame's photos (and, where "followed", from the texture of earlier frames), "filtered" from all frames so far. A log is
-only continued with the same inputs.
+only continued with the same inputs, and by one process at a time.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from cadcam import __version__
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import UnreadableFile, UnwritableFile
-from cadcam.files.jsontext import Place, json_lines, parsed_line
+from cadcam.files.jsontext import Place, json_line, parsed_line, split_lines
 from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import read_text
@@ -36,6 +36,7 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, Tracker
+from cadcam.whole import utf8
 
 FORMAT, VERSION = "cadcam track", 2
 _INPUTS = {  # entries of the first line, and what the caller knows them as
@@ -46,6 +47,7 @@ _INPUTS = {  # entries of the first line, and what the caller knows them as
 }
 _SWITCHES = {"velocity": "--no-velocity", "texture": "--no-print"}  # entries that these options turn off
 _MAX_BYTES = 4_000_000_000
+_LONGEST_HEAD = 1_000_000  # bytes of a first line; cameras are fingerprints there
 _POSE = ("x_mm", "y_mm", "z_mm", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)))
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg")
 COLUMNS = ("frame", "files", "found", "quality", "how", *_POSE, *_SIGMAS)
@@ -102,13 +104,19 @@ class TrackLog:
     """A log that frames are appended to; made by `open`."""
 
     def __init__(
-        self, path: str | os.PathLike[str], entries: list[dict[str, Any]], table: str | None, *, filtered: bool
+        self,
+        path: str | os.PathLike[str],
+        file: io.BufferedWriter,
+        entries: list[dict[str, Any]],
+        table: io.BufferedWriter | None,
+        *,
+        filtered: bool,
     ) -> None:
         self.path = os.fspath(path)
         self.entries = entries
         self._filtered = filtered
-        self._file = _appending(path)
-        self._table = None if table is None else _appending(table)
+        self._file = file
+        self._table = table
 
     @classmethod
     def open(
@@ -118,20 +126,28 @@ class TrackLog:
         *,
         table: str | os.PathLike[str] | None = None,
         filtered: bool = False,
+        overwrite: bool = False,
     ) -> TrackLog:
         """Return the log at `path`: a new one that begins with `head` (`head_of`), or one with the same head.
 
-        An incomplete last line is removed; a log without frames is begun anew. table: a CSV file, one line per frame,
-        rewritten from the log, with the `filtered` poses or else those of single frames. Raises `UnreadableFile` where
-        the file holds another run.
+        An incomplete last line is removed; a log without frames is begun anew, and with `overwrite` any. table: a CSV
+        file, one line per frame, rewritten from the log, with the `filtered` poses or else those of single frames.
+        Raises `UnreadableFile` where the file holds another run, or with `overwrite` no log of tracked frames at all;
+        `UnwritableFile` where another process has the log open.
         """
-        there = Path(path)
-        entries = _continued(path, head) if there.exists() and there.stat().st_size else []
-        if not entries:
-            _write(path, json.dumps(head, ensure_ascii=False) + "\n")
-        if table is not None:
-            _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
-        return cls(path, entries, None if table is None else os.fspath(table), filtered=filtered)
+        file = _appending(path)
+        try:
+            _lock(file, path)
+            entries = _continued(path, head, anew=overwrite) if Path(path).stat().st_size else []
+            if not entries:
+                file.truncate(0)
+                _add(file, json_line(head) + "\n")
+            if table is not None:
+                _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
+            return cls(path, file, entries, None if table is None else _appending(table), filtered=filtered)
+        except BaseException:
+            file.close()
+            raise
 
     def __repr__(self) -> str:
         found = sum(bool(entry["found"]) for entry in self.entries)
@@ -150,7 +166,7 @@ class TrackLog:
     def append(self, tracked: TrackedFrame) -> dict[str, Any]:
         """Append a frame; return its line once it is on disk."""
         entry = entry_of(tracked)
-        _add(self._file, json.dumps(entry, ensure_ascii=False, allow_nan=False) + "\n")
+        _add(self._file, json_line(entry) + "\n")
         if self._table is not None:
             _add(self._table, _row(entry, self._filtered))
         self.entries.append(entry)
@@ -207,9 +223,9 @@ def head_of(
 
 def read_track_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile`, naming the line."""
-    lines = json_lines(read_text(path, max_bytes=_MAX_BYTES).text)
+    lines = split_lines(read_text(path, max_bytes=_MAX_BYTES).text)
     _check_head(path, _object(path, 1, lines[0]))
-    entries = [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
+    entries = [_frame(path, number, line) for number, line in enumerate(lines[1:], 2)]
     for number, entry in enumerate(entries, 2):
         for name in ("pose", "filtered"):
             if entry[name] is not None:
@@ -227,11 +243,15 @@ def _check_white(path: str, entry: Mapping[str, Any], frame: Frame) -> None:
         raise UnreadableFile(path, reason, f"{'' if brighter else f'--full-scale {one}, or '}start a new log")
 
 
-def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[str, Any]]:
-    """Return the complete lines of a log after its head; truncate the file after them."""
+def _continued(path: str | os.PathLike[str], head: dict[str, Any], *, anew: bool) -> list[dict[str, Any]]:
+    """Return the complete lines of a log after its head; truncate the file after them. None if it is begun anew."""
+    if anew:
+        with Path(path).open("rb") as file:
+            _check_is_log(path, _object(path, 1, file.readline(_LONGEST_HEAD).decode(errors="replace")))
+        return []
     data = Path(path).read_bytes()
     whole = data[: data.rfind(b"\n") + 1]
-    lines = json_lines(whole.decode(errors="replace"))
+    lines = split_lines(whole.decode(errors="replace"))
     there = _object(path, 1, lines[0]) if lines else {}
     _check_head(path, there)
     if len(lines) == 1:  # a run that failed at its first frame, perhaps by inputs that were mended since
@@ -242,7 +262,7 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any]) -> list[dict[
             raise UnreadableFile(path, reason, "name a new log, or --overwrite this one")
     if len(whole) < len(data):
         os.truncate(path, len(whole))
-    return [_object(path, number, line) for number, line in enumerate(lines[1:], 2)]
+    return [_frame(path, number, line) for number, line in enumerate(lines[1:], 2)]
 
 
 def _differs(key: str, there: Any, now: Any) -> str:
@@ -263,11 +283,33 @@ def _brief(key: str, value: Any) -> str:
     return ""
 
 
-def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
+def _check_is_log(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
     if head.get("format") != FORMAT:
         raise UnreadableFile(path, "is not a log of tracked frames", "name another file")
+
+
+def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
+    _check_is_log(path, head)
     if head.get("version") != VERSION:
         raise UnreadableFile(path, f"has version {head.get('version')!r}", f"version {VERSION} is read here")
+
+
+def _frame(path: str | os.PathLike[str], number: int, line: str) -> dict[str, Any]:
+    """Return the line of a frame; `UnreadableFile` names what is missing in it, or of another kind."""
+    place = parsed_line(path, number, line)
+    for name in ("files", "sha256"):
+        place.at(name).texts()
+    for name in ("how", "reason"):
+        place.at(name).text()
+    place.at("frame").whole()
+    place.at("quality").number()
+    found, filtered = place.at("found").flag(), place.at("filtered")
+    for pose in (place.at("pose"), *([filtered] if found or filtered.value is not None else [])):
+        for name in ("sigma_mm", "sigma_deg"):
+            pose.at(name).array((3,))
+        for name, shape in (("rotation", (3, 3)), ("translation_mm", (3,))):
+            pose.at("world_from_part").at(name).array(shape)
+    return place.object
 
 
 def _object(path: str | os.PathLike[str], number: int, line: str) -> dict[str, Any]:
@@ -316,15 +358,34 @@ def _appending(path: str | os.PathLike[str]) -> io.BufferedWriter:
         raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
 
 
+def _lock(file: io.BufferedWriter, path: str | os.PathLike[str]) -> None:
+    """Keep others from writing to a log while it is open here: lines of two runs would stand between each other.
+
+    The system lets go of it when this process ends, however it ends. Where it has no locks, on some network drives,
+    nobody is kept away.
+    """
+    try:
+        import fcntl
+    except ImportError:
+        return
+    try:
+        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        reason = "another run is writing to it"
+        raise UnwritableFile(path, reason, "wait for its end, or name another log") from None
+    except OSError:
+        return
+
+
 def _write(path: str | os.PathLike[str], text: str) -> None:
     try:
-        Path(path).write_text(text, encoding="utf-8")
+        Path(path).write_bytes(utf8(text))
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
 
 
 def _add(file: io.BufferedWriter, line: str) -> None:
     """Append a line and wait until it is on disk."""
-    file.write(line.encode())
+    file.write(utf8(line))
     file.flush()
     os.fsync(file.fileno())

@@ -40,7 +40,7 @@ from cadcam.report.layout.words import (
 )
 from cadcam.report.page import cards, page, row, section
 from cadcam.report.table import Table
-from cadcam.whole import write_whole
+from cadcam.whole import utf8, write_whole
 
 COLORS = {
     Outcome.SUITABLE: "#00785a",
@@ -74,7 +74,7 @@ class LayoutReport:
 
 def write_layout_page(path: str | os.PathLike[str], report: LayoutReport) -> None:
     """Write the report, whole or not at all."""
-    write_whole(path, layout_page(report).encode())
+    write_whole(path, utf8(layout_page(report)))
 
 
 def layout_page(report: LayoutReport) -> str:

@@ -19,7 +19,7 @@ from cadcam.report.table import Table
 from cadcam.station.cross_prediction import DeviationMap
 from cadcam.station.drawing import DifferenceTrend
 from cadcam.station.gantry import GantryCalibration
-from cadcam.whole import write_whole
+from cadcam.whole import utf8, write_whole
 
 _STYLE = """
 h1{font-size:1.5rem}.wide{overflow-x:auto}
@@ -46,7 +46,7 @@ class StationReport:
 
 def write_station_page(path: str | os.PathLike[str], report: StationReport) -> None:
     """Write the report, whole or not at all."""
-    write_whole(path, station_page(report).encode())
+    write_whole(path, utf8(station_page(report)))
 
 
 def station_page(report: StationReport) -> str:

@@ -18,7 +18,7 @@ from cadcam.verify.inspection import Inspection
 from cadcam.verify.reasons import vector_words
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement
-from cadcam.whole import write_whole
+from cadcam.whole import utf8, write_whole
 
 # Okabe and Ito's hues: blue, pale grey, vermilion; distinct for people with any colour vision
 NEGATIVE, ZERO, POSITIVE = np.array([0.0, 0.45, 0.70]), np.array([0.85, 0.85, 0.85]), np.array([0.84, 0.37, 0.0])
@@ -58,7 +58,7 @@ def write_overlay_svg(
     alone = overlay_svg(photo, number, seen, judgements=judgements, quality=quality).replace(
         "<svg ", '<svg xmlns="http://www.w3.org/2000/svg" ', 1
     )
-    write_whole(path, alone.encode())
+    write_whole(path, utf8(alone))
 
 
 def overlay_svg(

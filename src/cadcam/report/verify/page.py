@@ -31,7 +31,7 @@ from cadcam.verify.judge import Verification
 from cadcam.verify.reasons import vector_words
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
-from cadcam.whole import write_whole
+from cadcam.whole import utf8, write_whole
 
 _PLAIN = "#555555"  # of a state that is neither good nor bad
 _HELD = "\u00a0"  # a space at which no line is broken
@@ -52,7 +52,7 @@ def write_verification_page(
     expect(found, "found", Verification)
     photos = expect_each(photos, "photos", Photo)
     expect(origin, "origin", VerificationOrigin)
-    write_whole(path, verification_page(found, photos, origin).encode())
+    write_whole(path, utf8(verification_page(found, photos, origin)))
 
 
 def verification_page(found: Verification, photos: Sequence[Photo], origin: VerificationOrigin) -> str:
@@ -65,7 +65,7 @@ def verification_page(found: Verification, photos: Sequence[Photo], origin: Veri
             _judgements(found),
             _features(found, seen),
             _plots(found, seen),
-            _sensitivity(seen),
+            _sensitivity(found, seen),
         ]
         parts += [_assumed(found), _edges(seen)]
     else:
@@ -185,9 +185,9 @@ def _plots(found: Verification, seen: Inspection) -> str:
     return section("Deviations", f'<div class="two">{cells}</div>')
 
 
-def _sensitivity(seen: Inspection) -> str:
-    shown = [f for f in seen.features if f.displacement is not None and not f.datum]
-    shown = shown or [f for f in seen.features if f.displacement is not None]
+def _sensitivity(found: Verification, seen: Inspection) -> str:
+    measured = [f for f in seen.features if f.displacement is not None]
+    shown = [f for f in measured if role(found, f) != "datum"] or measured
     direction, sigma = weakest_direction(seen)
     lines = [f"<li><b>{escape(f.name)}</b>: {escape(shares_in_words(f))} of the variance</li>" for f in shown]
     pose = f"Weakest motion of the pose: {direction}, 1 sigma {sigma:.3f} mm at the edges (part axes)."

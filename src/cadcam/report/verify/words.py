@@ -68,10 +68,13 @@ def _wrong(j: Judgement) -> str:
 
 
 def role(found: Verification, feature: FeatureDeviation) -> str:
-    """Return the role of a feature in the verdict: the pose's datum, judged by a limit, or compared with the CAD."""
-    if feature.datum:
-        return "datum"
-    return "judged" if any(j.feature == feature.name for j in found.judgements) else "compared"
+    """Return the role of a feature in the verdict: judged by a limit, the pose's datum, or compared with the CAD.
+
+    A judged one may be of a stated datum, too: it is measured from the others of it.
+    """
+    if any(j.feature == feature.name for j in found.judgements):
+        return "judged"
+    return "datum" if feature.datum else "compared"
 
 
 def feature_table(found: Verification, seen: Inspection) -> Table:

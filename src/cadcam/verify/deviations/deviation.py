@@ -34,6 +34,7 @@ class Unclear(Enum):
     FOOT = "only the line on which it stands is measured, which need not move with it: take another view"
     LITTLE = "what is measured of its edges is too short to tell where it is: go closer, or take another view"
     POSE = "without it the pose is not known well enough: take more of the part into the picture"
+    ALONE_IN_MODEL = "the model has no other part to compare it with: name some of its edges in a tolerance file"
     CALIBRATION = "the camera's calibration is too uncertain to tell: calibrate it better"
     ASTRAY = "its edges are off, but no more of them than a shadow or dirt may move: other light, or another view"
     CONTRADICTS = "what its edges tell contradicts itself: take another view"

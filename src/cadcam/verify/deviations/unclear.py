@@ -27,7 +27,8 @@ def why_untold(survey: Survey, measured: MeasuredEdges, number: int, moved: Disp
     if not rows.any():
         return _why_unmeasured(survey, number)
     if measured.pose_without(rows) is None:
-        return Unclear.POSE
+        only = len(survey.by) == 1 and survey.members[number].mean() > _MOST
+        return Unclear.ALONE_IN_MODEL if only else Unclear.POSE
     if moved is not None and moved.known:
         return Unclear.CONTRADICTS
     if (measured.mate[rows] >= 0).all():

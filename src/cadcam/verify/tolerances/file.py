@@ -42,6 +42,17 @@ from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, S
 _WHERE = ("part", "chains", "box_mm", "kinds")
 _HOW = ("k", "rule", "direction")
 _K, _LARGEST_K = 2.0, 10.0  # what is larger, 95 or 99, is not meant as a number of sigmas
+_OF_A_PART = (
+    "    position_mm: 1.0    # of the whole feature; also: profile_mm (worst place along its edges), angle_deg",
+    "    presence: required",
+    "    # box_mm: [[x, y, z], [x, y, z]]   only edges in this region; chains: [...]; kinds: [brep, contact]",
+    "    # direction: [0, 1, 0]             position along this alone",
+)
+_OF_EDGES = (  # of a part that is the datum: its other edges
+    "    profile_mm: 1.0     # worst place along it; of several edges also: position_mm, angle_deg, presence: required",
+    "    # box_mm: [[x, y, z], [x, y, z]]   edges in this region; kinds: [brep, contact]",
+    "    # `cadcam verify MODEL --list PART` prints the numbers of all edges (chains)",
+)
 _DATUM = "write '- part: name' lines"
 _WRITE = "write name: {part: ..., position_mm: ...}; `cadcam verify --template` writes a file to start from"
 
@@ -64,10 +75,17 @@ def read_tolerances(path: str | os.PathLike[str]) -> Tolerances:
     return place.build(lambda: Tolerances(features, datum, file.path, file.sha256))
 
 
-def template(scene: Scene, *, seen: tuple[str, ...] = ()) -> str:
-    """Return a file to start from: every part of the scene, the `seen` ones first (others as comments)."""
+def template(scene: Scene, *, seen: tuple[str, ...] = (), chain: int | None = None) -> str:
+    """Return a file to start from: every part of the scene, the `seen` ones first (others as comments).
+
+    Of a single part, which has to be the datum, an edge is judged: that of this `chain`, by default its longest.
+    """
     names = scene.mesh.part_names
     chosen = [n for n in names if n in seen] if seen else list(names)
+    part = chosen[-1] if chosen else names[-1]
+    if len(chosen) == 1 and chain is None:
+        chain = _longest_chain(scene, part)
+    alone = len(chosen) == 1 and chain is not None
     lines = [
         "# Tolerances for `cadcam verify`: lengths in mm, angles in degrees, in the part's own axes.",
         "k: 2                    # coverage factor of U = k sigma",
@@ -76,14 +94,19 @@ def template(scene: Scene, *, seen: tuple[str, ...] = ()) -> str:
         *(f"  - part: {_quoted(name)}" for name in chosen),
         "features:               # what is judged: move it here from the datum, and set its limits",
         "  rename me:",
-        f"    part: {_quoted(chosen[-1] if chosen else names[-1])}",
-        "    position_mm: 1.0    # of the whole feature; also: profile_mm (worst place along its edges), angle_deg",
-        "    presence: required",
-        "    # box_mm: [[x, y, z], [x, y, z]]   only edges in this region; chains: [...]; kinds: [brep, contact]",
-        "    # direction: [0, 1, 0]             position along this alone",
+        f"    part: {_quoted(part)}",
+        *([f"    chains: [{chain}]", *_OF_EDGES] if alone else _OF_A_PART),
     ]
     lines += [f"# not in view: {name}" for name in names if name not in chosen]
     return "\n".join(lines) + "\n"
+
+
+def _longest_chain(scene: Scene, part: str) -> int | None:
+    """Return the number of the longest edge of a part; None if it has only contours."""
+    edges = scene.edges
+    own = Selection(part).bodies(scene)[edges.part]
+    length = np.bincount(edges.chain[own], edges.lengths(scene.mesh)[own])
+    return int(length.argmax()) if len(length) else None
 
 
 def _quoted(name: str) -> str:
