@@ -35,7 +35,7 @@ def behind_paper(along: float, level: float) -> Photo:
 @pytest.fixture(scope="module")
 def hidden() -> tuple[Verification, Inspection]:
     """Return what is said of a plate whose block and bracket are behind paper."""
-    found = verify_part(part(), [behind_paper(0.5, 40.0)], at(Rigid(), 1.0), ASKED)
+    found = verify_part(part(), [behind_paper(0.5, 20.0)], at(Rigid(), 1.0), ASKED)
     assert found.inspection is not None
     return found, found.inspection
 
@@ -46,6 +46,13 @@ def test_what_is_hidden_is_unclear_and_not_missing(hidden: tuple[Verification, I
     for name in ("block", "bracket"):
         assert (seen.feature(name).state, seen.feature(name).why) == (State.UNCLEAR, Unclear.BEHIND), name
     assert seen.feature("rib 1").state is State.IN_PLACE
+
+
+def test_a_corner_that_shows_is_enough_for_the_block_to_be_there() -> None:
+    """Two of its seven edges, and its pixels, against tones that say that it is not there."""
+    seen = inspect(part(), [behind_paper(0.5, 40.0)], Rigid())
+    assert (seen.feature("block").state, seen.feature("block").presence.seen) == (State.IN_PLACE, 2)
+    assert seen.feature("bracket").state is State.UNCLEAR
 
 
 def test_it_is_said_where_it_stands_and_what_to_do(hidden: tuple[Verification, Inspection]) -> None:

@@ -10,14 +10,19 @@ import pytest
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.bodies import findings
 from cadcam.verify.bodies.findings import (
+    _BY_CHANCE,
     DOUBTFUL,
     Case,
     _anywhere,
     _likelier,
     _Suspect,
+    _with_pixels,
     findings_of,
     findings_redrawn,
 )
@@ -27,7 +32,7 @@ from cadcam.verify.edges.presence import Presence
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import whole_parts
 
-from .scene import displaced, part, photo, plate
+from .scene import CAMERA, NOISE, POSE, displaced, part, photo, photographed, plate
 
 
 def test_a_body_is_drawn_where_it_stands_and_all_else_stays() -> None:
@@ -126,7 +131,66 @@ def test_tones_do_not_miss_a_body_whose_edges_are_seen(
     monkeypatch.setattr(findings, "_by_its_edges", seen)
     monkeypatch.setattr(findings.Tones, "log_ratio", lambda *_, **__: -6.85)
     monkeypatch.setattr(findings, "_uncovered", lambda *_: 0.0)
+    monkeypatch.setattr(findings, "_by_pixels", lambda *_: 0.0)
     assert findings_of(case, part(), survey).presence[number].log_ratio == told
+
+
+def by_pixels(name: str, taken: Photo, *, drawn_at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
+    """Return what all pixels of a photo say for a body of the plate that is drawn somewhere."""
+    case = Case(part(), [taken], Rigid(), whole_parts(part().scene), np.eye(6), 8.0, 0.01)
+    survey = surveyed(part(), [taken], Rigid(), case.asked, reach_px=8.0)
+    body = survey.whole_part(survey.names.index(name))
+    assert body is not None
+    by = np.zeros((len(part().scene.mesh.part_names), 3))
+    by[body] = drawn_at
+    drawn = redrawn(part(), by)
+    assert drawn is not None
+    survey = surveyed(drawn, [taken], Rigid(), case.asked, reach_px=8.0, by=by)
+    return findings._by_pixels(case, drawn, survey, body)
+
+
+@pytest.mark.parametrize("name", ["block", "bracket"])
+def test_all_pixels_tell_a_body_that_is_there_from_one_that_is_not(name: str, rng: np.random.Generator) -> None:
+    """Also where it is drawn elsewhere: what is asked about is its place."""
+    there, gone = photo(plate(), rng), photo(displaced(name, None), rng)
+    for at in ((0.0, 0.0, 0.0), (3.0, 0.0, 0.0), (25.0, 25.0, 0.0)):
+        assert by_pixels(name, there, drawn_at=at) > 10 * _BY_CHANCE
+        assert by_pixels(name, gone, drawn_at=at) < -_BY_CHANCE
+
+
+def test_a_patch_of_paint_of_a_bodys_shape_is_not_the_body(rng: np.random.Generator) -> None:
+    """Of two surfaces that a rib has and two that it hides neither are so dark: something is before them."""
+    its = open_renderer(part().scene).render(CAMERA, POSE, channels=Channel.PART).part == 2
+    painted = np.where(its, 0.1 + rng.normal(0, NOISE, its.shape), photographed(plate(), rng))
+    assert by_pixels("rib 2", Photo.of(np.clip(painted, 0, 1).astype(np.float32), CAMERA, POSE)) < -_BY_CHANCE
+
+
+def test_pixels_stand_in_for_tones_where_they_are_for_a_body() -> None:
+    """At most 3.5 for it; against it 2, and only where neither edges nor tones are for it."""
+    assert _with_pixels(-3.4, 0.5, 93.0) == 4.0
+    assert _with_pixels(-3.4, 0.5, _BY_CHANCE + 1.0) == 1.5
+    assert _with_pixels(1.9, -4.0, 93.0) == 1.9  # edges that are missed all the same
+    assert _with_pixels(-6.9, -1.3, -40.0) == -8.9
+    assert _with_pixels(-6.9, 0.2, -40.0) == -6.9
+    assert _with_pixels(0.1, -0.2, -300.0) == 0.1
+    assert _with_pixels(-6.9, -1.3, -_BY_CHANCE) == _with_pixels(-6.9, -1.3, _BY_CHANCE) == -6.9
+
+
+def test_a_doubtful_body_is_there_if_its_pixels_say_so(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Tones predicted by a light that is off say -6.85 of a block half of whose edges are seen."""
+    shot = photo(plate(), rng)
+    case = Case(part(), [shot], Rigid(), whole_parts(part().scene), np.eye(6), 8.0, 0.01)
+    survey = surveyed(part(), [shot], Rigid(), case.asked, reach_px=8.0)
+    number, own = survey.names.index("block"), findings._by_its_edges
+
+    def half_seen(survey: Survey, i: int) -> Presence:
+        return replace(own(survey, i), log_ratio=-0.5) if i == number else own(survey, i)
+
+    monkeypatch.setattr(findings, "_by_its_edges", half_seen)
+    monkeypatch.setattr(findings.Tones, "log_ratio", lambda *_, **__: -6.85)
+    assert findings_of(case, part(), survey).presence[number].log_ratio == 3.0
 
 
 @pytest.mark.parametrize("measured", [True, False])

@@ -28,7 +28,7 @@ from cadcam.verify.edges.survey import surveyed
 from cadcam.verify.inspection import inspect
 from cadcam.verify.tolerances.tolerance import whole_parts
 
-from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
+from .scene import CAMERA, NOISE, POSE, displaced, part, photo, photographed, plate
 
 SMALL = [name for name in plate().part_names if name != "plate"]
 
@@ -142,7 +142,7 @@ def test_the_photo_looks_most_like_the_body_where_it_stands(rng: np.random.Gener
     for i, place in enumerate(places):
         by[i][body] = place
     guesses = [g for g in (redrawn(part(), b) for b in by) if g is not None]
-    found, without = log_likelihoods([shot], Rigid(), guesses, body, [shown_in(shot)])
+    found, without, _ = log_likelihoods([shot], Rigid(), guesses, body, [shown_in(shot)])
     assert off[int(np.argmax(found))] < 1.5
     assert found.max() > without
 
@@ -153,8 +153,25 @@ def test_where_a_body_is_missing_the_photo_looks_most_like_the_part_without_it(r
     by[body] = 3.0, 3.0, 0.0
     moved = redrawn(part(), by)
     assert moved is not None
-    found, without = log_likelihoods([shot], Rigid(), [part(), moved], body, [shown_in(shot)])
-    assert without > found.max()
+    found, without, hidden = log_likelihoods([shot], Rigid(), [part(), moved], body, [shown_in(shot)])
+    assert without > max(found.max(), hidden)
+
+
+@pytest.mark.parametrize("tone", [0.1, 0.7])
+@pytest.mark.parametrize("beyond", [1, 8])
+def test_a_patch_of_paint_before_a_body_does_not_speak_for_it(
+    tone: float, beyond: int, rng: np.random.Generator
+) -> None:
+    """Not even if it has its shape: it has not its tones. Nor does it look like what the body would hide."""
+    gray = photographed(plate(), rng)
+    seen = open_renderer(part().scene).render(CAMERA, POSE, channels=Channel.PART).part
+    for body in range(1, len(plate().part_names)):
+        cover = binary_dilation(seen == body, iterations=beyond)
+        painted = np.where(cover, tone + rng.normal(0, NOISE, gray.shape), gray).astype(np.float32)
+        shot = Photo.of(np.clip(painted, 0, 1), CAMERA, POSE)
+        found, without, hidden = log_likelihoods([shot], Rigid(), [part()], body, [shown_in(shot)])
+        assert found[0] < max(without, hidden)
+        assert beyond > 1 or hidden > without
 
 
 @pytest.mark.parametrize("more", [-0.08, 0.08])
@@ -169,7 +186,7 @@ def test_a_body_of_another_tone_than_the_light_says_stays_where_its_borders_are(
     by = np.zeros((9, 5, 3))
     by[1:, body, :2] = 9.0 * np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=1)
     guesses = [g for g in (redrawn(part(), b) for b in by) if g is not None]
-    found, without = log_likelihoods([shot], Rigid(), guesses, body, [shown_in(shot)])
+    found, without, _ = log_likelihoods([shot], Rigid(), guesses, body, [shown_in(shot)])
     assert np.argmax(found) == 0
     assert found[0] > without
 
@@ -193,5 +210,5 @@ def test_a_narrow_surface_of_another_tone_leaves_its_body_where_it_stands(
     ring = np.stack([np.cos(turn), np.sin(turn)], axis=1)
     by[1:9, 5, :2], by[9:, 5, :2] = 5.0 * ring, 9.0 * ring
     guesses = [g for g in (redrawn(whole, b) for b in by) if g is not None]
-    found, without = log_likelihoods([shot], Rigid(), guesses, 5, [shown])
+    found, without, _ = log_likelihoods([shot], Rigid(), guesses, 5, [shown])
     assert found[0] > max(found[1:].max(), without) + 6.5

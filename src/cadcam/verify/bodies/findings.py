@@ -27,6 +27,7 @@ OF_DISPLACED = 0.25  # share of alarms for displacements, which are far beyond d
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a body may be missing
 _RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which the edges behind a body are searched for
 _THERE, _NOT_THERE = 3.5, 2.0  # most that pixels say: wrongly for one missing body in 33, against one present in 7
+_BY_CHANCE = 10.0  # log likelihood ratio of pixels that light and paint alone may make
 _CELL_PX = 1.5  # distance of places at which a shifted feature is searched for
 _ROUNDS = 4  # of redrawing displaced bodies where they were found
 
@@ -186,7 +187,7 @@ def _likeliest(case: Case, look: Findings, suspect: _Suspect) -> tuple[Array | N
     guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
     drawable = [(p, guess) for p, guess in guesses if guess is not None]
     drawn = [look.drawn, *(guess for _, guess in drawable)]
-    likelihood, without = log_likelihoods(case.photos, case.world_from_part, drawn, part, survey.shown)
+    likelihood, without, _ = log_likelihoods(case.photos, case.world_from_part, drawn, part, survey.shown)
     best = int(np.argmax(likelihood))
     if best == 0 or likelihood[best] <= without:
         return None, 0.0
@@ -209,7 +210,7 @@ def elsewhere_by(case: Case, look: Findings, part: int) -> float:
     there = redrawn(case.part, _with(look.survey.by, part, np.zeros(3)))
     if there is None:
         return 0.0
-    (drawn, in_place), _ = log_likelihoods(
+    (drawn, in_place), *_ = log_likelihoods(
         case.photos, case.world_from_part, [look.drawn, there], part, look.survey.shown
     )
     return float(drawn - in_place)
@@ -301,9 +302,15 @@ def _unless_seen(by_tones: float, by_edges: float) -> float:
 
 
 def _by_pixels(case: Case, drawn: Part, survey: Survey, body: int) -> float:
-    """Return the log likelihood ratio of the photos with a body where it is drawn to those without it."""
-    (there,), without = log_likelihoods(case.photos, case.world_from_part, [drawn], body, survey.shown)
-    return float(there - without)
+    """Return the log likelihood ratio of the photos with a body in its place to those without it, or with it hidden.
+
+    Of a body drawn elsewhere, too: that place was searched for until it resembled the photos.
+    """
+    where = drawn
+    if survey.by[body].any():
+        where = redrawn(case.part, _with(survey.by, body, np.zeros(3))) or drawn
+    (_, there), without, hidden = log_likelihoods(case.photos, case.world_from_part, [drawn, where], body, survey.shown)
+    return float(there - max(without, hidden))
 
 
 def _with_pixels(told: float, by_edges: float, by_pixels: float) -> float:
@@ -314,9 +321,10 @@ def _with_pixels(told: float, by_edges: float, by_pixels: float) -> float:
     shape would have to be in the photo all the same. So for a body they stand in for tones, against it they count where
     neither the edges nor the tones are for it.
     """
-    if by_pixels > 0:
-        return max(told, by_edges + min(by_pixels, _THERE))
-    return told + max(by_pixels, -_NOT_THERE) if max(told, by_edges) <= 0 else told
+    beyond = by_pixels - min(max(by_pixels, -_BY_CHANCE), _BY_CHANCE)
+    if beyond > 0:
+        return max(told, by_edges + min(beyond, _THERE))
+    return told + max(beyond, -_NOT_THERE) if max(told, by_edges) <= 0 else told
 
 
 def _uncovered(case: Case, survey: Survey, body: int) -> float:

@@ -35,18 +35,19 @@ _ROUNDS = 3
 
 def log_likelihoods(
     photos: Sequence[Photo], world_from_part: Rigid, guesses: Sequence[Part], body: int, shown: Sequence[ShownFaces]
-) -> tuple[Array, float]:
-    """Return the log likelihoods (k,) of the photos wherever any of the guesses has a body, and that without the body.
+) -> tuple[Array, float, float]:
+    """Return the log likelihoods (k,) of the photos wherever any of the guesses has a body, and two more.
 
-    Up to a common constant. guesses: the part, drawn with that body in several places; shown: what the first of them
+    Without the body, and with something else before where the first guess has it: one surface of any tone. Up to a
+    common constant. guesses: the part, drawn with that body in several places; shown: what the first of them
     shows in each photo.
     """
-    scores = np.zeros(len(guesses) + 1)
+    scores = np.zeros(len(guesses) + 2)
     for photo, first in zip(photos, shown, strict=True):
         window = _window(photo, world_from_part, guesses, body)
         if window is not None:
             scores += _in_photo(photo, world_from_part, guesses, body, window, first)
-    return scores[:-1], float(scores[-1])
+    return scores[:-2], float(scores[-2]), float(scores[-1])
 
 
 def _window(photo: Photo, world_from_part: Rigid, guesses: Sequence[Part], body: int) -> Window | None:
@@ -72,6 +73,7 @@ def _in_photo(
     shown = [replace(first, face=first.face[window])]
     shown += [ShownFaces.of(part, photo, world_from_part, window=window) for part in guesses[1:]]
     shown.append(ShownFaces.of(guesses[0], photo, world_from_part, without=body, window=window))
+    shown.append(replace(shown[0], face=np.where(shown[0].shows(body), 0, shown[0].face).astype(np.int32)))
     covered = np.any([s.shows(body) for s in shown], axis=0)
     if not covered.any():
         return np.zeros(len(shown))
