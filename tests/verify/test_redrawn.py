@@ -166,14 +166,11 @@ def test_a_patch_of_paint_of_a_bodys_shape_is_not_the_body(rng: np.random.Genera
 
 
 def test_pixels_stand_in_for_tones_where_they_are_for_a_body() -> None:
-    """At most 3.5 for it; against it 2, and only where neither edges nor tones are for it."""
+    """By at most 3.5; against it they are not heard."""
     assert _with_pixels(-3.4, 0.5, 93.0) == 4.0
     assert _with_pixels(-3.4, 0.5, _BY_CHANCE + 1.0) == 1.5
     assert _with_pixels(1.9, -4.0, 93.0) == 1.9  # edges that are missed all the same
-    assert _with_pixels(-6.9, -1.3, -40.0) == -8.9
-    assert _with_pixels(-6.9, 0.2, -40.0) == -6.9
-    assert _with_pixels(0.1, -0.2, -300.0) == 0.1
-    assert _with_pixels(-6.9, -1.3, -_BY_CHANCE) == _with_pixels(-6.9, -1.3, _BY_CHANCE) == -6.9
+    assert _with_pixels(-6.9, -1.3, -300.0) == _with_pixels(-6.9, -1.3, _BY_CHANCE) == -6.9
 
 
 def test_a_doubtful_body_is_there_if_its_pixels_say_so(

@@ -26,7 +26,7 @@ from cadcam.verify.tolerances.tolerance import Tolerances
 OF_DISPLACED = 0.25  # share of alarms for displacements, which are far beyond doubt if they matter; absences are not
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a body may be missing
 _RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which the edges behind a body are searched for
-_THERE, _NOT_THERE = 3.5, 2.0  # most that pixels say: wrongly for one missing body in 33, against one present in 7
+_THERE = 3.5  # most that pixels say for a body: wrongly, at worst, for one missing body in 33
 _BY_CHANCE = 10.0  # log likelihood ratio of pixels that light and paint alone may make
 _CELL_PX = 1.5  # distance of places at which a shifted feature is searched for
 _ROUNDS = 4  # of redrawing displaced bodies where they were found
@@ -139,7 +139,8 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
             if again is None:
                 continue
             by_edges = again.explained(seen, clutter) - before
-            if _likelier(by_edges, gain, least=_least_gain(case, look, suspect), measured=suspect.moved is not None):
+            least = _least_gain(case, look, suspect, gain)
+            if _likelier(by_edges, gain, least=least, measured=suspect.moved is not None):
                 look = again
                 break
         else:
@@ -220,21 +221,23 @@ def _likelier(by_edges: float, by_pixels: float, *, least: float, measured: bool
     """Return whether a body drawn elsewhere explains more of the photos, by edges and pixels (log likelihood ratios).
 
     The edges are made of the same pixels: the `least` that it has to explain more, one of the two has to by itself.
-    measured: whether its edges were, from where it was drawn. Then those that show elsewhere must say more: what tones
-    say is only as good as the light that they are predicted by, which a patch of sun or mottled paint belies.
+    measured: whether its edges were, from where it was drawn. Then those that show elsewhere must say so: what pixels
+    say is only as good as the light that tones are predicted by, which a patch of sun or mottled paint belies.
     """
-    if measured and by_edges <= 0:
-        return False
+    if measured:
+        return by_edges > least
     return by_edges + by_pixels > 0 and max(by_edges, by_pixels) > least
 
 
-def _least_gain(case: Case, look: Findings, suspect: _Suspect) -> float:
+def _least_gain(case: Case, look: Findings, suspect: _Suspect, gain: float) -> float:
     """Return how much more of the photos (log likelihood) a body drawn elsewhere has to explain.
 
-    As much as for an alarm, if its edges, measured from where it is drawn, say that it is in place.
+    As much as for an alarm, if its edges, measured from where it is drawn, say that it is in place, or in another place
+    than that whose pixels are likelier by `gain`.
     """
-    in_place = suspect.moved is not None and suspect.moved.p_value > AS_IN_PLACE
-    return surely_elsewhere(look.presence, case.alarms) if in_place else 0.0
+    moved = suspect.moved
+    contradicted = moved is not None and (gain > 0 or moved.p_value > AS_IN_PLACE)
+    return surely_elsewhere(look.presence, case.alarms) if contradicted else 0.0
 
 
 def _with(by: Array, part: int, to: Array) -> Array:
@@ -317,14 +320,11 @@ def _with_pixels(told: float, by_edges: float, by_pixels: float) -> float:
     """Return the log likelihood ratio of a doubtful body by edges and tones, and by all its pixels.
 
     Tones are as good as the light they are predicted by; where each surface may have a tone of its own, only their
-    borders and gradients tell. These say too much, but seldom the wrong thing, least of a body that is not there: its
-    shape would have to be in the photo all the same. So for a body they stand in for tones, against it they count where
-    neither the edges nor the tones are for it.
+    borders and gradients tell. These say too much, but seldom for a body that is not there: its shape would have to be
+    in the photo all the same. So for a body they stand in for tones. Against bodies that are there they speak as
+    loudly, of one in seven that are doubtful, and are not heard.
     """
-    beyond = by_pixels - min(max(by_pixels, -_BY_CHANCE), _BY_CHANCE)
-    if beyond > 0:
-        return max(told, by_edges + min(beyond, _THERE))
-    return told + max(beyond, -_NOT_THERE) if max(told, by_edges) <= 0 else told
+    return max(told, by_edges + min(by_pixels - _BY_CHANCE, _THERE)) if by_pixels > _BY_CHANCE else told
 
 
 def _uncovered(case: Case, survey: Survey, body: int) -> float:
