@@ -139,8 +139,7 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
             if again is None:
                 continue
             by_edges = again.explained(seen, clutter) - before
-            least = _least_gain(case, look, suspect, gain)
-            if _likelier(by_edges, gain, least=least, measured=suspect.moved is not None):
+            if _likelier(by_edges, gain, least=_least_gain(case, look, suspect), measured=suspect.moved is not None):
                 look = again
                 break
         else:
@@ -221,23 +220,21 @@ def _likelier(by_edges: float, by_pixels: float, *, least: float, measured: bool
     """Return whether a body drawn elsewhere explains more of the photos, by edges and pixels (log likelihood ratios).
 
     The edges are made of the same pixels: the `least` that it has to explain more, one of the two has to by itself.
-    measured: whether its edges were, from where it was drawn. Then those that show elsewhere must say so: what pixels
-    say is only as good as the light that tones are predicted by, which a patch of sun or mottled paint belies.
+    measured: whether its edges were, from where it was drawn. Then those that show elsewhere must say more: what tones
+    say is only as good as the light that they are predicted by, which a patch of sun or mottled paint belies.
     """
-    if measured:
-        return by_edges > least
+    if measured and by_edges <= 0:
+        return False
     return by_edges + by_pixels > 0 and max(by_edges, by_pixels) > least
 
 
-def _least_gain(case: Case, look: Findings, suspect: _Suspect, gain: float) -> float:
+def _least_gain(case: Case, look: Findings, suspect: _Suspect) -> float:
     """Return how much more of the photos (log likelihood) a body drawn elsewhere has to explain.
 
-    As much as for an alarm, if its edges, measured from where it is drawn, say that it is in place, or in another place
-    than that whose pixels are likelier by `gain`.
+    As much as for an alarm, if its edges, measured from where it is drawn, say that it is in place.
     """
-    moved = suspect.moved
-    contradicted = moved is not None and (gain > 0 or moved.p_value > AS_IN_PLACE)
-    return surely_elsewhere(look.presence, case.alarms) if contradicted else 0.0
+    in_place = suspect.moved is not None and suspect.moved.p_value > AS_IN_PLACE
+    return surely_elsewhere(look.presence, case.alarms) if in_place else 0.0
 
 
 def _with(by: Array, part: int, to: Array) -> Array:
@@ -307,12 +304,11 @@ def _unless_seen(by_tones: float, by_edges: float) -> float:
 def _by_pixels(case: Case, drawn: Part, survey: Survey, body: int) -> float:
     """Return the log likelihood ratio of the photos with a body in its place to those without it, or with it hidden.
 
-    Of a body drawn elsewhere, too: that place was searched for until it resembled the photos.
+    Nothing is said of a body drawn elsewhere: that place was searched for until it resembled the photos.
     """
-    where = drawn
     if survey.by[body].any():
-        where = redrawn(case.part, _with(survey.by, body, np.zeros(3))) or drawn
-    (_, there), without, hidden = log_likelihoods(case.photos, case.world_from_part, [drawn, where], body, survey.shown)
+        return 0.0
+    (there,), without, hidden = log_likelihoods(case.photos, case.world_from_part, [drawn], body, survey.shown)
     return float(there - max(without, hidden))
 
 
