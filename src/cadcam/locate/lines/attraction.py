@@ -22,7 +22,6 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import pulled
 
 _SEARCHED = 400  # samples used, of all photos together
-_ASKED = 2  # samples asked what they tell, for each one used, at least
 _CHOSEN = 0.6  # share of them that lie where they tell the pose best, not evenly
 _SOFTNESS, _REACH = 0.6, 1.5  # width of the kernel and search range, relative to the possible error of the lines
 _SHRINKS = 0.5  # ratio from one round to the next
@@ -54,11 +53,9 @@ def telling_samples(sight: Sight, pose: Rigid, most: int) -> Sight:
 
     Of a long bar these are at its ends. pose: world_from_part near which the samples are used.
     """
-    if len(sight.samples) <= most:
-        return sight
-    if len(sight.samples) > _ASKED * most:  # neighbours tell the same
-        sight = sight.select(slice(None, None, len(sight.samples) // (_ASKED * most)))
     n, p = len(sight.samples), sight.samples.p
+    if n <= most:
+        return sight
     middle = p.mean(axis=0)
     away = p - middle
     radius = np.sqrt(np.einsum("ij,ij->", away, away) / n)
