@@ -119,10 +119,11 @@ INLINE void motions_of(const view *w, const eight_places *e, const eight_spots *
  * tells. */
 static void add_places(const view *w, const eight_places *e, const kernel *k, sums *q, sums *slid) {
     const eight_spots s = images_of(w, e, 0);
+    const eight_planes planes = planes_of(w->field, &s);
     const f8 mean = looked_up(w->field->mean, s.sector);
     f8 all = eight(0), moments = eight(0), J[6];
     for (int o = -k->taps; o <= k->taps; o++) {
-        const f8 excess = certainties(w->field, &s, o) - mean;
+        const f8 excess = certainties(w->field, &planes, &s, o) - mean;
         const f8 over = k->bell[o + k->taps] * only(excess > 0.0f, excess);
         all += over, moments += (float)o * over;
     }
@@ -205,8 +206,10 @@ static void step(const cc_pose_edges *v, int64_t k, double *pose, const kernel *
 
 /* The best certainties (0 to 255) under the kernel along the normals of spots. */
 INLINE f8 best_at(const cc_field *f, const eight_spots *s, const kernel *k) {
+    const eight_planes planes = planes_of(f, s);
     f8 best = eight(0);
-    for (int o = -k->taps; o <= k->taps; o++) best = most_of(best, k->bell[o + k->taps] * certainties(f, s, o));
+    for (int o = -k->taps; o <= k->taps; o++)
+        best = most_of(best, k->bell[o + k->taps] * certainties(f, &planes, s, o));
     return best;
 }
 

@@ -35,6 +35,9 @@ typedef struct {
     i8 sector, there;
 } eight_spots;
 
+/* The planes of their sectors: all planes together may be longer than 32 bits can number. */
+typedef struct { const uint8_t *of[8]; } eight_planes;
+
 /* The first eight places of `left`, at least 1. */
 INLINE eight_places eight_of(const cc_place *places, int32_t left, const float *pivot) {
     const float *p[8], *tangent[8];
@@ -91,6 +94,14 @@ INLINE eight_spots images_of(const view *w, const eight_places *e, float beside)
                          only(there, k), only(there, u), only(there, v), sectors_of(dx, dy) & there, there};
 }
 
+INLINE eight_planes planes_of(const cc_field *f, const eight_spots *s) {
+    eight_planes planes;
+    const size_t size = (size_t)f->width * (size_t)f->height;
+    for (int k = 0; k < 8; k++) planes.of[k] = f->planes + (size_t)s->sector[k] * size;
+    return planes;
+}
+
+/* Rounded to the nearest whole number, halves up, for |v| < 2^23. */
 INLINE i8 nearest_to(f8 v) {
     const f8 up = v + 0.5f;
     const i8 whole = __builtin_convertvector(up, i8);
@@ -98,11 +109,11 @@ INLINE i8 nearest_to(f8 v) {
 }
 
 /* The certainties `o` px along the normals of spots, 0 outside of the picture. */
-INLINE f8 certainties(const cc_field *f, const eight_spots *s, int o) {
+INLINE f8 certainties(const cc_field *f, const eight_planes *planes, const eight_spots *s, int o) {
     const i8 column = nearest_to(s->x + (float)o * s->nx), row = nearest_to(s->y + (float)o * s->ny);
     const i8 there = s->there & (column >= 0) & (column < f->width) & (row >= 0) & (row < f->height);
-    const i8 at = ((s->sector * f->height + row) * f->width + column) & there;
-    return __builtin_convertvector(bytes_at(f->planes, at) & there, f8);
+    const i8 at = (row * f->width + column) & there;
+    return __builtin_convertvector(bytes_at(planes->of, at) & there, f8);
 }
 
 #endif

@@ -146,8 +146,9 @@ INLINE d4 fused_d(d4 a, d4 b, d4 c) { return (d4)_mm256_fmadd_pd((__m256d)a, (__
 INLINE f8 fused(f8 a, f8 b, f8 c) { return a * b + c; }
 INLINE d4 fused_d(d4 a, d4 b, d4 c) { return a * b + c; }
 #endif
-INLINE i8 bytes_at(const uint8_t *p, i8 at) {
-    return (i8){p[at[0]], p[at[1]], p[at[2]], p[at[3]], p[at[4]], p[at[5]], p[at[6]], p[at[7]]};
+INLINE i8 bytes_at(const uint8_t *const p[8], i8 at) {
+    return (i8){p[0][at[0]], p[1][at[1]], p[2][at[2]], p[3][at[3]],
+                p[4][at[4]], p[5][at[5]], p[6][at[6]], p[7][at[7]]};
 }
 INLINE f8 eight(float v) { return v - (f8){0}; }
 INLINE d4 four_d(double v) { return v - (d4){0}; }
