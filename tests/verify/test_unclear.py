@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,9 +12,10 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.report.verify.words import unclear_words
 from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.deviations.deviation import State, Unclear
-from cadcam.verify.deviations.measured import Displacement
+from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.deviations.unclear import _by_cause, why_doubtful
 from cadcam.verify.edges.presence import Presence
+from cadcam.verify.edges.survey import Survey
 from cadcam.verify.inspection import Inspection, inspect
 
 from .scene import part, photo, plate
@@ -48,6 +52,20 @@ def test_whether_a_feature_is_there_is_doubtful_for_three_reasons() -> None:
     assert why_doubtful(Presence(0, 0, 0.0)) is Unclear.SHORT_EDGES
     assert why_doubtful(Presence(4, 0, -1.0)) is Unclear.UNSEEN
     assert why_doubtful(Presence(4, 1, 0.5)) is Unclear.DOUBTFUL
+
+
+@pytest.mark.parametrize(("log_ratio", "told"), [(20.0, True), (0.5, False)])
+def test_what_may_not_be_there_has_no_size(monkeypatch: pytest.MonkeyPatch, log_ratio: float, told: bool) -> None:
+    """A bar 1 mm off, doubtful itself, was printed as 8.2 mm off, by the edges of something else."""
+    number = part().scene.mesh.part_names.index("block")
+
+    def doubted(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdges) -> list[Presence]:
+        return [replace(p, log_ratio=log_ratio if i == number else p.log_ratio) for i, p in enumerate(presence)]
+
+    monkeypatch.setattr("cadcam.verify.inspection._placed", doubted)
+    found = seen_from(EYES["near"]).feature("block")
+    assert (found.displacement is not None) is told
+    assert (found.why is Unclear.DOUBTFUL) is not told
 
 
 @pytest.mark.parametrize(

@@ -18,6 +18,7 @@ from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.survey import Survey
 
 _CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
+_MAY_BE_ABSENT = (Unclear.SHORT_EDGES, Unclear.UNSEEN, Unclear.DOUBTFUL)  # what is measured may be something else
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,7 +58,7 @@ class FeatureEvidence:
             state, why = State.UNCLEAR, Unclear.ASTRAY
         if state is State.UNCLEAR and why is None:
             why = why_untold(self.survey, self.measured, number, moved)
-        told = moved if state is State.DISPLACED else believed(moved)
+        told = moved if state is State.DISPLACED else None if why in _MAY_BE_ABSENT else believed(moved)
         return replace(self._feature(number, state, told), p_value=self.p_values[number], why=why)
 
     def _beyond_reach(self, number: int, moved: Displacement | None) -> bool:
