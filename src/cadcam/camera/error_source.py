@@ -15,6 +15,7 @@ from cadcam.errors import BadValue
 class ErrorSource(Brief):
     """Uncertain parameters and their covariance (k, k); the same `owner` is the same source.
 
+    owner: any object; what counts is that it is the same one, not that it is equal.
     dof: degrees of freedom behind the noise that scales the covariance; inf where it is known.
     """
 
@@ -39,8 +40,13 @@ class ErrorSource(Brief):
 
 
 def distinct_sources(sources: Sequence[ErrorSource]) -> list[ErrorSource]:
-    """Return the sources, each owner's once."""
-    return [s for i, s in enumerate(sources) if index_of(sources, s) == i]
+    """Return the sources, each owner's once; `BadValue` where one owner has two covariances."""
+    first = [index_of(sources, s) for s in sources]
+    for one, other in zip((sources[k] for k in first), sources, strict=True):
+        if one is not other and not np.array_equal(one.covariance, other.covariance):
+            said = f"another than that of {other.name}, which has the same owner"
+            raise BadValue(f"covariance of {one.name}", said, "one covariance for one owner, or owners of their own")
+    return [s for i, s in enumerate(sources) if first[i] == i]
 
 
 def index_of(sources: Sequence[ErrorSource], source: ErrorSource) -> int:

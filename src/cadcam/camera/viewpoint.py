@@ -148,11 +148,14 @@ class Viewpoint(Brief):
         camera_from_world: Rigid,
         *,
         pose_covariance: Floats | None = None,
+        pose_owner: object = None,
         sigma_px: float | None = None,
     ) -> Viewpoint:
         """Return the viewpoint of a calibrated camera at a pose known from elsewhere; its calibrated pose is not used.
 
-        pose_covariance (6, 6): of xi in camera_from_world @ Rigid.exp(xi), mm and rad; default exact.
+        pose_covariance (6, 6): of xi in camera_from_world @ Rigid.exp(xi), mm and rad; default exact. The error is this
+        viewpoint's own, as that of a robot that comes back to a place; viewpoints with the same object as pose_owner
+        share theirs, and so must have the same covariance.
         """
         expect(estimate, "estimate", CameraEstimate)
         expect_motion(camera_from_world, "camera_from_world")
@@ -161,7 +164,7 @@ class Viewpoint(Brief):
         covariance = frozen(np.zeros((6, 6)) if pose_covariance is None else pose_covariance, "pose covariance", (6, 6))
         by_pose = np.zeros((len(internals), 6))
         by_pose[_POSE] = twist_by_local(camera_from_world.origin)  # an involution
-        pose = (ErrorSource(f"pose of {name}", covariance, camera_from_world), by_pose)
+        pose = (ErrorSource(f"pose of {name}", covariance, object() if pose_owner is None else pose_owner), by_pose)
         errors = (*_calibration(name, estimate, internals), pose)
         return _of(name, estimate, camera_from_world, sigma_px, errors)
 

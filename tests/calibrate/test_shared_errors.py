@@ -1,4 +1,4 @@
-"""Points seen by views of one joint calibration: its errors are common, and the points' covariance knows it."""
+"""Errors that viewpoints share, or do not: those of one joint calibration, and of poses known from elsewhere."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from cadcam.camera.observations import Observations
 from cadcam.camera.resampled import PictureMap
 from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.camera.viewpoint import Viewpoint
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 
 from .cell import BENCH, EYES, POINT, SIGMA, SIZE
@@ -93,3 +94,33 @@ def test_two_estimates_of_one_view_are_one_error_and_pictures_of_another_size_ke
     for (source, D), (same, E) in zip(smaller.errors, by_estimate.errors, strict=True):
         assert source.owner is same.owner
         np.testing.assert_allclose(E, D, rtol=1e-12)
+
+
+def test_the_error_of_a_pose_is_its_viewpoint_s_own_unless_it_is_given_an_owner() -> None:
+    """By what is given, not by whether it is the same object: one Rigid for two viewpoints is no common error."""
+    rng, pose = np.random.default_rng(4), PLACES[1]
+    one, known = EYES[0].calibrated(rng), np.diag([0.1**2] * 3 + [1e-4**2] * 3)
+
+    def owners(*views: Viewpoint) -> list[object]:
+        return [view.errors[1][0].owner for view in views]
+
+    a, b = owners(*(Viewpoint.placed(name, one, pose, pose_covariance=known) for name in "ab"))
+    assert a is not b
+    cell = object()
+    equal = Rigid(pose.rotation, pose.translation)
+    a, b = owners(
+        *(Viewpoint.placed(n, one, at, pose_covariance=known, pose_owner=cell) for n, at in (("a", pose), ("b", equal)))
+    )
+    assert a is b is cell
+
+
+def test_two_covariances_of_one_owner_are_refused() -> None:
+    """And not the first of them taken for both."""
+    rng, known, cell = np.random.default_rng(4), np.diag([0.1**2] * 3 + [1e-4**2] * 3), object()
+    views = [
+        Viewpoint.placed(f"{i}", EYES[0].calibrated(rng), place, pose_covariance=(1 + i) * known, pose_owner=cell)
+        for i, place in enumerate(PLACES[:2])
+    ]
+    q = np.array([CAMERA.project(w @ POINT[None]) for w in PLACES[:2]])
+    with pytest.raises(BadValue, match="covariance of pose of 0 is another than that of pose of 1"):
+        measure_points(views, q)
