@@ -147,6 +147,10 @@ class Limit(Brief):
             raise BadValue(self.quantity.value, np.degrees(self.value), "less than 180: no turn is larger")
         if not 0 < self.k <= _LARGEST_K:
             raise BadValue("coverage factor k", self.k, f"a positive number up to {_LARGEST_K:g}, usually 2")
+        if self.direction is not None and self.quantity is not Quantity.POSITION:
+            raise BadValue(
+                "direction", f"that of {self.quantity.value}", f"none: it is that of {Quantity.POSITION.value}"
+            )
         if self.direction is not None:
             d = frozen(self.direction, "direction", (3,))
             if not np.linalg.norm(d) > 0:
