@@ -33,7 +33,7 @@ from cadcam.verify.reasons import (
     vector_words,
     with_remedy,
 )
-from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Tolerances
+from cadcam.verify.tolerances.tolerance import LARGEST_K, Feature, Limit, Quantity, Tolerances
 from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, overall, towards
 
 _NAN = float("nan")
@@ -259,10 +259,13 @@ _QUANTITIES: dict[Quantity, Callable[[str, Limit, FeatureDeviation, Inspection],
 
 
 def together(k: float, n: int) -> float:
-    """Return the coverage factor at which any of n independent values errs as rarely as one does at k."""
+    """Return the coverage factor at which any of n independent values errs as rarely as one does at k.
+
+    No more than a limit may have: there one value errs in 1e197, and whether several do is no question.
+    """
     from scipy.special import ndtr, ndtri
 
-    return float(-ndtri(-np.expm1(np.log1p(-ndtr(-k)) / n)))
+    return min(float(-ndtri(-np.expm1(np.log1p(-ndtr(-k)) / n))), LARGEST_K)
 
 
 def _nothing(reason: str, tolerances: Tolerances, located: Location, seen: Inspection | None) -> Verification:
