@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Brief
+from cadcam.arrays import Array, Brief
 from cadcam.errors import BadValue, UnknownName
 from cadcam.kinds import expect_each
 from cadcam.record.record import Deviation, Record
@@ -27,12 +27,13 @@ class Trend(Brief):
     @property
     def mean(self) -> float:
         """Return the mean deviation."""
-        return float(np.mean(self._values))
+        first = self.points[0][1].deviation
+        return first + float(np.mean(self._from_first))
 
     @property
     def sigma(self) -> float:
         """Return the standard deviation from part to part (n - 1 in the denominator); nan for a single part."""
-        return float(np.std(self._values, ddof=1)) if len(self) > 1 else float("nan")
+        return float(np.std(self._from_first, ddof=1)) if len(self) > 1 else float("nan")
 
     @property
     def measured_sigma(self) -> float:
@@ -40,8 +41,9 @@ class Trend(Brief):
         return float(np.sqrt(np.mean([(d.expanded_uncertainty / d.k) ** 2 if d.k else 0.0 for _, d in self.points])))
 
     @property
-    def _values(self) -> list[float]:
-        return [d.deviation for _, d in self.points]
+    def _from_first(self) -> Array:
+        """Return the deviations (n,) less the first one: of equal ones exactly 0, as is then their scatter."""
+        return np.array([d.deviation for _, d in self.points]) - self.points[0][1].deviation
 
 
 def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -> Trend:

@@ -73,7 +73,8 @@ def trend_tables(trend: Trend) -> list[Table]:
     left = tuple(column for column in columns if column != "deviation")
     lines = Table(f"{trend.feature}, {counted(len(trend), 'record')}", columns, rows, left)
     own, several = trend.measured_sigma, len(trend) > 1
-    mean, spread = with_sigma(trend.mean, trend.sigma if several else own)
+    mean, spread = with_sigma(trend.mean, trend.sigma if several and trend.sigma > 0 else own)
+    spread = spread if trend.sigma > 0 else "0"
     said = [
         (f"mean, {trend.unit}", mean),
         (f"sigma from part to part, {trend.unit}", spread if several else "unknown: one part"),
