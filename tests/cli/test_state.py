@@ -80,6 +80,7 @@ def test_a_trend_tells_mean_and_sigma(cadcam: Cadcam, here: Path) -> None:
     assert said["mean_mm"] == pytest.approx(0.1)
     assert said["sigma_mm"] == pytest.approx(0.1)
     assert said["measured_sigma_mm"] == pytest.approx(0.01)
+    assert (said["verdicts"], said["without"]) == ({"": 3}, [])
     assert "sigma from part to part, mm" in cadcam("state", "trend", "rib").out
     assert cadcam("state", "trend", "rip").err.count("did you mean 'rib'") == 1
 

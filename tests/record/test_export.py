@@ -127,6 +127,20 @@ def test_equal_deviations_do_not_scatter() -> None:
     assert trend(far, "rib").sigma == pytest.approx(1e-3, rel=1e6 * np.finfo(float).eps / 1e-3)
 
 
+def test_a_trend_counts_verdicts_and_the_parts_that_have_no_value() -> None:
+    """A feature that is missing, or could not be measured, leaves no deviation; other kinds of part do not count."""
+    judged = [Deviation("rib", 0.1, 0.02, verdict=verdict) for verdict in ("PASS", "FAIL", "PASS", "")]
+    records = [record(n, deviations=(d,)) for n, d in enumerate(judged)]
+    gone = record(4, deviations=(), verdict="FAIL", reason="rib: missing")
+    seen = trend([*records, gone, record(5, part="bolt", deviations=())], "rib")
+    assert seen.verdicts == {"PASS": 2, "FAIL": 1, "": 1}
+    assert seen.without == (gone,)
+    rows = dict(trend_tables(seen)[1].rows)
+    assert rows["verdicts"] == "2 PASS, 1 FAIL, 1 not judged"
+    assert rows["without a value"] == "1 of 5 records; as a whole 1 FAIL"
+    assert "without a value" not in dict(trend_tables(trend(records, "rib"))[1].rows)
+
+
 def test_a_trend_mixes_neither_kinds_nor_units() -> None:
     both = (Deviation("f", 0.1, 0.1), Deviation("f", 2.0, 0.1, kind="angle", unit="deg"))
     records = [record(0, deviations=both)]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,11 +16,16 @@ from cadcam.record.record import Deviation, Record
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trend(Brief):
-    """The deviations of one feature, oldest first, each with its record; all in `unit`."""
+    """The deviations of one feature, oldest first, each with its record; all in `unit`.
+
+    without: the records of the same kinds of part that have no such deviation: the feature was missing there, or could
+    not be measured, or was not asked for.
+    """
 
     feature: str
     unit: str
     points: tuple[tuple[Record, Deviation], ...]
+    without: tuple[Record, ...] = ()
 
     def __len__(self) -> int:
         return len(self.points)
@@ -39,6 +45,11 @@ class Trend(Brief):
     def measured_sigma(self) -> float:
         """Return the standard uncertainty of one deviation, root mean square over all: it is part of `sigma`."""
         return float(np.sqrt(np.mean([(d.expanded_uncertainty / d.k) ** 2 if d.k else 0.0 for _, d in self.points])))
+
+    @property
+    def verdicts(self) -> dict[str, int]:
+        """Return how often each verdict was given on these deviations; "" counts those that were not judged."""
+        return dict(Counter(d.verdict for _, d in self.points))
 
     @property
     def _from_first(self) -> Array:
@@ -65,4 +76,6 @@ def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -
     units = {d.unit for _, d in points}
     if len(units) > 1:
         raise BadValue(f"units of {feature!r}", ", ".join(sorted(units)), "one: ask for fewer records")
-    return Trend(feature, units.pop(), points)
+    parts, having = {r.part for r, _ in points}, {r.id for r, _ in points}
+    without = tuple(r for r in records if r.part in parts and r.id not in having)
+    return Trend(feature, units.pop(), points, without)

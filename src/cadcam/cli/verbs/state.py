@@ -84,7 +84,7 @@ def _add_show(jobs: Verbs) -> None:
 
 
 def _add_trend(jobs: Verbs) -> None:
-    parser = _job(jobs, "trend", run_trend, "show a feature's deviation over the parts, with mean and sigma")
+    parser = _job(jobs, "trend", run_trend, "show a feature's deviation over the parts: mean, sigma, verdicts")
     parser.add_argument("feature", help="the feature's name")
     parser.add_argument("--kind", help="which of its deviations, where it has several: position, angle ...")
     _add_filters(parser)
@@ -218,7 +218,9 @@ def run_trend(arguments: argparse.Namespace) -> None:
         for r, d in seen.points
     ]
     said = {"mean": seen.mean, "sigma": seen.sigma if len(seen) > 1 else None, "measured_sigma": seen.measured_sigma}
-    print_json({"feature": seen.feature, **{f"{k}_{seen.unit}": v for k, v in said.items()}, "points": points})
+    counts = {"verdicts": seen.verdicts, "without": [record.id for record in seen.without]}
+    numbers = {f"{name}_{seen.unit}": value for name, value in said.items()}
+    print_json({"feature": seen.feature, **numbers, **counts, "points": points})
 
 
 def run_export(arguments: argparse.Namespace) -> None:
