@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 import threading
@@ -78,3 +79,49 @@ def test_names_that_cannot_be_files_are_refused(tmp_path: Path, name: str, words
     with pytest.raises(UnwritableFile, match=words):
         write_whole(tmp_path / name, b"data")
     assert names(tmp_path) == ["folder"]
+
+
+def watched(monkeypatch: pytest.MonkeyPatch) -> list[str]:
+    """Return a list of what is done from now on: names of what is synced, and replacements."""
+    done: list[str] = []
+    sync, replace = os.fsync, os.replace
+
+    def kind(handle: int) -> str:
+        return "folder" if stat.S_ISDIR(os.fstat(handle).st_mode) else "file"
+
+    monkeypatch.setattr(os, "fsync", lambda handle: (done.append(kind(handle)), sync(handle))[1])
+    monkeypatch.setattr(os, "replace", lambda a, b: (done.append("replace"), replace(a, b))[1])
+    return done
+
+
+def test_the_bytes_are_on_the_disk_before_the_name_is_and_the_name_before_it_returns(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Else a power cut may leave the new name of an empty file in place of the old file."""
+    done = watched(monkeypatch)
+    write_whole(tmp_path / "a.txt", b"one")
+    assert done == ["file", "replace", "folder"]
+    done.clear()
+    write_whole(tmp_path / "a.txt", b"two", durable=False)
+    assert done == ["replace"]
+
+
+def test_bytes_that_the_disk_did_not_take_replace_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Delayed writes fail when they are waited for; a file system that cannot be asked is taken as it is."""
+    path = tmp_path / "a.txt"
+    write_whole(path, b"one")
+
+    def failing(number: int) -> None:
+        def fail(_: int) -> None:
+            raise OSError(number, os.strerror(number))
+
+        monkeypatch.setattr(os, "fsync", fail)
+
+    failing(errno.EIO)
+    with pytest.raises(UnwritableFile, match=os.strerror(errno.EIO)):
+        write_whole(path, b"two")
+    assert path.read_bytes() == b"one"
+    assert names(tmp_path) == ["a.txt"]
+    failing(errno.EINVAL)
+    write_whole(path, b"two")
+    assert path.read_bytes() == b"two"

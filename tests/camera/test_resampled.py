@@ -10,12 +10,13 @@ import pytest
 from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.calibrate.rig.adjustment import RigCamera, calibrate_rig
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
 from cadcam.camera.resampled import PictureMap, resampled_rig
 from cadcam.camera.rig_estimate import RigEstimate
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 

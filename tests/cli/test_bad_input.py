@@ -105,7 +105,7 @@ CASES = [
         "photo huge",
         OVERLAY,
         lambda j: spoil(j / "photo.png", huge_png()),
-        ("photo.png", "100000 x 100000 px", "limit"),
+        ("photo.png", "100000 x 100000 px", "limit", "crop or bin it", "`cadcam convert --crop`"),
     ),
     Case(
         "photo of another size",

@@ -7,11 +7,13 @@ import json
 from collections.abc import Callable
 from getpass import getuser
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from cadcam.record.export import write_records
 from cadcam.record.record import Deviation, Record
+from cadcam.record.rows import record_of
 
 from .job import Ran
 
@@ -42,6 +44,24 @@ def test_results_are_kept_in_this_folder_and_listed(cadcam: Cadcam, here: Path) 
     assert (here / "parts.sqlite").exists()
 
 
+def test_a_list_reads_no_more_records_than_it_prints(
+    cadcam: Cadcam, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    cadcam("state", "add", "three.jsonl")
+    read: list[str] = []
+
+    def counted(row: dict[str, Any], *belonging: Any) -> Record:
+        read.append(row["serial"])
+        return record_of(row, *belonging)
+
+    monkeypatch.setattr("cadcam.record.store.record_of", counted)
+    listed = cadcam("state", "list", "--newest", "1", "--json").json
+    assert ([r["serial"] for r in listed["records"]], listed["of"]) == (["S2"], 3)
+    assert "the latest of 3" in cadcam("state", "list", "--newest", "1").out
+    assert "known: S0, S1, S2" in cadcam("state", "list", "--serial", "S9").err
+    assert read == ["S2", "S2"]
+
+
 def test_a_record_is_shown_by_the_beginning_of_its_id(cadcam: Cadcam, here: Path) -> None:
     ids = cadcam("state", "add", "three.jsonl", "--json").json["added"]
     shown = cadcam("state", "show", ids[2][:8])
@@ -60,6 +80,7 @@ def test_a_trend_tells_mean_and_sigma(cadcam: Cadcam, here: Path) -> None:
     assert said["mean_mm"] == pytest.approx(0.1)
     assert said["sigma_mm"] == pytest.approx(0.1)
     assert said["measured_sigma_mm"] == pytest.approx(0.01)
+    assert (said["verdicts"], said["without"]) == ({"": 3}, [])
     assert "sigma from part to part, mm" in cadcam("state", "trend", "rib").out
     assert cadcam("state", "trend", "rip").err.count("did you mean 'rib'") == 1
 

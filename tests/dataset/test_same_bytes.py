@@ -135,11 +135,11 @@ def test_a_full_disk_is_one_error_and_the_run_goes_on_when_there_is_room(
 ) -> None:
     replace, written = whole._replace, []
 
-    def full(target: Path, data: bytes) -> None:
+    def full(target: Path, data: bytes, durable: bool) -> None:
         written.append(target)
         if len(written) > 25:
             raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-        replace(target, data)
+        replace(target, data, durable)
 
     with monkeypatch.context() as disk:
         disk.setattr(whole, "_replace", full)
@@ -172,6 +172,14 @@ def test_a_file_that_was_taken_away_is_made_again(straight: Path, tmp_path: Path
     (tmp_path / "set/train/000000/depth/000001.png").unlink()
     assert make_dataset(tmp_path / "set", scene(), plan(3), workers=1).new == 1
     assert contents(tmp_path / "set").keys() <= contents(straight).keys()
+
+
+def test_a_file_that_a_power_cut_left_empty_is_made_again(straight: Path, tmp_path: Path) -> None:
+    make_dataset(tmp_path / "set", scene(), plan(3), workers=1)
+    whole_set = contents(tmp_path / "set")
+    (tmp_path / "set/train/000000/depth/000001.png").write_bytes(b"")
+    assert make_dataset(tmp_path / "set", scene(), plan(3), workers=1).new == 1
+    assert contents(tmp_path / "set") == whole_set
 
 
 def test_another_plan_part_or_fewer_views_are_refused_by_name(tmp_path: Path) -> None:

@@ -71,6 +71,15 @@ def test_dark_samples_that_fill_their_bits_from_the_top_need_nothing(
     assert full_scale_of([tmp_path / "a.png"]) == FullScale(65535, int(stored.max()))
 
 
+@pytest.mark.parametrize("brightest", [1023, 2500, 4095])
+def test_twelve_bits_above_are_the_picture_of_twelve_bits_below(tmp_path: Path, brightest: int) -> None:
+    """Their whites, 16 times 4095 and 65535, differ by 15; a dark one is the same once its white is stated."""
+    below, above = save(tmp_path / "below.png", ramp(brightest)), save(tmp_path / "above.png", 16 * ramp(brightest))
+    stated = 1023 * 16 if brightest < 1024 else None
+    one, other = read_camera_picture(below), read_camera_picture(above, full_scale=stated)
+    np.testing.assert_allclose(other, one, rtol=0, atol=15 / 65535 + 2 * np.finfo(np.float32).eps)
+
+
 def test_a_dark_picture_of_ours_is_not_taken_for_twelve_bits(tmp_path: Path) -> None:
     dark = ramp(4000) / np.float32(65535)
     write_picture(tmp_path / "ours.png", dark, bits=16)

@@ -7,11 +7,12 @@ import pytest
 
 from cadcam.arrays import Array, Ids
 from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import camera_of
 from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.match.consensus import PlaceCandidates, consensus, pose_of_matches
 from cadcam.locate.photo import Photo

@@ -12,8 +12,9 @@ from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box, circle, prism
 from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.lens import BrownConrady
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import nearest

@@ -7,7 +7,7 @@ import pytest
 
 import cadcam
 from cadcam.arrays import Array
-from cadcam.camera.viewpoint import ErrorSource
+from cadcam.camera.error_source import ErrorSource
 from cadcam.geometry.plane import Plane
 from cadcam.plan.uncertainty.predict import predict_points
 

@@ -16,6 +16,7 @@ from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 from cadcam.record.export import read_records, write_records
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.record.trend import trend
+from cadcam.report.state import trend_tables
 
 from .made import NOON, record
 from .test_store import same
@@ -114,6 +115,30 @@ def test_a_trend_has_the_mean_and_scatter_of_one_feature() -> None:
     assert seen.measured_sigma == pytest.approx(0.25 / 2, rel=1e-12)
     assert trend(records, "face").unit == "deg"
     assert np.isnan(trend(records[:1], "face").sigma)
+
+
+def test_equal_deviations_do_not_scatter() -> None:
+    """Their mean by way of their sum is not bit by bit each of them, and what is off by rounding is no scatter."""
+    records = [record(n, deviations=(Deviation("rib", 0.1, 0.0),)) for n in range(10)]
+    seen = trend(records, "rib")
+    assert (seen.mean, seen.sigma) == (0.1, 0.0)
+    assert ("sigma from part to part, mm", "0") in trend_tables(seen)[1].rows
+    far = [replace(record(n), deviations=(Deviation("rib", 1e6 + 1e-3 * n, 0.0),)) for n in range(3)]
+    assert trend(far, "rib").sigma == pytest.approx(1e-3, rel=1e6 * np.finfo(float).eps / 1e-3)
+
+
+def test_a_trend_counts_verdicts_and_the_parts_that_have_no_value() -> None:
+    """A feature that is missing, or could not be measured, leaves no deviation; other kinds of part do not count."""
+    judged = [Deviation("rib", 0.1, 0.02, verdict=verdict) for verdict in ("PASS", "FAIL", "PASS", "")]
+    records = [record(n, deviations=(d,)) for n, d in enumerate(judged)]
+    gone = record(4, deviations=(), verdict="FAIL", reason="rib: missing")
+    seen = trend([*records, gone, record(5, part="bolt", deviations=())], "rib")
+    assert seen.verdicts == {"PASS": 2, "FAIL": 1, "": 1}
+    assert seen.without == (gone,)
+    rows = dict(trend_tables(seen)[1].rows)
+    assert rows["verdicts"] == "2 PASS, 1 FAIL, 1 not judged"
+    assert rows["without a value"] == "1 of 5 records; as a whole 1 FAIL"
+    assert "without a value" not in dict(trend_tables(trend(records, "rib"))[1].rows)
 
 
 def test_a_trend_mixes_neither_kinds_nor_units() -> None:

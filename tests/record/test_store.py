@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import fields
 from datetime import UTC, datetime, timedelta, timezone
+from typing import Any
 
 import numpy as np
 import pytest
@@ -61,8 +62,11 @@ def test_a_query_returns_what_is_all_of_what_is_asked_oldest_first(where: str) -
         for one in records:
             store.add(one)
 
-        def serials(**asked: object) -> list[str]:
-            return [r.serial for r in store.query(**asked)]  # type: ignore[arg-type]
+        def serials(**asked: Any) -> list[str]:
+            found = [r.serial for r in store.query(**asked)]
+            asked.pop("newest", None)
+            assert store.count(**asked) == len(store.query(**asked)) >= len(found)
+            return found
 
         assert serials() == ["S000", "S001", "S002", "S003"]
         assert serials(part="bracket") == ["S000", "S001", "S003"]
@@ -79,6 +83,10 @@ def test_a_query_returns_what_is_all_of_what_is_asked_oldest_first(where: str) -
             store.query(verdict="FAILED")
         with pytest.raises(BadValue, match="with its zone"):
             store.query(since=datetime(2026, 1, 1))
+        with pytest.raises(UnknownName, match="did you mean 'serial'"):
+            store.count(serials="S002")  # type: ignore[call-arg]
+        assert store.values("part") == {"bracket", "bolt"}
+        assert store.values("station") == {"cell 1", "cell 3"}
 
 
 def test_deviations_and_sources_stay_with_their_record_and_in_their_order(where: str) -> None:

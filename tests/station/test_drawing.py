@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import astuple
+
 import numpy as np
 import pytest
 from scipy import stats
 
 from cadcam.errors import BadValue, TooFewPoints, UnknownName
-from cadcam.station.drawing import check_distances, independent, trend
+from cadcam.station.drawing import check_distances, independent, trend, trend_of_log
 from cadcam.station.measure import measure_marks
 from cadcam.station.plate import turn
 from cadcam.station.simulate import day
@@ -83,3 +85,25 @@ def test_the_slope_is_known_as_well_as_it_says(rng):
         for s in (trend(2e-4 * lengths + rng.normal(size=30), lengths) for _ in range(600))
     ]
     assert np.std(z) == pytest.approx(1.04, abs=0.12)  # Student, 28 degrees of freedom
+
+
+def test_a_log_s_trend_takes_latest_places_within_a_block_and_no_mark_twice():
+    """Six marks of one block, 100, 90 and 80 mm apart; another block's, undrawn and earlier ones make no difference."""
+    drawn = {"a": [0, 0, 5], "b": [100, 0, 9], "c": [0, 10], "d": [90, 10], "e": [0, 20], "f": [80, 20]}
+    off = {"b": 0.3, "d": 0.1, "f": -0.1}
+
+    def entry(mark: str, block: str, x: float, y: float) -> dict[str, object]:
+        return {"mark": mark, "block": block, "point_mm": [x, y]}
+
+    earlier = [entry(m, "one", 500.0, 500.0) for m in drawn]
+    latest = [entry(m, "one", p[0] + off.get(m, 0.0), p[1]) for m, p in drawn.items()]
+    beside = [entry("a", "two", 900.0, 0.0), entry("z", "one", 0.0, 0.0)]
+    seen = trend_of_log([*earlier, *beside, *latest], drawn)
+    # the longest is b's diagonal to the mark farthest from it, e, and so on: b-e, d-a, f-c, all within one block
+    pairs = [("b", "e"), ("d", "a"), ("f", "c")]
+    at = {e["mark"]: np.array(e["point_mm"]) for e in latest}
+    lengths = [np.hypot(*np.subtract(drawn[i][:2], drawn[j][:2])) for i, j in pairs]
+    expected = trend([L - np.hypot(*(at[i] - at[j])) for (i, j), L in zip(pairs, lengths, strict=True)], lengths)
+    assert seen is not None
+    assert astuple(seen) == pytest.approx(astuple(expected), rel=1e-9)
+    assert trend_of_log(beside, drawn) is None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import cast
 
@@ -15,7 +16,7 @@ from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.edges.presence import Presence
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import judged, together
-from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection
+from cadcam.verify.tolerances.tolerance import LARGEST_K, Feature, Limit, Quantity, Rule, Selection
 from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, lengths, overall, towards
 
 LIMIT = Limit(Quantity.POSITION, 1.0, k=2.0)
@@ -72,6 +73,15 @@ def test_exit_codes_are_0_1_and_3() -> None:
 @pytest.mark.parametrize("n", [1, 7, 60])
 def test_many_pieces_err_together_as_rarely_as_one(n: int) -> None:
     assert 1 - (1 - norm.sf(together(2.0, n))) ** n == pytest.approx(norm.sf(2.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("n", [1, 60, 10**6])
+def test_the_largest_coverage_factor_of_a_limit_holds_for_many_pieces_too(n: int) -> None:
+    """A limit that was accepted does not raise an error in the middle of a verification."""
+    asked = Limit(Quantity.PROFILE, 1.0, k=LARGEST_K)
+    assert replace(asked, k=together(asked.k, n)).k == pytest.approx(LARGEST_K, rel=1e-12)
+    with pytest.raises(BadValue, match=r"coverage factor k is 30\.1; expected a positive number up to 30"):
+        Limit(Quantity.PROFILE, 1.0, k=30.1)
 
 
 @pytest.mark.parametrize(("value", "k"), [(0.0, 2.0), (-1.0, 2.0), (np.nan, 2.0), (1.0, 0.0)])

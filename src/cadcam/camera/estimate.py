@@ -8,6 +8,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.extended_pinhole import MATRIX_ENTRIES, NAMES, ExtendedPinhole, matrix_entry
 from cadcam.camera.fitted import Fitted, doubted, freedom_words, noise_may_be_times, scaled
 from cadcam.camera.observations import Observations
@@ -28,7 +29,9 @@ class CameraEstimate(Fitted):
     cofactor: covariance (n, n) of the local coordinates of `cadcam.camera.sensitivity` for pixel noise of 1 px, zero
     where nothing was free. It has no gimbal lock; `covariance` is the same in the thesis' parameters. method: how it
     was computed, one line. alternative: the other pose that a flat target allows (or another minimum nearly as good),
-    with its residuals; else None.
+    with its residuals; else None. errors: where the error is shared with other estimates (those of one joint
+    calibration), what it comes from, each source with the matrix (n, k) to the local coordinates; empty where it is its
+    own.
     """
 
     camera: Camera
@@ -38,10 +41,13 @@ class CameraEstimate(Fitted):
     cofactor: Array
     method: str = ""
     alternative: CameraEstimate | None = field(default=None, repr=False)
+    errors: tuple[tuple[ErrorSource, Array], ...] = field(default=(), repr=False)
 
     def __post_init__(self) -> None:
         n = len(self.parameters)
         object.__setattr__(self, "cofactor", frozen(self.cofactor, "cofactor", (n, n)))
+        errors = tuple((s, frozen(D, f"effect of {s.name}", (n, len(s.covariance)))) for s, D in self.errors)
+        object.__setattr__(self, "errors", errors)
         for name in self.free:
             if name not in self.parameters:
                 raise UnknownName("parameter", name, self.parameters)

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cadcam.arrays import Array, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, MATRIX_ENTRIES, NAMES, internals_by_name, matrix_entry
 from cadcam.camera.fitted import stand_out, standing_out
@@ -25,10 +26,11 @@ class JointEstimate:
     parameters, of aspect, focal (px), skew (rad), U0, V0 (px), lens coefficients, bend_x, bend_y (mm); bend (2,): the
     values of the latter two.
 
-    covariance (n, n): of `free`, classical, with each pixel an independent measurement. by_view: the same from the
-    scatter between views (`cadcam.fit.square_root.Cofactors.jackknifed`), which holds even if the errors within a view
-    are alike; None for too few views. pose_covariance (k, 6, 6) and cross (k, n, 6): of each pose's local coordinates
-    (`cadcam.camera.sensitivity`), and between them and `free`; classical. noise_px: the standard deviation of a pixel
+    common (m, m): the covariance of what the views share, `free` and then the free control points, classical, with each
+    pixel an independent measurement. by_view (n, n): that of `free` from the scatter between views
+    (`cadcam.fit.square_root.Cofactors.jackknifed`), which holds even if the errors within a view are alike; None for
+    too few views. lever (k, 6, m): how each pose's local coordinates (`cadcam.camera.sensitivity`) follow the shared
+    parameters; pose_alone (k, 6, 6): their covariance if these were known. noise_px: the standard deviation of a pixel
     coordinate behind them. dof: degrees of freedom. weights: the robust loss' weight of each point, 1 without one.
     """
 
@@ -38,25 +40,28 @@ class JointEstimate:
     points: tuple[Array, ...]
     free: tuple[str, ...]
     bend: Array
-    covariance: Array
+    common: Array
     by_view: Array | None
-    pose_covariance: Array
-    cross: Array
+    lever: Array
+    pose_alone: Array
     noise_px: float
     dof: int
     weights: tuple[Array, ...]
     method: str = ""
+    _sources: tuple[ErrorSource, ...] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
-        k, n = len(self.views), len(self.free)
+        k, m = len(self.views), max(len(self.common), len(self.free))
         object.__setattr__(self, "bend", frozen(self.bend, "bend", (2,)))
-        object.__setattr__(self, "covariance", frozen(self.covariance, "covariance", (n, n)))
-        object.__setattr__(self, "pose_covariance", frozen(self.pose_covariance, "pose covariance", (k, 6, 6)))
-        object.__setattr__(self, "cross", frozen(self.cross, "cross covariance", (k, n, 6)))
+        object.__setattr__(self, "common", frozen(self.common, "covariance", (m, m)))
+        object.__setattr__(self, "lever", frozen(self.lever, "lever", (k, 6, m)))
+        object.__setattr__(self, "pose_alone", frozen(self.pose_alone, "pose covariance", (k, 6, 6)))
         object.__setattr__(self, "points", tuple(frozen(p, "points", (None, 3)) for p in self.points))
         numbers = (k, len(self.poses.translation), len(self.points), len(self.weights))
         if len(set(numbers)) > 1:
             raise BadValue("numbers of views, poses, points, weights", numbers, "one number for all")
+        each = (ErrorSource("calibration", C, object()) for C in (self.common, *self.pose_alone))
+        object.__setattr__(self, "_sources", tuple(each))
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -65,6 +70,22 @@ class JointEstimate:
         if len(set(sources)) == len(sources):
             return tuple(sources)
         return tuple(f"view {j + 1}" for j in range(len(sources)))
+
+    @property
+    def covariance(self) -> Array:
+        """Return the covariance (n, n) of `free`, classical."""
+        n = len(self.free)
+        return self.common[:n, :n]
+
+    @property
+    def pose_covariance(self) -> Array:
+        """Return the covariances (k, 6, 6) of the poses' local coordinates (`cadcam.camera.sensitivity`), classical."""
+        return np.asarray(self.pose_alone + self.lever @ self.common @ np.swapaxes(self.lever, -1, -2))
+
+    @property
+    def cross(self) -> Array:
+        """Return the covariances (k, n, 6) between `free` and each pose's local coordinates, classical."""
+        return np.asarray(self.common[: len(self.free)] @ np.swapaxes(self.lever, -1, -2))
 
     @property
     def parameters(self) -> dict[str, float]:
@@ -149,18 +170,18 @@ class JointEstimate:
     def view(self, j: int) -> CameraEstimate:
         """Return the camera and one view's pose as an estimate of its own, with the joint covariance.
 
-        Its observations are those of the view, with the points as estimated and `noise_px` as their sigma.
+        Its observations are those of the view, with the points as estimated and `noise_px` as their sigma. The views'
+        estimates share the error of the camera and what their poses have of it (`CameraEstimate.errors`).
         """
         camera = self.camera
         names = (*NAMES, *camera.lens.parameters)
         shared = [n for n in self.free if n in names]
         pick = [self.free.index(n) for n in shared]
         place = [names.index(n) for n in shared]
-        C = np.zeros((len(names), len(names)))
-        C[:6, :6] = self.pose_covariance[j]
-        C[np.ix_(place, place)] = self.covariance[np.ix_(pick, pick)]
-        C[place, :6] = self.cross[j][pick]
-        C[:6, place] = self.cross[j][pick].T
+        by_common = np.zeros((len(names), len(self.common)))
+        by_common[:6], by_common[place, pick] = self.lever[j], 1.0
+        own = np.eye(len(names), 6)
+        C = by_common @ self.common @ by_common.T + own @ self.pose_alone[j] @ own.T
         return CameraEstimate(
             camera=camera,
             camera_from_world=self.pose(j),
@@ -168,6 +189,7 @@ class JointEstimate:
             free=(*EXTERNALS, *(n for n in names if n in shared)),
             cofactor=C / self.noise_px**2,
             method=self.method,
+            errors=((self._sources[0], by_common), (self._sources[1 + j], own)),
         )
 
     def __repr__(self) -> str:

@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Ids, frozen
-from cadcam.camera.viewpoint import ErrorSource
+from cadcam.camera.error_source import ErrorSource
 from cadcam.errors import BadValue, UnknownName
 
 PIXELS = "pixels"

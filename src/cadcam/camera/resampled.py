@@ -83,7 +83,8 @@ class PictureMap:
         moved = replace(estimate, camera=self.camera(estimate.camera), observations=seen, alternative=other)
         D = self.factors(estimate.parameters)
         noise = estimate.noise_px / moved.noise_px if np.isfinite(moved.noise_px) else 1 / self.noise
-        return replace(moved, cofactor=noise**2 * D[:, None] * estimate.cofactor * D)
+        errors = tuple((source, D[:, None] * effect) for source, effect in estimate.errors)
+        return replace(moved, cofactor=noise**2 * D[:, None] * estimate.cofactor * D, errors=errors)
 
     def viewpoint(self, viewpoint: Viewpoint) -> Viewpoint:
         """Return the viewpoint of the new picture's camera: what errors do in px is scaled as the pixels are."""

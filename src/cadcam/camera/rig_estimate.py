@@ -9,11 +9,12 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.extended_pinhole import INTERNALS, MATRIX_ENTRIES, internals_by_name, matrix_entry
 from cadcam.camera.fitted import stand_out, standing_out
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import twist_by_local
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 

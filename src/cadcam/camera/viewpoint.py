@@ -8,13 +8,13 @@ measured with them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.sensitivity import project_with_sensitivity, twist_by_local
 from cadcam.errors import BadValue
@@ -24,43 +24,6 @@ from cadcam.geometry.rotation import hat
 from cadcam.kinds import expect, expect_number
 
 _POSE, _EXTERNAL = slice(0, 6), 6
-
-
-@dataclass(frozen=True, slots=True, eq=False, repr=False)
-class ErrorSource(Brief):
-    """Uncertain parameters and their covariance (k, k); the same `owner` is the same source.
-
-    dof: degrees of freedom behind the noise that scales the covariance; inf where it is known.
-    """
-
-    name: str
-    covariance: Array
-    owner: object = field(repr=False)
-    dof: float = np.inf
-
-    def __post_init__(self) -> None:
-        covariance = frozen(self.covariance, f"covariance of {self.name}", (None, None))
-        if covariance.shape[0] != covariance.shape[1]:
-            raise BadValue(f"covariance of {self.name}", f"of shape {covariance.shape}", "a square matrix")
-        object.__setattr__(self, "covariance", covariance)
-
-    @property
-    def root(self) -> Array:
-        """Return B (k, k) with B B^T the covariance, which may be singular and of mixed units."""
-        sd = np.sqrt(np.diag(self.covariance))
-        scale = np.where(sd > 0, sd, 1.0)
-        w, V = np.linalg.eigh(self.covariance / np.outer(scale, scale))
-        return np.asarray(scale[:, None] * V * np.sqrt(np.maximum(w, 0.0)))
-
-
-def distinct_sources(sources: Sequence[ErrorSource]) -> list[ErrorSource]:
-    """Return the sources, each owner's once."""
-    return [s for i, s in enumerate(sources) if index_of(sources, s) == i]
-
-
-def index_of(sources: Sequence[ErrorSource], source: ErrorSource) -> int:
-    """Return the first index of a source of the same owner."""
-    return next(k for k, s in enumerate(sources) if s.owner is source.owner)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -162,7 +125,7 @@ class Viewpoint(Brief):
         """
         expect(estimate, "estimate", CameraEstimate)
         pose, as_it_is = estimate.camera_from_world, np.eye(len(estimate.cofactor))
-        return _of(name, estimate, pose, sigma_px, (_calibration(name, estimate, as_it_is),))
+        return _of(name, estimate, pose, sigma_px, _calibration(name, estimate, as_it_is))
 
     @classmethod
     def moved(
@@ -174,7 +137,7 @@ class Viewpoint(Brief):
         of_home, of_motion = motion.effects(estimate.camera_from_world.origin, len(estimate.cofactor))
         moving = (ErrorSource(f"motion to {name}", motion.covariance, motion), of_motion)
         pose = estimate.camera_from_world @ motion.new_from_old.inv
-        view = _of(name, estimate, pose, sigma_px, (_calibration(name, estimate, of_home), moving))
+        view = _of(name, estimate, pose, sigma_px, (*_calibration(name, estimate, of_home), moving))
         return replace(view, motion=motion.new_from_old)
 
     @classmethod
@@ -185,11 +148,14 @@ class Viewpoint(Brief):
         camera_from_world: Rigid,
         *,
         pose_covariance: Floats | None = None,
+        pose_owner: object = None,
         sigma_px: float | None = None,
     ) -> Viewpoint:
         """Return the viewpoint of a calibrated camera at a pose known from elsewhere; its calibrated pose is not used.
 
-        pose_covariance (6, 6): of xi in camera_from_world @ Rigid.exp(xi), mm and rad; default exact.
+        pose_covariance (6, 6): of xi in camera_from_world @ Rigid.exp(xi), mm and rad; default exact. The error is this
+        viewpoint's own, as that of a robot that comes back to a place; viewpoints with the same object as pose_owner
+        share theirs, and so must have the same covariance.
         """
         expect(estimate, "estimate", CameraEstimate)
         expect_motion(camera_from_world, "camera_from_world")
@@ -198,8 +164,8 @@ class Viewpoint(Brief):
         covariance = frozen(np.zeros((6, 6)) if pose_covariance is None else pose_covariance, "pose covariance", (6, 6))
         by_pose = np.zeros((len(internals), 6))
         by_pose[_POSE] = twist_by_local(camera_from_world.origin)  # an involution
-        pose = (ErrorSource(f"pose of {name}", covariance, camera_from_world), by_pose)
-        errors = (_calibration(name, estimate, internals), pose)
+        pose = (ErrorSource(f"pose of {name}", covariance, object() if pose_owner is None else pose_owner), by_pose)
+        errors = (*_calibration(name, estimate, internals), pose)
         return _of(name, estimate, camera_from_world, sigma_px, errors)
 
     @classmethod
@@ -221,7 +187,7 @@ class Viewpoint(Brief):
         with_internals[_POSE, _EXTERNAL:] = -np.linalg.lstsq(J[:, _POSE], J[:, _EXTERNAL:], rcond=None)[0]
         alone = np.eye(J.shape[1])
         found = (ErrorSource(f"points that located {name}", _covariance_of(name, pose), pose, _dof(pose)), alone)
-        errors = (_calibration(name, estimate, with_internals), found)
+        errors = (*_calibration(name, estimate, with_internals), found)
         return _of(name, estimate, pose.camera_from_world, sigma_px, errors)
 
     def less_sure(self, sigma_mm: float, sigma_rad: float, *, why: str) -> Viewpoint:
@@ -284,8 +250,12 @@ def _of(
     )
 
 
-def _calibration(name: str, estimate: CameraEstimate, effect: Array) -> tuple[ErrorSource, Array]:
-    return ErrorSource("calibration", _covariance_of(name, estimate), estimate, _dof(estimate)), effect
+def _calibration(name: str, estimate: CameraEstimate, effect: Array) -> tuple[tuple[ErrorSource, Array], ...]:
+    """Return what `effect` makes of the errors of an estimate: of its own, or shared with others."""
+    covariance = _covariance_of(name, estimate)
+    if estimate.errors:
+        return tuple((source, effect @ D) for source, D in estimate.errors)
+    return ((ErrorSource("calibration", covariance, estimate, _dof(estimate)), effect),)
 
 
 def _dof(estimate: CameraEstimate) -> float:

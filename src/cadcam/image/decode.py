@@ -122,7 +122,8 @@ def _check_size(path: str | os.PathLike[str], size: tuple[int, int], max_pixels:
         raise UnreadableFile(
             path,
             f"is {width} x {height} px = {width * height} pixels, more than the limit of {max_pixels}",
-            f"if that is its true size, pass max_pixels={width * height}",
+            "if that is its true size, crop or bin it, and its camera by `cadcam convert --crop` or `--binning`; in "
+            f"Python max_pixels={width * height} reads it whole",
         )
 
 

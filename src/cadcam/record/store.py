@@ -15,7 +15,7 @@ from datetime import UTC, datetime
 from getpass import getuser
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, Literal, Self, TypedDict, Unpack, get_args
 
 import sqlalchemy as sql
 from sqlalchemy import event, exc
@@ -30,6 +30,27 @@ from cadcam.record.rows import deviation_rows, measurement_row, record_of, sourc
 _WAIT_S = 60  # timeout of a writer that waits for others
 _LOCK = 0x63616463  # PostgreSQL's advisory lock while tables are created
 _DRIVERS = {"postgresql": "postgresql+pg8000", "postgres": "postgresql+pg8000"}
+
+
+Named = Literal["part", "serial", "station"]
+NAMED: tuple[Named, ...] = get_args(Named)
+
+
+class Which(TypedDict, total=False):
+    """Which records are meant: those that match all that is given and is not None.
+
+    id_begins: the beginning of their id. verdict: "" means not judged. since, until: times with their zone, both
+    included. feature: only those with a deviation of this name.
+    """
+
+    id_begins: str | None
+    part: str | None
+    serial: str | None
+    station: str | None
+    verdict: str | None
+    since: datetime | None
+    until: datetime | None
+    feature: str | None
 
 
 def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
@@ -100,37 +121,26 @@ class Store:
                     if rows:
                         connection.execute(table.insert(), rows)
 
-    def query(
-        self,
-        *,
-        id_begins: str | None = None,
-        part: str | None = None,
-        serial: str | None = None,
-        station: str | None = None,
-        verdict: str | None = None,
-        since: datetime | None = None,
-        until: datetime | None = None,
-        feature: str | None = None,
-        newest: int | None = None,
-    ) -> list[Record]:
+    def query(self, *, newest: int | None = None, **which: Unpack[Which]) -> list[Record]:
         """Return the records that match all arguments, oldest first; without arguments all of them.
 
-        since, until: times with their zone, both included. verdict "" means: not judged. feature: only those with a
-        deviation of this name. newest: at most this many, the latest of them.
+        which: id_begins, part, serial, station, verdict, since, until, feature; see `Which`. newest: at most this many,
+        the latest of them: no others are read.
         """
-        equal = {"part": part, "serial": serial, "station": station, "verdict": verdict}
-        if verdict:
-            _check_known(verdict)
         m = schema.measurement.c
-        wanted = [m[name] == value for name, value in equal.items() if value is not None]
-        wanted += [m.id.startswith(id_begins, autoescape=True)] if id_begins else []
-        wanted += [m.time_utc >= _utc("since", since)] if since else []
-        wanted += [m.time_utc <= _utc("until", until)] if until else []
-        if feature is not None:
-            d = schema.deviation.c
-            wanted.append(sql.exists().where(d.measurement_id == m.id, d.feature == feature))
-        chosen = sql.select(m.id).where(*wanted).order_by(m.time_utc.desc(), m.id.desc()).limit(newest)
+        chosen = sql.select(m.id).where(*_wanted(which)).order_by(m.time_utc.desc(), m.id.desc()).limit(newest)
         return self._records(chosen)
+
+    def count(self, **which: Unpack[Which]) -> int:
+        """Return how many records match all arguments, which are those of `query`; none of them is read."""
+        counted = sql.select(sql.func.count()).select_from(schema.measurement).where(*_wanted(which))
+        with self._transaction(self._engine) as connection:
+            return int(connection.execute(counted).scalar_one())
+
+    def values(self, name: Named) -> set[str]:
+        """Return the parts, serials or stations that the store holds records of."""
+        with self._transaction(self._engine) as connection:
+            return set(connection.execute(sql.select(schema.measurement.c[name]).distinct()).scalars())
 
     def reach(self) -> None:
         """Connect once. Raises `UnusableStore`, also where the driver does not know an option in the address."""
@@ -186,6 +196,28 @@ class Store:
                 yield connection
         except exc.DBAPIError as error:
             raise UnusableStore(self.name, *_explained(error)) from error
+
+
+def _wanted(which: Which) -> list[sql.ColumnElement[bool]]:
+    """Return the conditions that records have to meet."""
+    unknown = next((name for name in which if name not in Which.__annotations__), None)
+    if unknown is not None:
+        raise UnknownName("filter of records", unknown, Which.__annotations__)
+    m = schema.measurement.c
+    equal = {name: which.get(name) for name in ("part", "serial", "station", "verdict")}
+    if verdict := which.get("verdict"):
+        _check_known(verdict)
+    wanted = [m[name] == value for name, value in equal.items() if value is not None]
+    if begins := which.get("id_begins"):
+        wanted.append(m.id.startswith(begins, autoescape=True))
+    if since := which.get("since"):
+        wanted.append(m.time_utc >= _utc("since", since))
+    if until := which.get("until"):
+        wanted.append(m.time_utc <= _utc("until", until))
+    if (feature := which.get("feature")) is not None:
+        d = schema.deviation.c
+        wanted.append(sql.exists().where(d.measurement_id == m.id, d.feature == feature))
+    return wanted
 
 
 def _belonging(connection: sql.Connection, table: sql.Table, chosen: sql.Select[Any]) -> Mapping[str, list[Any]]:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Brief
+from cadcam.arrays import Array, Brief
 from cadcam.errors import BadValue, UnknownName
 from cadcam.kinds import expect_each
 from cadcam.record.record import Deviation, Record
@@ -15,11 +16,16 @@ from cadcam.record.record import Deviation, Record
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trend(Brief):
-    """The deviations of one feature, oldest first, each with its record; all in `unit`."""
+    """The deviations of one feature, oldest first, each with its record; all in `unit`.
+
+    without: the records of the same kinds of part that have no such deviation: the feature was missing there, or could
+    not be measured, or was not asked for.
+    """
 
     feature: str
     unit: str
     points: tuple[tuple[Record, Deviation], ...]
+    without: tuple[Record, ...] = ()
 
     def __len__(self) -> int:
         return len(self.points)
@@ -27,12 +33,13 @@ class Trend(Brief):
     @property
     def mean(self) -> float:
         """Return the mean deviation."""
-        return float(np.mean(self._values))
+        first = self.points[0][1].deviation
+        return first + float(np.mean(self._from_first))
 
     @property
     def sigma(self) -> float:
         """Return the standard deviation from part to part (n - 1 in the denominator); nan for a single part."""
-        return float(np.std(self._values, ddof=1)) if len(self) > 1 else float("nan")
+        return float(np.std(self._from_first, ddof=1)) if len(self) > 1 else float("nan")
 
     @property
     def measured_sigma(self) -> float:
@@ -40,8 +47,14 @@ class Trend(Brief):
         return float(np.sqrt(np.mean([(d.expanded_uncertainty / d.k) ** 2 if d.k else 0.0 for _, d in self.points])))
 
     @property
-    def _values(self) -> list[float]:
-        return [d.deviation for _, d in self.points]
+    def verdicts(self) -> dict[str, int]:
+        """Return how often each verdict was given on these deviations; "" counts those that were not judged."""
+        return dict(Counter(d.verdict for _, d in self.points))
+
+    @property
+    def _from_first(self) -> Array:
+        """Return the deviations (n,) less the first one: of equal ones exactly 0, as is then their scatter."""
+        return np.array([d.deviation for _, d in self.points]) - self.points[0][1].deviation
 
 
 def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -> Trend:
@@ -63,4 +76,6 @@ def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -
     units = {d.unit for _, d in points}
     if len(units) > 1:
         raise BadValue(f"units of {feature!r}", ", ".join(sorted(units)), "one: ask for fewer records")
-    return Trend(feature, units.pop(), points)
+    parts, having = {r.part for r, _ in points}, {r.id for r, _ in points}
+    without = tuple(r for r in records if r.part in parts and r.id not in having)
+    return Trend(feature, units.pop(), points, without)

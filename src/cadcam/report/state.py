@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
@@ -18,8 +18,7 @@ def list_table(records: Sequence[Record], *, of: int) -> Table:
     rows = tuple(
         (_time(r), r.id[:8], r.part, r.serial, r.station, r.verdict or _unjudged(r), _worst(r)) for r in records
     )
-    counts = Counter(r.verdict or "not judged" for r in records)
-    notes = (", ".join(f"{count} {verdict}" for verdict, count in counts.items()),) if records else ()
+    notes = (_counts(Counter(r.verdict for r in records)),) if records else ()
     title = counted(len(records), "record") + (f", the latest of {of}" if of > len(records) else "")
     columns = ("time (UTC)", "id", "part", "serial", "station", "verdict", "largest share of a tolerance")
     return Table(title, columns, rows, columns[:-1], notes)
@@ -73,7 +72,8 @@ def trend_tables(trend: Trend) -> list[Table]:
     left = tuple(column for column in columns if column != "deviation")
     lines = Table(f"{trend.feature}, {counted(len(trend), 'record')}", columns, rows, left)
     own, several = trend.measured_sigma, len(trend) > 1
-    mean, spread = with_sigma(trend.mean, trend.sigma if several else own)
+    mean, spread = with_sigma(trend.mean, trend.sigma if several and trend.sigma > 0 else own)
+    spread = spread if trend.sigma > 0 else "0"
     said = [
         (f"mean, {trend.unit}", mean),
         (f"sigma from part to part, {trend.unit}", spread if several else "unknown: one part"),
@@ -81,7 +81,17 @@ def trend_tables(trend: Trend) -> list[Table]:
     ]
     if several and trend.sigma > own:
         said.append((f"of that the parts', {trend.unit}", f"{np.sqrt(trend.sigma**2 - own**2):.2g}"))
+    said.append(("verdicts", _counts(trend.verdicts)))
+    if trend.without:
+        number, every = len(trend.without), len(trend.without) + len({r.id for r, _ in trend.points})
+        of_parts = _counts(Counter(r.verdict for r in trend.without))
+        said.append(("without a value", f"{number} of {counted(every, 'record')}; as a whole {of_parts}"))
     return [lines, Table("Over all parts", ("", ""), tuple(said), ("",))]
+
+
+def _counts(verdicts: Mapping[str, int]) -> str:
+    """Return how often each verdict was given, in words."""
+    return ", ".join(f"{count} {verdict or 'not judged'}" for verdict, count in verdicts.items())
 
 
 def deviation_text(deviation: Deviation) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
-from cadcam.camera.viewpoint import ErrorSource
+from cadcam.camera.error_source import ErrorSource
 from cadcam.errors import BadValue, TooFewPoints
 from cadcam.station.plane import PlaneCalibration
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 
@@ -123,6 +124,28 @@ def trend(differences: Floats, lengths: Floats) -> DifferenceTrend:
         for fitted, value, sigma in ((1, mean, sd / np.sqrt(len(d))), (2, slope, slope_sigma))
     )
     return DifferenceTrend(len(d), mean, sd, float(np.abs(d).mean()), p_mean, slope, slope_sigma, r, p_slope)
+
+
+def trend_of_log(log: Sequence[Mapping[str, Any]], drawn: Mapping[str, Floats]) -> DifferenceTrend | None:
+    """Return the statistics of distances between marks of one block in a station's log; None for less than three.
+
+    Of each mark its latest measurement counts, and those that the drawing does not have do not. Long distances come
+    first, and no mark is in two of them, so that they are independent. drawn: as in `check_distances`.
+    """
+    flat = {name: np.asarray(p, dtype=np.float64)[:2] for name, p in drawn.items()}
+    latest = {(e.get("block", ""), e["mark"]): np.asarray(e["point_mm"])[:2] for e in log if e["mark"] in drawn}
+    pairs = [(a, b) for a, b in combinations(latest, 2) if a[0] == b[0]]
+    lengths = [float(np.linalg.norm(flat[b[1]] - flat[a[1]])) for a, b in pairs]
+    used: set[tuple[str, str]] = set()
+    chosen = []
+    for i in sorted(range(len(pairs)), key=lambda i: -lengths[i]):
+        if not set(pairs[i]) & used:
+            used |= set(pairs[i])
+            chosen.append(i)
+    seen = [float(np.linalg.norm(latest[b] - latest[a])) for a, b in pairs]
+    if len(chosen) < 3:
+        return None
+    return trend([lengths[i] - seen[i] for i in chosen], [lengths[i] for i in chosen])
 
 
 def _check(measured: Measurement, drawn: Mapping[str, Floats], one: str, other: str) -> DistanceCheck:

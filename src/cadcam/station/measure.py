@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.measurement import Measurement, PixelNoise
-from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
 from cadcam.station.cross_prediction import plate_effect
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting

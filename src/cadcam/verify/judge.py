@@ -8,7 +8,7 @@ from functools import partial
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Mask
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect, expect_each
@@ -19,7 +19,7 @@ from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.adjustment.datum_fit import shares_of
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
-from cadcam.verify.deviations.measured import DISAGREE
+from cadcam.verify.deviations.measured import DISAGREE, MeasuredEdges
 from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
 from cadcam.verify.reasons import (
     ANOTHER_VIEW,
@@ -33,7 +33,7 @@ from cadcam.verify.reasons import (
     vector_words,
     with_remedy,
 )
-from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Tolerances
+from cadcam.verify.tolerances.tolerance import LARGEST_K, Feature, Limit, Quantity, Tolerances
 from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, overall, towards
 
 _NAN = float("nan")
@@ -204,12 +204,35 @@ def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
 
 
 def _angle(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
-    """Judge the turn of a feature about the line of sight."""
+    """Judge the turn of a feature: by one photo that about the line of sight, by several that about any axis."""
     if not np.isfinite(found.turn_sigma):
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "its edges do not show a turn", ANOTHER_VIEW)
-    verdict = decided(found.turn, found.turn_sigma, limit)
-    about = f"turned about {vector_words(found.axis)}"
-    return explained(Judgement(name, limit, found.turn, found.turn_sigma, verdict, about), found.shares)
+    assert seen.measured is not None  # only of inspections that found the part
+    if seen.measured.eye is not None:
+        verdict = decided(found.turn, found.turn_sigma, limit)
+        about = f"turned about the line of sight, {vector_words(found.axis)}; one photo judges no other turn"
+        return explained(Judgement(name, limit, found.turn, found.turn_sigma, verdict, about), found.shares)
+    return _about_any_axis(name, limit, seen.measured, seen.measured.members[seen.survey.names.index(name)])
+
+
+def _about_any_axis(name: str, limit: Limit, measured: MeasuredEdges, rows: Mask) -> Judgement:
+    """Judge the turn about the axes that photos show well enough; it only passes if those are all there are."""
+    shown = measured.turns(rows, np.eye(3))
+    if shown is None:
+        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "its edges do not show a turn", ANOTHER_VIEW)
+    axes, turned = shown
+    w, V = np.linalg.eigh(turned.covariance)
+    V = V[:, : max(1, int((limit.k * np.sqrt(np.maximum(w, 0.0)) < limit.value).sum()))]
+    axes, turned = axes @ V, turned.along(V.T)
+    size, sigma = float(np.linalg.norm(turned.value)), towards(turned.value, turned.covariance, limit)
+    verdict = decided(size, sigma, limit)
+    reason = f"turned about {vector_words(axes @ turned.value / size)}" if size > 0 else "not turned"
+    judgement = Judgement(name, limit, size, sigma, verdict, reason)
+    if verdict is Verdict.PASS and axes.shape[1] < 3:
+        unsure = _towards(np.linalg.svd(axes)[0][:, -1]).replace("along", "about")
+        hidden = f"{reason}, but a turn {unsure} is not known well enough: {_OTHER_SIDE}"
+        return replace(judgement, verdict=Verdict.UNDECIDED, reason=hidden, remedy=_OTHER_SIDE)
+    return explained(judgement, turned.shares)
 
 
 def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
@@ -236,10 +259,13 @@ _QUANTITIES: dict[Quantity, Callable[[str, Limit, FeatureDeviation, Inspection],
 
 
 def together(k: float, n: int) -> float:
-    """Return the coverage factor at which any of n independent values errs as rarely as one does at k."""
+    """Return the coverage factor at which any of n independent values errs as rarely as one does at k.
+
+    No more than a limit may have: there one value errs in 1e197, and whether several do is no question.
+    """
     from scipy.special import ndtr, ndtri
 
-    return float(-ndtri(-np.expm1(np.log1p(-ndtr(-k)) / n)))
+    return min(float(-ndtri(-np.expm1(np.log1p(-ndtr(-k)) / n))), LARGEST_K)
 
 
 def _nothing(reason: str, tolerances: Tolerances, located: Location, seen: Inspection | None) -> Verification:

@@ -9,11 +9,12 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Mask, frozen
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.fitted import doubted
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import twist_by_local
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.kinds import expect

@@ -19,7 +19,8 @@ from itertools import combinations
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
+from cadcam.camera.error_source import ErrorSource, distinct_sources, index_of
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
 from cadcam.geometry.ray import Ray, nearest_to_all

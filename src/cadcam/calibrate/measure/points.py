@@ -24,8 +24,9 @@ from cadcam.calibrate.measure.intersect import (
     widest,
 )
 from cadcam.calibrate.measure.suspects import refuse_if_explained
+from cadcam.camera.error_source import ErrorSource, distinct_sources, index_of
 from cadcam.camera.measurement import Measurement, PixelNoise
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
 from cadcam.geometry.plane import Plane
 from cadcam.kinds import expect, expect_each

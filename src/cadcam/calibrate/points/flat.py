@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.line_camera import LINE_NAMES, LineCamera, LineEstimate, LineObservations
 from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
-from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.dlt import dlt
 from cadcam.fit.least_squares import cofactor, minimise

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from math import hypot
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import numbers
 from cadcam.cli.cameras import read_any_camera
@@ -14,13 +14,12 @@ from cadcam.cli.station.inputs import PictureSource, gray_picture, look_of, sigh
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
     from cadcam.arrays import Array
     from cadcam.camera.camera import Camera
     from cadcam.files.pixels import ListedPixels
     from cadcam.files.shot import ShotPosition
-    from cadcam.station.drawing import DifferenceTrend
     from cadcam.station.gantry import Repeatability
     from cadcam.station.plane import PlaneCalibration
     from cadcam.station.plate import Plate
@@ -120,14 +119,16 @@ def report(arguments: argparse.Namespace) -> None:
     """Write the HTML report."""
     from cadcam.report.station.page import StationReport, write_station_page
     from cadcam.station.document import read_stations
+    from cadcam.station.drawing import trend_of_log
     from cadcam.station.log import read_log
+    from cadcam.station.survey import read_drawing
 
     check_target(arguments.output, (".html",))
     stations = read_stations(arguments.stations)
     log = read_log(arguments.log) if arguments.log else []
     if arguments.drawing and not log:
         raise BadValue("--drawing", "given without a log", "--log too: its marks are compared with the drawing")
-    together = _trend_of_log(log, arguments.drawing) if arguments.drawing else None
+    together = trend_of_log(log, read_drawing(arguments.drawing)) if arguments.drawing else None
     write_station_page(arguments.output, StationReport(stations, log, together))
     if arguments.json:
         print_json({"output": arguments.output, "cameras": list(stations), "measurements": len(log)})
@@ -211,27 +212,3 @@ def _repeatability(text: str | None) -> Repeatability | None:
     if len(values) > 2:
         raise BadValue("--repeatability", repr(text), "one number in mm, or two for x and y")
     return Repeatability.stated(values[0], values[-1])
-
-
-def _trend_of_log(log: Sequence[Mapping[str, Any]], drawing: str) -> DifferenceTrend | None:
-    """Return the trend of distances between marks of one block, by each mark's latest measurement, no mark twice."""
-    from itertools import combinations
-
-    import numpy as np
-
-    from cadcam.station.drawing import trend
-    from cadcam.station.survey import read_drawing
-
-    drawn = read_drawing(drawing)
-    latest = {(e.get("block", ""), e["mark"]): np.array(e["point_mm"]) for e in log if e["mark"] in drawn}
-    pairs = {
-        (a, b): float(np.linalg.norm(drawn[b[1]] - drawn[a[1]])) for a, b in combinations(latest, 2) if a[0] == b[0]
-    }
-    used: set[tuple[str, str]] = set()
-    lengths, off = [], []
-    for (a, b), length in sorted(pairs.items(), key=lambda item: -item[1]):
-        if not {a, b} & used:
-            used |= {a, b}
-            lengths.append(length)
-            off.append(length - float(np.linalg.norm(latest[b] - latest[a])))
-    return trend(off, lengths) if len(off) >= 3 else None

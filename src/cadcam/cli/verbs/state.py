@@ -14,7 +14,7 @@ from cadcam.errors import BadValue, UnknownName, UnusableStore
 
 if TYPE_CHECKING:
     from cadcam.record.record import Record
-    from cadcam.record.store import Store
+    from cadcam.record.store import Store, Which
 
 DEFAULT_STORE = "parts.sqlite"
 _SHORT_ID = 6
@@ -84,7 +84,7 @@ def _add_show(jobs: Verbs) -> None:
 
 
 def _add_trend(jobs: Verbs) -> None:
-    parser = _job(jobs, "trend", run_trend, "show a feature's deviation over the parts, with mean and sigma")
+    parser = _job(jobs, "trend", run_trend, "show a feature's deviation over the parts: mean, sigma, verdicts")
     parser.add_argument("feature", help="the feature's name")
     parser.add_argument("--kind", help="which of its deviations, where it has several: position, angle ...")
     _add_filters(parser)
@@ -134,29 +134,35 @@ def run_add(arguments: argparse.Namespace) -> None:
 
 def _asked_for(arguments: argparse.Namespace, *, needed: bool = False) -> list[Record]:
     """Return the records that pass the filters, oldest first; if there are none, the reason is printed, or raised."""
+    return _newest(arguments, None, needed=needed)[0]
+
+
+def _newest(arguments: argparse.Namespace, newest: int | None, *, needed: bool = False) -> tuple[list[Record], int]:
+    """Return as many of these records as are asked for, the newest, and the number of all; no more are read."""
     asked = _asked(arguments)
     with _there(arguments) as store:
-        records = store.query(**asked)
+        records = store.query(**asked, newest=newest)
         if records:
-            return records
+            return records, len(records) if newest is None else store.count(**asked)
         why = _why_none(store, asked)
     if needed:
         raise UnusableStore(store.name, why)
     say(f"store {store.name}: {why}")
-    return []
+    return [], 0
 
 
-def _why_none(store: Store, asked: dict[str, Any]) -> str:
+def _why_none(store: Store, asked: Which) -> str:
     """Return why no record in a store matches the query."""
+    from cadcam.record.store import NAMED
     from cadcam.report.table import counted
 
-    there = store.query()
-    for name in ("part", "serial", "station"):
-        known = {str(getattr(record, name)) for record in there} - {""}
-        if asked[name] is not None and asked[name] not in known:
-            return str(UnknownName(name, asked[name], known))
+    for name in NAMED:
+        value = asked[name]
+        known = store.values(name) - {""} if value is not None else set()
+        if value is not None and value not in known:
+            return str(UnknownName(name, value, known))
     given = ", ".join(f"--{name}" for name, value in asked.items() if value is not None)
-    return f"no record fits {given} ({counted(len(there), 'record')} in all)" if given else "holds no records"
+    return f"no record fits {given} ({counted(store.count(), 'record')} in all)" if given else "holds no records"
 
 
 def _there(arguments: argparse.Namespace) -> Store:
@@ -172,12 +178,11 @@ def run_list(arguments: argparse.Namespace) -> None:
 
     if arguments.newest < 1:
         raise BadValue("--newest", arguments.newest, "1 or more")
-    records = _asked_for(arguments)
-    shown = records[-arguments.newest :]
+    shown, of = _newest(arguments, arguments.newest)
     if arguments.json:
-        print_json({"records": [_as_json(record) for record in shown], "of": len(records)})
+        print_json({"records": [_as_json(record) for record in shown], "of": of})
     else:
-        print_tables([list_table(shown, of=len(records))])
+        print_tables([list_table(shown, of=of)])
 
 
 def run_show(arguments: argparse.Namespace) -> None:
@@ -213,7 +218,9 @@ def run_trend(arguments: argparse.Namespace) -> None:
         for r, d in seen.points
     ]
     said = {"mean": seen.mean, "sigma": seen.sigma if len(seen) > 1 else None, "measured_sigma": seen.measured_sigma}
-    print_json({"feature": seen.feature, **{f"{k}_{seen.unit}": v for k, v in said.items()}, "points": points})
+    counts = {"verdicts": seen.verdicts, "without": [record.id for record in seen.without]}
+    numbers = {f"{name}_{seen.unit}": value for name, value in said.items()}
+    print_json({"feature": seen.feature, **numbers, **counts, "points": points})
 
 
 def run_export(arguments: argparse.Namespace) -> None:
@@ -230,17 +237,20 @@ def run_export(arguments: argparse.Namespace) -> None:
         say(f"wrote {counted(len(records), 'record')} to {arguments.output}")
 
 
-def _asked(arguments: argparse.Namespace) -> dict[str, Any]:
+def _asked(arguments: argparse.Namespace) -> Which:
     """Return the arguments for `Store.query`."""
-    names = ("part", "serial", "station", "verdict", "since", "until")
-    asked = {name: getattr(arguments, name) for name in names}
-    if asked["since"] is not None:
-        asked["since"] = asked["since"][0]
-    if asked["until"] is not None:
-        asked["until"] = asked["until"][1]
-    if asked["since"] and asked["until"] and asked["since"] > asked["until"]:
-        raise BadValue("--since", f"{asked['since']:%Y-%m-%d %H:%M}, after --until", "a time before it")
-    return asked
+    since = None if arguments.since is None else arguments.since[0]
+    until = None if arguments.until is None else arguments.until[1]
+    if since and until and since > until:
+        raise BadValue("--since", f"{since:%Y-%m-%d %H:%M}, after --until", "a time before it")
+    return {
+        "part": arguments.part,
+        "serial": arguments.serial,
+        "station": arguments.station,
+        "verdict": arguments.verdict,
+        "since": since,
+        "until": until,
+    }
 
 
 def _as_json(record: Record) -> dict[str, Any]:

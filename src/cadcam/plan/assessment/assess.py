@@ -10,8 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Brief
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.measurement import PIXELS
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.asked import Asked
 from cadcam.plan.sight.candidate import Candidate

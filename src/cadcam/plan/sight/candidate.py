@@ -8,9 +8,10 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.optics import Optics
 from cadcam.camera.sensitivity import project_with_sensitivity
-from cadcam.camera.viewpoint import ErrorSource, KnownMotion, Viewpoint
+from cadcam.camera.viewpoint import KnownMotion, Viewpoint
 from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas

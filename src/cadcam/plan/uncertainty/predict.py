@@ -14,8 +14,9 @@ from types import MappingProxyType
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, Mask, frozen
+from cadcam.camera.error_source import ErrorSource, distinct_sources, index_of
 from cadcam.camera.measurement import PIXELS
-from cadcam.camera.viewpoint import ErrorSource, Viewpoint, distinct_sources, index_of
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
 from cadcam.kinds import expect_each

@@ -19,6 +19,7 @@ SEEN_PX = 0.5  # largest sd, in px, of a direction of displacement that counts a
 UNSEEN_PX = 4.0  # prior sd, in px, of a displacement in directions not seen
 _USUAL_PX = 0.01  # common error of an edge in most photos
 DISAGREE = 9.0  # misfit from which edges contradict a common displacement
+_BLIND = 1e-9  # information on a rotation, relative to the largest, that counts as none
 STATION_PX = 24.0  # length of the pieces of an edge that are evaluated separately
 
 
@@ -221,23 +222,38 @@ class MeasuredEdges:
 
         nan where the edges do not determine it.
         """
-        nan, axis = float("nan"), self.axis(rows)
+        axis = self.axis(rows)
+        found = self.turns(rows, axis[:, None])
+        if found is None:
+            return float("nan"), float("nan"), axis
+        return float(found[1].value[0]), float(np.sqrt(found[1].covariance[0, 0])), axis
+
+    def turns(self, rows: Mask, about: Array) -> tuple[Array, Estimate] | None:
+        """Return axes (3, m) among those that `about` (3, n) spans, and the rotations (rad) about them that edges show.
+
+        The axes pass through the places' middle. About those left out the edges may turn unnoticed. None: they show no
+        rotation.
+        """
         basis, pose = self.directions(rows), self.pose_without(rows)
         if pose is None or not basis.shape[1]:
-            return nan, nan, axis
+            return None
         p, G = self.lines.p[rows], self.lines.by_point[rows]
-        lever = np.einsum("ni,ni->n", G, np.cross(axis, p - p.mean(axis=0)))  # px/rad
+        swept = np.cross(about.T, (p - p.mean(axis=0))[:, None])  # (N, n, 3) mm/rad
+        lever = np.einsum("ni,nji->nj", G, swept)  # px/rad
         size, most = float(np.abs(lever).max(initial=0.0)), np.linalg.norm(G, axis=1).max()
         if size == 0:
-            return nan, nan, axis
+            return None
         # In px/mm, like the displacements that are estimated with it; so the conditioning of all can be judged.
-        design = np.column_stack([G @ basis, lever / size * most])
-        scale = most / size
-        w = np.linalg.eigvalsh(self.adjustment.information(rows, design))
-        if w[0] <= 1e-9 * w[-1]:
-            return nan, nan, axis
-        found = self.adjustment.estimate(rows, design, pose)
-        return float(found.value[-1] * scale), float(np.sqrt(found.covariance[-1, -1]) * scale), axis
+        shift, turned, scale = G @ basis, lever / size * most, most / size
+        m = basis.shape[1]
+        known = self.adjustment.information(rows, np.column_stack([shift, turned]))
+        alone = known[m:, m:] - known[m:, :m] @ np.linalg.solve(known[:m, :m], known[:m, m:])  # the shift unknown
+        w, V = np.linalg.eigh(alone)
+        V = V[:, w > _BLIND * np.linalg.eigvalsh(known)[-1]]
+        if not V.shape[1]:
+            return None
+        found = self.adjustment.estimate(rows, np.column_stack([shift, turned @ V]), pose)
+        return about @ V, found.along(np.eye(V.shape[1], m + V.shape[1], m) * scale)
 
     def axis(self, rows: Mask) -> Array:
         """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""

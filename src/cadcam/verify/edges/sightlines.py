@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
+from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.sensitivity import project_with_sensitivity
-from cadcam.camera.viewpoint import ErrorSource
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.lines.edges import EdgeSamples, project, sample_lines

@@ -20,7 +20,7 @@ from cadcam.errors import BadValue, CadcamError, UnknownName
 from cadcam.kinds import expect, expect_each, expect_numbers
 from cadcam.render.view import Scene
 
-_LARGEST_K = 30.0  # sigmas: beyond them numbers hold no probability
+LARGEST_K = 30.0  # sigmas: beyond them numbers hold no probability
 
 
 class Rule(Enum):
@@ -145,8 +145,12 @@ class Limit(Brief):
             raise BadValue(self.quantity.value, self.value, "a positive number")
         if self.quantity is Quantity.ANGLE and self.value >= np.pi:
             raise BadValue(self.quantity.value, np.degrees(self.value), "less than 180: no turn is larger")
-        if not 0 < self.k <= _LARGEST_K:
-            raise BadValue("coverage factor k", self.k, f"a positive number up to {_LARGEST_K:g}, usually 2")
+        if not 0 < self.k <= LARGEST_K:
+            raise BadValue("coverage factor k", self.k, f"a positive number up to {LARGEST_K:g}, usually 2")
+        if self.direction is not None and self.quantity is not Quantity.POSITION:
+            raise BadValue(
+                "direction", f"that of {self.quantity.value}", f"none: it is that of {Quantity.POSITION.value}"
+            )
         if self.direction is not None:
             d = frozen(self.direction, "direction", (3,))
             if not np.linalg.norm(d) > 0:

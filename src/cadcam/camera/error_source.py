@@ -1,0 +1,54 @@
+"""What errs: uncertain parameters, a calibration's or a motion's, that move all that is measured with them together."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadcam.arrays import Array, Brief, frozen
+from cadcam.errors import BadValue
+
+
+@dataclass(frozen=True, slots=True, eq=False, repr=False)
+class ErrorSource(Brief):
+    """Uncertain parameters and their covariance (k, k); the same `owner` is the same source.
+
+    owner: any object; what counts is that it is the same one, not that it is equal.
+    dof: degrees of freedom behind the noise that scales the covariance; inf where it is known.
+    """
+
+    name: str
+    covariance: Array
+    owner: object = field(repr=False)
+    dof: float = np.inf
+
+    def __post_init__(self) -> None:
+        covariance = frozen(self.covariance, f"covariance of {self.name}", (None, None))
+        if covariance.shape[0] != covariance.shape[1]:
+            raise BadValue(f"covariance of {self.name}", f"of shape {covariance.shape}", "a square matrix")
+        object.__setattr__(self, "covariance", covariance)
+
+    @property
+    def root(self) -> Array:
+        """Return B (k, k) with B B^T the covariance, which may be singular and of mixed units."""
+        sd = np.sqrt(np.diag(self.covariance))
+        scale = np.where(sd > 0, sd, 1.0)
+        w, V = np.linalg.eigh(self.covariance / np.outer(scale, scale))
+        return np.asarray(scale[:, None] * V * np.sqrt(np.maximum(w, 0.0)))
+
+
+def distinct_sources(sources: Sequence[ErrorSource]) -> list[ErrorSource]:
+    """Return the sources, each owner's once; `BadValue` where one owner has two covariances."""
+    first = [index_of(sources, s) for s in sources]
+    for one, other in zip((sources[k] for k in first), sources, strict=True):
+        if one is not other and not np.array_equal(one.covariance, other.covariance):
+            said = f"another than that of {other.name}, which has the same owner"
+            raise BadValue(f"covariance of {one.name}", said, "one covariance for one owner, or owners of their own")
+    return [s for i, s in enumerate(sources) if first[i] == i]
+
+
+def index_of(sources: Sequence[ErrorSource], source: ErrorSource) -> int:
+    """Return the first index of a source of the same owner."""
+    return next(k for k, s in enumerate(sources) if s.owner is source.owner)

@@ -1,0 +1,72 @@
+"""Limits of an angle: by one photo of the turn about the line of sight, by several of that about any axis."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cadcam.cad.mesh import Mesh
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.photo import Photo
+from cadcam.locate.refine.refinement import refine_pose
+from cadcam.verify.judge import verify_part
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
+from cadcam.verify.tolerances.verdict import Judgement, Verdict
+
+from .scene import CAMERA, POSE, part, photographed, plate
+
+FRONT, LEFT = POSE, Rigid.look_at((-620.0, -520.0, 500.0), (10.0, 0.0, 10.0))
+BACK = Rigid.look_at((300.0, 700.0, 560.0), (10.0, 0.0, 10.0))
+LIMIT = Limit(Quantity.ANGLE, np.radians(0.5))
+
+
+def turned(name: str, about: Sequence[float], degrees: float) -> Mesh:
+    """Return the plate with one of its bodies turned about an axis through its middle."""
+    mesh = plate()
+    mine = np.unique(mesh.faces[mesh.part == mesh.part_names.index(name)])
+    vertices = mesh.vertices.copy()
+    middle = vertices[mine].mean(axis=0)
+    R = Rigid.exp(np.array([0.0, 0.0, 0.0, *(np.radians(degrees) * np.array(about))])).rotation
+    vertices[mine] = (vertices[mine] - middle) @ R.T + middle
+    return replace(mesh, vertices=vertices)
+
+
+def judgement(mesh: Mesh, name: str, *places: Rigid, limit: Limit = LIMIT) -> Judgement:
+    rng = np.random.default_rng(1)
+    photos = [Photo.of(photographed(mesh, rng, w), CAMERA, w, name=f"{i}") for i, w in enumerate(places)]
+    asked = Tolerances((Feature(name, Selection(name), (limit,)),), (Selection("plate"),))
+    return verify_part(part(), photos, refine_pose(part(), photos, Rigid()), asked).judgements[0]
+
+
+def test_a_turn_that_does_not_show_about_the_mean_line_of_sight_fails_by_several_photos() -> None:
+    """The block turned by 1 deg on the plate; about the photos' common line of sight it is turned by 0.1 deg only."""
+    found = judgement(turned("block", (0.0, 0.0, 1.0), 1.0), "block", FRONT, LEFT, BACK)
+    assert found.verdict is Verdict.FAIL
+    assert abs(found.deviation - np.radians(1.0)) < 2 * found.U
+    assert "turned about (" in found.reason
+
+
+def test_a_body_in_place_passes_by_several_photos_and_by_one_that_says_what_it_judges() -> None:
+    assert judgement(plate(), "block", FRONT, LEFT, BACK).verdict is Verdict.PASS
+    by_one = judgement(plate(), "block", FRONT)
+    assert by_one.verdict is Verdict.PASS
+    assert "one photo judges no other turn" in by_one.reason
+
+
+def test_what_several_photos_show_about_some_axes_alone_is_undecided() -> None:
+    """Two photos from one side tell the turn about their line of sight, and those about others hardly."""
+    beside = Rigid.look_at((430.0, -610.0, 640.0), (10.0, 0.0, 10.0))
+    found = judgement(plate(), "bracket", FRONT, beside, limit=replace(LIMIT, value=np.radians(0.25)))
+    assert found.verdict is Verdict.UNDECIDED
+    assert "is not known well enough" in found.reason
+    assert found.reason.endswith(found.remedy)
+
+
+def test_a_direction_is_that_of_a_position() -> None:
+    for quantity in (Quantity.ANGLE, Quantity.PROFILE):
+        with pytest.raises(BadValue, match="direction"):
+            Limit(quantity, 0.1, direction=np.array([0.0, 0.0, 1.0]))
