@@ -14,7 +14,7 @@ import pytest
 import cadcam
 from cadcam.cad.parts import machined_bracket
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_each, expect_names, expect_number, expect_numbers, said
+from cadcam.kinds import expect, expect_each, expect_names, expect_number, expect_numbers, expect_positive, said
 from cadcam.verify.tolerances.verdict import Verdict
 
 SIZE = (160, 120)
@@ -222,7 +222,7 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
     "opacity, text": (lambda t: cadcam.blend_pictures(PICTURE, t.view, opacity="half"), "opacity is the text 'half'"),
     "sigma_px, none": (
         lambda t: cadcam.Viewpoint.exact("a", t.camera, t.pose, sigma_px=None),
-        "sigma_px of viewpoint 'a' is None; expected a number",
+        "pixel noise of viewpoint 'a' is None; expected a positive number of px",
     ),
     "motion, list": (
         lambda t: cadcam.KnownMotion(t.pose).known_to([0.1], 0.0, about=[0, 0, 0]),
@@ -314,9 +314,21 @@ def test_a_value_is_told_by_its_kind_never_by_its_content() -> None:
 def test_numbers_are_pythons_and_numpys_and_nothing_else() -> None:
     for number in (1, 1.5, np.float32(2), np.int64(3), np.array(4.0), float("nan"), True):
         expect_number(number, "x")
-    for other in ("1", None, [1], np.zeros(1), object()):
+    for other in ("1", None, [1], np.zeros(1), object(), np.array("1x"), np.array(None), 1j, np.complex128(1), 10**400):
         with pytest.raises(BadValue, match=r"^x is .*; expected a number$"):
             expect_number(other, "x")
+
+
+def test_a_positive_number_is_finite_and_above_zero_or_may_be_zero() -> None:
+    for number in (1, 5e-324, np.float32(2), 10**300, np.array(4.0)):
+        expect_positive(number, "x")
+    expect_positive(0, "x", zero=True)
+    for other in (0, 0.0, -1, float("nan"), float("inf"), None, "1", [], np.zeros(0), 10**400):
+        with pytest.raises(BadValue, match=r"^x is .*; expected a length in mm$"):
+            expect_positive(other, "x", "a length in mm")
+    for other in (-5e-324, float("nan"), float("inf")):
+        with pytest.raises(BadValue, match=r"expected a positive number$"):
+            expect_positive(other, "x", zero=True)
 
 
 @dataclass
@@ -346,6 +358,8 @@ def test_numbers_of_a_dataclass_are_those_that_it_annotates() -> None:
             expect_numbers(Numbers(**{name: value}))
     with pytest.raises(BadValue, match="both is a dict of 2"):
         expect_numbers(Numbers(both={0: 1, 1: 2}))
+    with pytest.raises(BadValue, match=r"both is an array of shape \(\); expected 2 numbers"):
+        expect_numbers(Numbers(both=np.array(1.0)))  # type: ignore[arg-type]  # such is what a script gets wrong
 
 
 def test_names_are_several_texts() -> None:
@@ -366,6 +380,8 @@ def test_the_right_kinds_pass() -> None:
     assert expect_each(iter([1, 2]), "x", int) == (1, 2)
     with pytest.raises(BadValue, match=r"x\[1\] is None; expected an int"):
         expect_each([1, None], "x", int)
+    with pytest.raises(BadValue, match=r"x is an array of shape \(\); expected a list"):
+        expect_each(np.array("x"), "x", int)
 
 
 def test_every_value_of_ours_is_told_in_two_lines_of_a_terminal(things: Things) -> None:

@@ -20,7 +20,7 @@ from cadcam.camera.viewpoint import ErrorSource
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.dlt import dlt
 from cadcam.fit.least_squares import cofactor, minimise
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_positive
 
 _ONE_HEIGHT = 1e-6  # range of Z over the plane's size: 1 um over a metre
 
@@ -113,8 +113,7 @@ def _pixel_noise(estimate: PlaneEstimate, sigma_px: float | None) -> float:
     noise_px = estimate.noise_px if sigma_px is None else sigma_px
     if not np.isfinite(estimate.noise_px):
         raise BadValue("pixel noise of the calibration", "unknown", "five points or more, or sigma_px stated with them")
-    if not (np.isfinite(noise_px) and noise_px > 0):
-        raise BadValue("sigma_px", noise_px, "a positive number of px")
+    expect_positive(noise_px, "sigma_px", "a positive number of px")
     return noise_px
 
 
