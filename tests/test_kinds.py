@@ -287,6 +287,53 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
     "distortion, text": (lambda t: cadcam.Camera.from_opencv(SIZE, t.camera.K, "none"), "distortion coefficients is"),
     "verify, no photo": (lambda t: cadcam.verify_part(t.part, [], t.located, None), "photos is none"),
     "unit, number": (lambda t: cadcam.read_model("a.stl", unit=1000), "unit is 1000"),
+    # numbers that are none, or beyond what they stand for
+    "draws, nan": (
+        lambda t: cadcam.monte_carlo_variability(t.estimate, rng=np.random.default_rng(1), draws=float("nan")),
+        "number of draws is nan",
+    ),
+    "nodes, none": (lambda t: cadcam.projection_map(t.estimate, nodes=None), "nodes is None.*at least 2"),
+    "threads, nan": (lambda t: cadcam.open_renderer(t.scene, threads=float("nan")), "threads is nan"),
+    "workers, text": (
+        lambda t: cadcam.make_dataset("never made", t.scene, cadcam.DatasetPlan(1, t.camera), workers="2"),
+        "workers is the text '2'.*a whole number",
+    ),
+    "contacts, nan": (
+        lambda t: cadcam.feature_edges(t.mesh, contact_tolerance_mm=float("nan")),
+        "contact_tolerance_mm is nan",
+    ),
+    "contrast, nan": (lambda t: cadcam.CorrelateOptions(least_contrast=float("nan")), "least_contrast is nan"),
+    "tilts, nan": (
+        lambda t: cadcam.find_marks(PICTURE, cadcam.parse_mark("dot:30mm"), normal_sd=float("nan")),
+        "normal_sd is nan",
+    ),
+    "edges, step nan": (lambda t: cadcam.edge_distances(PICTURE, t.wires, step_px=float("nan")), "step_px is nan"),
+    "edges, within nan": (lambda t: cadcam.edge_distances(PICTURE, t.wires, within=float("nan")), "within is nan"),
+    "odds, none": (lambda t: cadcam.order_marks(np.eye(2), np.eye(2), odds=None), "odds is None"),
+    "pitch, nan": (lambda t: cadcam.write_cameras("never.yaml", t.camera, pixel_mm=float("nan")), "pixel_mm is nan"),
+    # in place of what a function needs
+    "lines, style": (lambda t: cadcam.overlay(PICTURE, t.wires, style="thin"), "style is the text 'thin'.*a LineStyle"),
+    "line options": (
+        lambda t: cadcam.visible_wireframe(t.scene, t.camera, t.pose, options="hidden"),
+        "options is the text 'hidden'.*a LineOptions",
+    ),
+    "correlate, options": (
+        lambda t: cadcam.correlate(PICTURE, cadcam.Template(PICTURE[:40, :40]), options=0.5),
+        "options is 0.5; expected a CorrelateOptions",
+    ),
+    "cameras, path": (lambda t: cadcam.write_cameras("never.yaml", "camera.json"), "cameras is the text.*read_camera"),
+    "viewer, pose": (lambda t: cadcam.viewer_parameters("pyvista", t.camera, None), "camera_from_world is None"),
+    "viewer, near": (
+        lambda t: cadcam.viewer_parameters("pyvista", t.camera, t.pose, near_mm=None),
+        "near_mm is None; expected a number",
+    ),
+    "marks, path": (lambda t: cadcam.measure_marks("station.json", []), "stations is the text.*a GantryCalibration"),
+    "gantry, none": (lambda t: cadcam.calibrate_gantry("6", [None]), r"positions\[0\] is None.*a PlaneCalibration"),
+    "place, survey": (
+        lambda t: cadcam.calibrate_position("1", (0, 0), [[0, 0]], [[0, 0]]),
+        "placement is a list of 1.*a Placement",
+    ),
+    "record, pose": (lambda t: cadcam.Record("part", pose=t.pose), "pose of a record is a Rigid.*a PoseEstimate"),
 }
 
 

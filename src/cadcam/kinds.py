@@ -134,6 +134,15 @@ def expect_positive(value: object, what: str, expected: str = "a positive number
         raise BadValue(what, value, expected)
 
 
+def expect_count(value: object, what: str, *, least: int = 1, expected: str = "") -> None:
+    """Raise `BadValue` naming `what` unless value is one whole number, of any type, of at least `least`."""
+    expected = expected or f"a whole number of at least {least}"
+    expect_number(value, what, expected)
+    number = float(value)  # type: ignore[arg-type]  # it is a number
+    if not (number.is_integer() and number >= least):
+        raise BadValue(what, value, expected)
+
+
 def expect_numbers(value: DataclassInstance) -> None:
     """Raise `BadValue` naming the first field of a dataclass that is annotated as numbers and does not hold them.
 

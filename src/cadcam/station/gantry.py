@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewPoints
-from cadcam.kinds import expect_positive
+from cadcam.kinds import expect, expect_each, expect_positive
 from cadcam.station.cross_prediction import DeviationMap, deviation_map, view_covariance
 from cadcam.station.field import DeviationField, fit_field
 from cadcam.station.plane import PlaneCalibration
@@ -130,6 +130,8 @@ def calibrate_gantry(
     camera: str, positions: Sequence[PlaneCalibration], *, repeatability: Repeatability | None = None
 ) -> GantryCalibration:
     """Return the calibration of a camera from those of its positions, one or more, no two of them the same."""
+    positions = expect_each(positions, "positions", PlaneCalibration)
+    expect(repeatability, "repeatability", Repeatability, optional=True)
     if not positions:
         raise TooFewPoints(f"the calibration of camera {camera!r}", 0, 1, of="positions")
     again = repeatability or Repeatability()
@@ -143,7 +145,7 @@ def calibrate_gantry(
         if one.lens is not positions[0].lens:
             raise BadValue(f"lens of {one.name}", "another one", f"the lens of {positions[0].name}, at all positions")
     deviations = deviation_map(positions).deviation if len(positions) > 1 else np.zeros((1, 2))
-    return GantryCalibration(camera, tuple(positions), again, fit_field(grid, deviations, _noise(positions, again)))
+    return GantryCalibration(camera, positions, again, fit_field(grid, deviations, _noise(positions, again)))
 
 
 def _noise(positions: Sequence[PlaneCalibration], again: Repeatability) -> Array:

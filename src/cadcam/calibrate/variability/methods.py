@@ -30,7 +30,7 @@ from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.global_search import polished
 from cadcam.fit.least_squares import cofactor
 from cadcam.fit.sampling import LogDensity, Progress, Walk, metropolis, refuse_unmixed
-from cadcam.kinds import expect, expect_positive
+from cadcam.kinds import expect, expect_count, expect_positive
 
 BLOCK = 256  # draws per block; each block's noise is drawn whole, so that longer runs begin with the same draws
 CHAINS = 64
@@ -244,8 +244,7 @@ def noise_of(estimate: CameraEstimate, sigma_px: float | None, sigma_mm: float =
 
 def blocks(draws: int) -> Iterator[int]:
     """Yield the number of draws of each block; `BadValue` for too few draws."""
-    if draws < 2:
-        raise BadValue("number of draws", draws, "2 at least; 2000 know a sigma to 1.6 %")
+    expect_count(draws, "number of draws", least=2, expected="2 at least; 2000 know a sigma to 1.6 %")
     for begin in range(0, draws, BLOCK):
         yield min(BLOCK, draws - begin)
 

@@ -9,7 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
-from cadcam.kinds import expect, expect_positive
+from cadcam.kinds import expect, expect_count, expect_positive
 
 NODES = 65  # along the longer side of the picture
 
@@ -46,6 +46,7 @@ def projection_map(
     expect(estimate, "estimate", CameraEstimate)
     if depth_mm is not None and plane is not None:
         raise BadValue("surface", "a depth and a plane", "one of them")
+    expect_count(nodes, "nodes", least=2)
     camera = estimate.camera
     h, w = (max(2, round(nodes * n / max(camera.size))) for n in (camera.height, camera.width))
     x, y = np.linspace(-0.5, camera.width - 0.5, w), np.linspace(-0.5, camera.height - 0.5, h)

@@ -16,7 +16,7 @@ from cadcam.camera.optics import Optics
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect_positive
+from cadcam.kinds import expect_count, expect_positive
 from cadcam.plan.scene.feature import LayoutFeature
 from cadcam.plan.uncertainty.finding import Finder
 
@@ -120,8 +120,7 @@ class CalibratedFrom:
     points_mm: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.points < 8:
-            raise BadValue("points of a calibration", self.points, "at least 8")
+        expect_count(self.points, "points of a calibration", least=8)
         expect_positive(self.sigma_px, "sigma_px of a calibration", "a positive number of px")
         expect_positive(self.points_mm, "points_mm of a calibration", "a number of mm from 0 on", zero=True)
 
@@ -179,5 +178,4 @@ class LayoutScene(Brief):
             if len(set(names)) != len(names):
                 raise BadValue(f"{what} of the scene", ", ".join(names), "each name once")
         expect_positive(self.tur, "tur", "a positive number: limit/U that every limit should reach")
-        if self.choose < 1:
-            raise BadValue("choose", self.choose, "at least 1 camera")
+        expect_count(self.choose, "choose", expected="at least 1 camera")
