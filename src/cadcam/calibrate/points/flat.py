@@ -17,7 +17,7 @@ from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
 from cadcam.camera.viewpoint import ErrorSource
-from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
 from cadcam.fit.dlt import dlt
 from cadcam.fit.least_squares import cofactor, minimise
 from cadcam.kinds import expect, expect_positive
@@ -32,6 +32,8 @@ def calibrate_plane(observations: Observations) -> PlaneEstimate:
     """
     expect(observations, "observations", Observations)
     p, q = observations.p_world[:, :2], observations.q
+    if not len(p):  # of none there is no extent; `dlt` counts the others
+        raise TooFewPoints("the calibration of a plane", 0, 4)
     spread, size = float(np.ptp(observations.p_world[:, 2])), float(np.ptp(p, axis=0).max())
     if spread > _ONE_HEIGHT * size:
         raise DegenerateGeometry(
