@@ -333,6 +333,10 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
         lambda t: cadcam.calibrate_position("1", (0, 0), [[0, 0]], [[0, 0]]),
         "placement is a list of 1.*a Placement",
     ),
+    "records, list": (
+        lambda t: cadcam.open_store(":memory:").add([cadcam.Record("part")]),
+        r"records\[0\] is a list of 1; expected a Record: one by one: store.add\(\*records\)",
+    ),
     "record, pose": (lambda t: cadcam.Record("part", pose=t.pose), "pose of a record is a Rigid.*a PoseEstimate"),
 }
 

@@ -71,6 +71,7 @@ _WAYS: Mapping[tuple[str, str], str] = {
     ("list", "Lens"): "such as cadcam.BrownConrady(k1, k2, p1, p2); OpenCV's by cadcam.Camera.from_opencv",
     ("list", "Observations"): "cadcam.Observations(p_world, q)",
     ("list", "Photo"): "cadcam.Photo.of(picture, camera)",
+    ("list", "Record"): "one by one: store.add(*records)",
     ("list", "Rigid"): "cadcam.Rigid.from_matrix(matrix) in mm; of several motions cadcam.Rigid.stack(motions)",
     ("list", "View"): "what a renderer's .render returns",
     ("int", "Generator"): "numpy.random.default_rng(seed)",
