@@ -34,6 +34,7 @@ def test_a_frozen_array_is_a_copy_that_nobody_can_write() -> None:
         ([[1, 2, 2.5]], np.int32, r"x\[0, 2\] is 2.5; expected a whole number"),
         (np.array([[1, -2, 0]]), np.uint8, r"x\[0, 1\] is -2; expected a whole number from 0 to 255"),
         ([["a", "b", "c"]], np.float64, "numbers of shape"),
+        ([[1, 2, 3 + 1j]], np.float64, r"complex; expected real numbers of shape \(N, 3\)"),
     ],
 )
 def test_what_is_not_as_asked_is_refused_with_its_place(values: Any, dtype: npt.DTypeLike, words: str) -> None:

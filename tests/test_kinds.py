@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from dataclasses import dataclass, fields, is_dataclass
+from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +14,7 @@ import pytest
 import cadcam
 from cadcam.cad.parts import machined_bracket
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_each, expect_names, expect_number, expect_numbers, said
+from cadcam.kinds import expect, expect_each, expect_names, said
 from cadcam.verify.tolerances.verdict import Verdict
 
 SIZE = (160, 120)
@@ -222,7 +222,7 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
     "opacity, text": (lambda t: cadcam.blend_pictures(PICTURE, t.view, opacity="half"), "opacity is the text 'half'"),
     "sigma_px, none": (
         lambda t: cadcam.Viewpoint.exact("a", t.camera, t.pose, sigma_px=None),
-        "sigma_px of viewpoint 'a' is None; expected a number",
+        "pixel noise of viewpoint 'a' is None; expected a positive number of px",
     ),
     "motion, list": (
         lambda t: cadcam.KnownMotion(t.pose).known_to([0.1], 0.0, about=[0, 0, 0]),
@@ -287,6 +287,57 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
     "distortion, text": (lambda t: cadcam.Camera.from_opencv(SIZE, t.camera.K, "none"), "distortion coefficients is"),
     "verify, no photo": (lambda t: cadcam.verify_part(t.part, [], t.located, None), "photos is none"),
     "unit, number": (lambda t: cadcam.read_model("a.stl", unit=1000), "unit is 1000"),
+    # numbers that are none, or beyond what they stand for
+    "draws, nan": (
+        lambda t: cadcam.monte_carlo_variability(t.estimate, rng=np.random.default_rng(1), draws=float("nan")),
+        "number of draws is nan",
+    ),
+    "nodes, none": (lambda t: cadcam.projection_map(t.estimate, nodes=None), "nodes is None.*at least 2"),
+    "threads, nan": (lambda t: cadcam.open_renderer(t.scene, threads=float("nan")), "threads is nan"),
+    "workers, text": (
+        lambda t: cadcam.make_dataset("never made", t.scene, cadcam.DatasetPlan(1, t.camera), workers="2"),
+        "workers is the text '2'.*a whole number",
+    ),
+    "contacts, nan": (
+        lambda t: cadcam.feature_edges(t.mesh, contact_tolerance_mm=float("nan")),
+        "contact_tolerance_mm is nan",
+    ),
+    "contrast, nan": (lambda t: cadcam.CorrelateOptions(least_contrast=float("nan")), "least_contrast is nan"),
+    "tilts, nan": (
+        lambda t: cadcam.find_marks(PICTURE, cadcam.parse_mark("dot:30mm"), normal_sd=float("nan")),
+        "normal_sd is nan",
+    ),
+    "edges, step nan": (lambda t: cadcam.edge_distances(PICTURE, t.wires, step_px=float("nan")), "step_px is nan"),
+    "edges, within nan": (lambda t: cadcam.edge_distances(PICTURE, t.wires, within=float("nan")), "within is nan"),
+    "odds, none": (lambda t: cadcam.order_marks(np.eye(2), np.eye(2), odds=None), "odds is None"),
+    "pitch, nan": (lambda t: cadcam.write_cameras("never.yaml", t.camera, pixel_mm=float("nan")), "pixel_mm is nan"),
+    # in place of what a function needs
+    "lines, style": (lambda t: cadcam.overlay(PICTURE, t.wires, style="thin"), "style is the text 'thin'.*a LineStyle"),
+    "line options": (
+        lambda t: cadcam.visible_wireframe(t.scene, t.camera, t.pose, options="hidden"),
+        "options is the text 'hidden'.*a LineOptions",
+    ),
+    "correlate, options": (
+        lambda t: cadcam.correlate(PICTURE, cadcam.Template(PICTURE[:40, :40]), options=0.5),
+        "options is 0.5; expected a CorrelateOptions",
+    ),
+    "cameras, path": (lambda t: cadcam.write_cameras("never.yaml", "camera.json"), "cameras is the text.*read_camera"),
+    "viewer, pose": (lambda t: cadcam.viewer_parameters("pyvista", t.camera, None), "camera_from_world is None"),
+    "viewer, near": (
+        lambda t: cadcam.viewer_parameters("pyvista", t.camera, t.pose, near_mm=None),
+        "near_mm is None; expected a number",
+    ),
+    "marks, path": (lambda t: cadcam.measure_marks("station.json", []), "stations is the text.*a GantryCalibration"),
+    "gantry, none": (lambda t: cadcam.calibrate_gantry("6", [None]), r"positions\[0\] is None.*a PlaneCalibration"),
+    "place, survey": (
+        lambda t: cadcam.calibrate_position("1", (0, 0), [[0, 0]], [[0, 0]]),
+        "placement is a list of 1.*a Placement",
+    ),
+    "records, list": (
+        lambda t: cadcam.open_store(":memory:").add([cadcam.Record("part")]),
+        r"records\[0\] is a list of 1; expected a Record: one by one: store.add\(\*records\)",
+    ),
+    "record, pose": (lambda t: cadcam.Record("part", pose=t.pose), "pose of a record is a Rigid.*a PoseEstimate"),
 }
 
 
@@ -311,43 +362,6 @@ def test_a_value_is_told_by_its_kind_never_by_its_content() -> None:
     ]
 
 
-def test_numbers_are_pythons_and_numpys_and_nothing_else() -> None:
-    for number in (1, 1.5, np.float32(2), np.int64(3), np.array(4.0), float("nan"), True):
-        expect_number(number, "x")
-    for other in ("1", None, [1], np.zeros(1), object()):
-        with pytest.raises(BadValue, match=r"^x is .*; expected a number$"):
-            expect_number(other, "x")
-
-
-@dataclass
-class Numbers:
-    """One field of each kind that is looked at, and one that is not."""
-
-    real: float = 1.0
-    whole: int = 1
-    perhaps: int | None = None
-    both: tuple[float, float] = (1.0, 2.0)
-    each: tuple[int, int, int] | None = None
-    other: object = "x"
-
-
-def test_numbers_of_a_dataclass_are_those_that_it_annotates() -> None:
-    for right in ({}, {"whole": np.int64(3), "both": [1, 2]}, {"both": np.zeros(2), "each": (1, 2.0, 3)}, {"real": 2}):
-        expect_numbers(Numbers(**right))
-    wrong = {
-        "real": ({}, "real is a dict of 0; expected a number"),
-        "whole": (float("nan"), "whole is nan; expected a whole number"),
-        "perhaps": (0.5, "perhaps is 0.5; expected a whole number"),
-        "both": ((1.0,), "both is a tuple of 1; expected 2 numbers"),
-        "each": ((1, 2, "3"), r"each\[2\] is the text '3'; expected a number"),
-    }
-    for name, (value, words) in wrong.items():
-        with pytest.raises(BadValue, match=f"^{words}$"):
-            expect_numbers(Numbers(**{name: value}))
-    with pytest.raises(BadValue, match="both is a dict of 2"):
-        expect_numbers(Numbers(both={0: 1, 1: 2}))
-
-
 def test_names_are_several_texts() -> None:
     assert expect_names(["k1", "k2"], "free_lens") == ("k1", "k2")
     with pytest.raises(BadValue, match=r"free_lens is the text 'k1'; expected a list of names: \['k1'\]"):
@@ -366,6 +380,8 @@ def test_the_right_kinds_pass() -> None:
     assert expect_each(iter([1, 2]), "x", int) == (1, 2)
     with pytest.raises(BadValue, match=r"x\[1\] is None; expected an int"):
         expect_each([1, None], "x", int)
+    with pytest.raises(BadValue, match=r"x is an array of shape \(\); expected a list"):
+        expect_each(np.array("x"), "x", int)
 
 
 def test_every_value_of_ours_is_told_in_two_lines_of_a_terminal(things: Things) -> None:

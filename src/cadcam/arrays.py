@@ -41,6 +41,8 @@ def frozen(
     """
     try:
         given = np.asarray(values)
+        if given.dtype.kind == "c":  # numpy would drop the imaginary parts
+            raise BadValue(what, "complex", f"real numbers of shape {_text(shape, batched)}")
         array = np.array(given, dtype=dtype)
     except (TypeError, ValueError, OverflowError) as error:
         raise BadValue(what, repr(values)[:80], f"numbers of shape {_text(shape)}") from error

@@ -6,6 +6,7 @@ given through here first, so that a mesh in place of a part is not found out by 
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from collections.abc import Iterable, Mapping, Sized
@@ -70,6 +71,7 @@ _WAYS: Mapping[tuple[str, str], str] = {
     ("list", "Lens"): "such as cadcam.BrownConrady(k1, k2, p1, p2); OpenCV's by cadcam.Camera.from_opencv",
     ("list", "Observations"): "cadcam.Observations(p_world, q)",
     ("list", "Photo"): "cadcam.Photo.of(picture, camera)",
+    ("list", "Record"): "one by one: store.add(*records)",
     ("list", "Rigid"): "cadcam.Rigid.from_matrix(matrix) in mm; of several motions cadcam.Rigid.stack(motions)",
     ("list", "View"): "what a renderer's .render returns",
     ("int", "Generator"): "numpy.random.default_rng(seed)",
@@ -103,12 +105,43 @@ def expect(value: object, what: str, *kinds: type, optional: bool = False) -> No
     raise BadValue(what, said(value), _expected(value, kinds))
 
 
-def expect_number(value: object, what: str) -> None:
-    """Raise `BadValue` naming `what` unless value is one real number: Python's or numpy's; NaN and inf pass."""
-    if isinstance(value, (float, int)):  # at once: to ask for a protocol takes fifty times as long
+def expect_number(value: object, what: str, expected: str = "a number") -> None:
+    """Raise `BadValue` naming `what` unless value is one real number: Python's or numpy's; NaN and inf pass.
+
+    An integer beyond the range of float64 is refused: no arithmetic on it would be possible.
+    """
+    if isinstance(value, float):
         return
-    if isinstance(value, str) or not isinstance(value, SupportsFloat) or getattr(value, "shape", ()) != ():
-        raise BadValue(what, said(value), "a number")
+    if not isinstance(value, int):  # at once: to ask for a protocol takes fifty times as long
+        real = isinstance(value, SupportsFloat) and not isinstance(value, (str, complex))
+        if not real or getattr(value, "shape", ()) != ():
+            raise BadValue(what, said(value), expected)
+    try:
+        float(value)  # type: ignore[arg-type]  # it is a number, or an array () of anything
+    except OverflowError as error:
+        raise BadValue(what, "an integer of more than 308 digits", expected) from error
+    except (TypeError, ValueError) as error:
+        raise BadValue(what, said(value), expected) from error
+
+
+def expect_positive(value: object, what: str, expected: str = "a positive number", *, zero: bool = False) -> None:
+    """Raise `BadValue` naming `what` and what is expected unless value is one finite number above 0.
+
+    zero: 0 passes, too.
+    """
+    expect_number(value, what, expected)
+    number = float(value)  # type: ignore[arg-type]  # it is a number
+    if not (math.isfinite(number) and (number > 0 or (zero and number == 0))):
+        raise BadValue(what, value, expected)
+
+
+def expect_count(value: object, what: str, *, least: int = 1, expected: str = "") -> None:
+    """Raise `BadValue` naming `what` unless value is one whole number, of any type, of at least `least`."""
+    expected = expected or f"a whole number of at least {least}"
+    expect_number(value, what, expected)
+    number = float(value)  # type: ignore[arg-type]  # it is a number
+    if not (number.is_integer() and number >= least):
+        raise BadValue(what, value, expected)
 
 
 def expect_numbers(value: DataclassInstance) -> None:
@@ -148,7 +181,10 @@ def _expect_number_of(value: object, what: str, kind: str) -> None:
 
 
 def _length(value: object) -> int:
-    return len(value) if isinstance(value, Sized) and not isinstance(value, Mapping) else -1
+    """Return the length of what has one; -1 for mappings, arrays () and what has none."""
+    if not isinstance(value, Sized) or isinstance(value, Mapping) or getattr(value, "shape", None) == ():
+        return -1
+    return len(value)
 
 
 def expect_names(values: Iterable[str], what: str) -> tuple[str, ...]:
@@ -163,7 +199,8 @@ def expect_each(values: Iterable[_Value], what: str, *kinds: type, optional: boo
 
     optional: values may be None. One value in place of several is refused, too.
     """
-    if isinstance(values, (*kinds, str, Mapping)) or not isinstance(values, Iterable):
+    single = isinstance(values, (*kinds, str, Mapping)) or getattr(values, "shape", None) == ()
+    if single or not isinstance(values, Iterable):
         wanted = _names(kinds)
         one = isinstance(values, kinds)
         raise BadValue(what, said(values), f"a list of them: [{what}]" if one else f"a list, each {wanted}")

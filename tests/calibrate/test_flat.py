@@ -128,12 +128,13 @@ def on_conic_with_centre():
 @pytest.mark.parametrize(
     ("p", "error"),
     [
+        (GRID[:0], TooFewPoints),
         (GRID[:3], TooFewPoints),
         (GRID[[0, 0, 1, 2, 2]], TooFewPoints),
         (np.array([[0.0, 0], [1, 1], [2, 2], [3, 3], [4, 4]]), DegenerateGeometry),
         (np.array([[0.0, 0], [1, 1], [2, 2], [5, 3]]), DegenerateGeometry),
     ],
-    ids=["three", "repeats", "on a line", "all but one on a line"],
+    ids=["none", "three", "repeats", "on a line", "all but one on a line"],
 )
 def test_points_that_tell_no_plane_are_refused(p, error):
     with pytest.raises(error):

@@ -282,6 +282,8 @@ def test_a_picture_above_the_pixel_limit_is_refused_by_size_before_it_is_unpacke
     for name in ("a.png", "deep.png"):
         with pytest.raises(UnreadableFile, match=r"is 7 x 5 px = 35 pixels.*limit of 34; .*max_pixels=35"):
             read_picture(tmp_path / name, max_pixels=34)
+        with pytest.raises(UnreadableFile, match="more than the limit of nan"):
+            read_picture(tmp_path / name, max_pixels=float("nan"))  # type: ignore[arg-type]  # a limit nobody exceeds
         assert read_picture(tmp_path / name, max_pixels=35).shape[:2] == (5, 7)
 
 

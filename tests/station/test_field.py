@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -76,3 +78,18 @@ def test_the_real_mechanics_of_table_6_11_is_foretold_from_its_neighbours(table_
         sigma = np.sqrt(field.error_covariance(grid[k : k + 1], W)[:, 0, 0])
         z.append((np.einsum("aN,Na->a", W[:, 0], m[kept]) - m[k]) / sigma)
     assert 0.75 < np.sqrt(np.mean(np.square(z))) < 4 / 3
+
+
+def test_a_field_between_many_places_is_added_up_hypothesis_by_hypothesis(rng):
+    """All at once they would take gigabytes for a day of 1000 marks."""
+    field = fit_field(GRID, smooth(GRID), 1e6 * QUIET)  # of so noisy a field many hypotheses are probable
+    at = rng.uniform(0, 8000, (200, 2))
+    W, pairs = field.weights(at), 8 * (len(at) + len(GRID)) ** 2
+    assert len(field.probability[0]) > 30
+    tracemalloc.start()
+    try:
+        field.error_covariance(at, W)
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    assert peak < 20 * pairs  # a dozen steps of one covariance, the sum, and what is done with it

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import combinations
+
 import numpy as np
 import pytest
 
@@ -42,6 +44,15 @@ def test_distances_know_what_two_marks_have_in_common(hall, stations, rng):
     found = measure_marks(stations["6"], seen)
     alone = np.hypot(*found.sigma[:, 0])
     assert found.distance("A", "B").sigma < 0.9 * alone
+
+
+def test_a_distance_has_the_variance_that_the_joint_covariance_gives_it(hall, stations, rng):
+    found = measure_marks(stations, day(hall, rng, marks=9).sightings)
+    for one, other in combinations(found.names, 2):
+        d = found.point(other) - found.point(one)
+        gradient = np.concatenate([-d, d]) / np.linalg.norm(d)
+        variance = gradient @ found.joint_covariance(one, other) @ gradient
+        assert found.distance(one, other).sigma ** 2 == pytest.approx(variance, rel=1e-9)
 
 
 def test_a_day_s_distances_are_within_what_is_stated(hall, stations, rng):

@@ -71,3 +71,9 @@ def test_a_wrong_number_of_reflectors_is_refused():
 def test_names_have_to_be_different():
     with pytest.raises(BadValue, match="a different name"):
         Plate(PLATE.marks[:2], PLATE.reflectors, mark_names=("A", "A"))
+
+
+@pytest.mark.parametrize("sigma", [-0.1, np.nan, np.inf, "0.1"])
+def test_the_noise_of_a_survey_is_no_negative_number(sigma):
+    with pytest.raises(BadValue, match=r"sigma_mm of the survey is .*; expected a number of mm from 0 on"):
+        place_plate(PLATE, laid(), sigma_mm=sigma)

@@ -17,7 +17,7 @@ from cadcam.cad.facets import facet_edges, seam_angle
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable, corner_points, edge_table
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_number
+from cadcam.kinds import expect, expect_number, expect_positive
 
 __all__ = ["NO_EDGES", "EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges"]
 
@@ -98,12 +98,14 @@ def feature_edges(
     CREASE. `contacts` looks for edges that touch another body within `contact_tolerance_mm` (default 1e-5 of the
     diagonal, at most 0.5): they become CONTACT, or vanish where the surface simply continues flat across them (flush
     plates, T-junctions) unless `flush_seams` keeps them. Curves along which bodies pass through each other have no mesh
-    edge and are not found. Raises `BadValue` on angles outside (0, 180).
+    edge and are not found. Raises `BadValue` for an angle outside (0, 180) or a tolerance that is no length.
     """
     expect(mesh, "mesh", Mesh)
     expect_number(crease_angle_deg, "crease_angle_deg")
     if not 0 < crease_angle_deg < 180:
         raise BadValue("crease_angle_deg", crease_angle_deg, "degrees between 0 and 180")
+    if contact_tolerance_mm is not None:
+        expect_positive(contact_tolerance_mm, "contact_tolerance_mm", "a number of mm from 0 on", zero=True)
     table = edge_table(mesh)
     kind = _kinds(mesh, table, np.radians(crease_angle_deg), smooth_seams)
     if contacts:

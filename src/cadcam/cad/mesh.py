@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
-from cadcam.kinds import expect_number, said
+from cadcam.kinds import expect_positive, said
 
 if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
@@ -156,9 +156,7 @@ class Mesh:
 
     def scaled(self, factor: float) -> Mesh:
         """Return the mesh scaled by `factor` about the origin; the factor is positive and finite."""
-        expect_number(factor, "scale factor")
-        if not (np.isfinite(factor) and factor > 0):
-            raise BadValue("scale factor", factor, "a positive number")
+        expect_positive(factor, "scale factor")
         return replace(self, vertices=self.vertices * factor)
 
     def subset(self, parts: Iterable[str | int]) -> Mesh:

@@ -20,7 +20,7 @@ from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.fitted import Fitted, scaled
 from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
 from cadcam.geometry.ray import Ray
-from cadcam.kinds import expect_numbers
+from cadcam.kinds import expect_numbers, expect_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,8 +169,8 @@ class LineObservations(Brief):
         names = tuple(str(n) for n in self.names) or tuple(str(i + 1) for i in range(len(p)))
         if not len(p) == len(U) == len(names):
             raise BadValue("number of points, image coordinates, names", (len(p), len(U), len(names)), "one for all")
-        if self.sigma_px is not None and not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
-            raise BadValue("sigma_px", self.sigma_px, "a positive number of pixels, or None")
+        if self.sigma_px is not None:
+            expect_positive(self.sigma_px, "sigma_px", "a positive number of pixels, or None")
         object.__setattr__(self, "p_world", p)
         object.__setattr__(self, "U", U)
         object.__setattr__(self, "names", names)

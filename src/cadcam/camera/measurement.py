@@ -92,7 +92,7 @@ class Measurement:
         """Return the covariance (N, 3, 3) mm^2 of each point by itself."""
         total = self.from_pixels
         for source, E in self.effects:
-            total += E @ source.covariance @ np.swapaxes(E, -1, -2)
+            total += _weighed(E, source.covariance) @ np.swapaxes(E, -1, -2)
         return np.asarray(total)
 
     @property
@@ -106,8 +106,8 @@ class Measurement:
         Student's t for noise that was estimated: effective degrees of freedom by Welch and Satterthwaite (GUM, G.4),
         the pixels' noise and a calibration's covariance taken as one where both come from the same residuals.
         """
-        t = np.stack([self._student(range(len(self)), axis, coverage) for axis in np.eye(3)], axis=-1)
-        return np.asarray(t * self.sigma)
+        every = [_Variances.of(self, range(len(self)), axis) for axis in np.eye(3)]
+        return np.stack([np.sqrt(one.total) * one.student(coverage) for one in every], axis=-1)
 
     @property
     def p_value(self) -> Array:
@@ -124,7 +124,7 @@ class Measurement:
         """
         parts = {PIXELS: np.diagonal(self.from_pixels, axis1=-2, axis2=-1).copy()}
         for source, E in self.effects:
-            variance = np.einsum("nij,jk,nik->ni", E, source.covariance, E)
+            variance = np.einsum("nik,nik->ni", _weighed(E, source.covariance), E)
             parts[source.name] = parts.get(source.name, 0.0) + variance
         return {name: np.asarray(np.sqrt(np.maximum(variance, 0.0))) for name, variance in parts.items()}
 
@@ -149,41 +149,15 @@ class Measurement:
         length = float(np.linalg.norm(d))
         if one == other or length == 0:
             raise BadValue("the distance", f"between {one!r} and {other!r} at the same place", "two different points")
-        gradient = np.concatenate([-d, d]) / length
-        sigma = float(np.sqrt(gradient @ self.joint_covariance(one, other) @ gradient))
-        index = [self._index(one), self._index(other)]
-        t = self._student(index, gradient.reshape(2, 3), 0.95, together=True)
-        return Length(length, sigma, float(t[0]) * sigma)
+        found = _Variances.of(self, [self._index(one), self._index(other)], np.stack([-d, d]) / length, together=True)
+        sigma = float(np.sqrt(found.total[0]))
+        return Length(length, sigma, float(found.student(0.95)[0]) * sigma)
 
     def inconsistent(self, *, p_below: float = 1e-3) -> tuple[str, ...]:
         """Return the names of the points whose rays miss each other more than chance allows, the worst first."""
         p = np.nan_to_num(self.p_value, nan=1.0)
         ratio = self.chi2 / np.maximum(self.dof, 1)
         return tuple(self.names[i] for i in np.argsort(-np.nan_to_num(ratio)) if p[i] < p_below)
-
-    def _student(self, index: Sequence[int], gradient: Array, coverage: float, *, together: bool = False) -> Array:
-        """Return the factor of Student's t for gradient . point, for each point in `index`, or for their sum."""
-        from scipy.special import stdtrit
-
-        rows, by_owner = list(index), dict[int, tuple[float, Array]]()
-        g = np.broadcast_to(gradient, (len(rows), 3))
-
-        def add(owner: object, dof: float, variance: Array) -> None:
-            _, before = by_owner.get(id(owner), (dof, np.zeros(1)))
-            by_owner[id(owner)] = dof, before + variance
-
-        for part in self.noise:
-            each = np.einsum("ni,nij,nj->n", g, part.covariance[rows], g)
-            add(part.owner, part.dof, each.sum(keepdims=True) if together else each)
-        for source, E in self.effects:
-            along = np.einsum("ni,nik->nk", g, E[rows])
-            along = along.sum(axis=0, keepdims=True) if together else along
-            add(source.owner, source.dof, np.einsum("nk,kl,nl->n", along, source.covariance, along))
-        total = np.sum([variance for _, variance in by_owner.values()], axis=0)
-        doubt = np.sum([variance**2 / dof for dof, variance in by_owner.values()], axis=0)
-        with np.errstate(divide="ignore", invalid="ignore"):
-            effective = np.where(doubt > 0, total**2 / doubt, np.inf)
-        return np.asarray(stdtrit(np.minimum(effective, _NORMAL), 0.5 + 0.5 * coverage))
 
     def _index(self, name: str) -> int:
         if name in self.refused:
@@ -197,3 +171,50 @@ class Measurement:
         missed = len(self.inconsistent())
         doubt = f", {missed} whose rays miss each other: see .inconsistent()" if missed else ""
         return f"Measurement({len(self)} points{refused}{doubt}, {self.method})"
+
+
+@dataclass(frozen=True, slots=True)
+class _Variances:
+    """Variances (n,) mm^2 of n numbers by the owner of their cause, whose degrees of freedom stand beside them."""
+
+    by_owner: Mapping[int, tuple[float, Array]]
+
+    @classmethod
+    def of(cls, of: Measurement, index: Sequence[int], gradient: Array, *, together: bool = False) -> _Variances:
+        """Return those of gradient (3,) or (n, 3) . point for each of n points; `together`: of their sum alone."""
+        rows, by_owner = list(index), dict[int, tuple[float, Array]]()
+        g = np.broadcast_to(gradient, (len(rows), 3))
+
+        def add(owner: object, dof: float, variance: Array) -> None:
+            _, before = by_owner.get(id(owner), (dof, np.zeros(1)))
+            by_owner[id(owner)] = dof, before + variance
+
+        for part in of.noise:
+            each = np.einsum("ni,nij,nj->n", g, part.covariance[rows], g)
+            add(part.owner, part.dof, each.sum(keepdims=True) if together else each)
+        for source, E in of.effects:
+            along = np.einsum("ni,nik->nk", g, E[rows])
+            along = along.sum(axis=0, keepdims=True) if together else along
+            used = np.flatnonzero(along.any(axis=0))  # a gantry's visits have a column each: two points use few
+            along = along[:, used]
+            add(source.owner, source.dof, np.sum(along @ source.covariance[np.ix_(used, used)] * along, axis=1))
+        return cls(by_owner)
+
+    @property
+    def total(self) -> Array:
+        """Return the variances (n,) by all causes."""
+        return np.asarray(np.sum([variance for _, variance in self.by_owner.values()], axis=0))
+
+    def student(self, coverage: float) -> Array:
+        """Return the factors (n,) of Student's t, for effective degrees of freedom by Welch and Satterthwaite."""
+        from scipy.special import stdtrit
+
+        doubt = np.sum([variance**2 / dof for dof, variance in self.by_owner.values()], axis=0)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            effective = np.where(doubt > 0, self.total**2 / doubt, np.inf)
+        return np.asarray(stdtrit(np.minimum(effective, _NORMAL), 0.5 + 0.5 * coverage))
+
+
+def _weighed(E: Array, covariance: Array) -> Array:
+    """Return E covariance (N, 3, k) for E (N, 3, k), as one product: N of them would read the covariance N times."""
+    return np.asarray((E.reshape(3 * len(E), E.shape[2]) @ covariance).reshape(E.shape))

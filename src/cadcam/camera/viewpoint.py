@@ -21,7 +21,7 @@ from cadcam.errors import BadValue
 from cadcam.geometry.ray import Ray
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
-from cadcam.kinds import expect, expect_number
+from cadcam.kinds import expect, expect_positive
 
 _POSE, _EXTERNAL = slice(0, 6), 6
 
@@ -57,9 +57,7 @@ class KnownMotion(Brief):
         about (3,) is given in its old place, usually the focal centre: there sigma_mm is the error of its own position.
         """
         for name, value in (("sigma_mm", sigma_mm), ("sigma_rad", sigma_rad)):
-            expect_number(value, f"{name} of the motion")
-            if not (np.isfinite(value) and value >= 0):
-                raise BadValue(f"{name} of the motion", value, "a number from 0 on")
+            expect_positive(value, f"{name} of the motion", "a number from 0 on", zero=True)
         to_point = Rigid(translation=-frozen(about, "about", (3,)))
         Ad = to_point.inv.adjoint()
         local = np.diag([sigma_mm**2] * 3 + [sigma_rad**2] * 3)
@@ -99,13 +97,11 @@ class Viewpoint(Brief):
     def __post_init__(self) -> None:
         expect(self.camera, "camera", Camera)
         expect_motion(self.camera_from_world, "camera_from_world")
-        expect_number(self.sigma_px, f"sigma_px of viewpoint {self.name!r}")
-        if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
-            raise BadValue(
-                f"pixel noise of viewpoint {self.name!r}",
-                self.sigma_px,
-                "a positive number of px: state sigma_px, for the calibration does not tell it",
-            )
+        expect_positive(
+            self.sigma_px,
+            f"pixel noise of viewpoint {self.name!r}",
+            "a positive number of px: state sigma_px, for the calibration does not tell it",
+        )
         n = 11 + len(self.camera.lens.parameters)
         errors = tuple(
             (s, frozen(D, f"effect of {s.name}", (n, len(s.covariance)))) for s, D in self.errors if s.covariance.any()

@@ -30,7 +30,7 @@ from cadcam.dataset.view_renderer import ViewInputs
 from cadcam.dataset.worker import Files, Job, Task
 from cadcam.errors import BadValue, MissingCore, UnreadableFile
 from cadcam.files.jsontext import as_json
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_count
 from cadcam.native.core import library
 from cadcam.render.lines.seen import drawable_edges
 from cadcam.render.view import Scene
@@ -114,8 +114,8 @@ def _settled() -> None:
 
 def _check_makers(workers: int | None, cluster: str | None) -> None:
     """Raise now the errors that every worker would raise, and those that would come after the preparation."""
-    if workers is not None and workers < 1:
-        raise BadValue("workers", workers, "a whole number of at least 1")
+    if workers is not None:
+        expect_count(workers, "workers")
     try:
         library()
     except MissingCore as error:

@@ -14,8 +14,8 @@ from typing import Literal
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect, expect_numbers
+from cadcam.errors import UnknownName
+from cadcam.kinds import expect, expect_numbers, expect_positive
 
 LossName = Literal["squared", "huber", "cauchy", "tukey"]
 
@@ -40,8 +40,8 @@ class Loss:
         expect_numbers(self)
         if self.name not in _TUNING:
             raise UnknownName("loss", self.name, _TUNING)
-        if self.scale is not None and not (np.isfinite(self.scale) and self.scale > 0):
-            raise BadValue("scale of the loss", self.scale, "a positive number in the unit of the residuals, or None")
+        if self.scale is not None:
+            expect_positive(self.scale, "scale of the loss", "a positive number in the unit of the residuals, or None")
 
     @property
     def is_squared(self) -> bool:

@@ -19,7 +19,7 @@ from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import to_gray
 from cadcam.image.template import Template
-from cadcam.kinds import expect, expect_numbers
+from cadcam.kinds import expect, expect_count, expect_numbers, expect_positive
 from cadcam.native.correlate import registered, searched, shrunken
 
 _FULL_TURN = (-math.pi, math.pi)
@@ -55,13 +55,12 @@ class CorrelateOptions:
             raise BadValue("angles", self.angles, "(from, to) in rad, at most a full turn")
         if not 0.1 <= self.scales[0] <= self.scales[1] <= 10:
             raise BadValue("scales", self.scales, "(least, largest) between 0.1 and 10")
-        for name, value in (("count", self.count), ("candidates", self.candidates)):
-            if value < 1:
-                raise BadValue(name, value, "1 or more")
+        expect_count(self.count, "count")
+        expect_count(self.candidates, "candidates")
         if not 0 < self.least_score <= 1:
             raise BadValue("least_score", self.least_score, "a number above 0, at most 1")
-        if not self.apart > 0:
-            raise BadValue("apart", self.apart, "a number above 0")
+        expect_positive(self.apart, "apart", "a number above 0")
+        expect_positive(self.least_contrast, "least_contrast", "a number from 0 on", zero=True)
 
     @property
     def motions(self) -> int:
@@ -121,6 +120,7 @@ def correlate(gray: npt.ArrayLike, template: Template, *, options: CorrelateOpti
     with finer pixels. Raises `BadValue`, and `MissingCore` where cadcam was installed without its C core.
     """
     expect(template, "template", Template)
+    expect(options, "options", CorrelateOptions)
     picture = _Pyramid(gray)
     factor = template.coarsest()
     peaks = _search(picture, template, factor, options)

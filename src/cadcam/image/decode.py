@@ -118,7 +118,7 @@ def _check_size(path: str | os.PathLike[str], size: tuple[int, int], max_pixels:
     width, height = size
     if width < 1 or height < 1:
         raise UnreadableFile(path, f"is {width} x {height} px: no pixels", "export it again from its source")
-    if width * height > max_pixels:
+    if not width * height <= max_pixels:  # NaN is no limit to pass
         raise UnreadableFile(
             path,
             f"is {width} x {height} px = {width * height} pixels, more than the limit of {max_pixels}",

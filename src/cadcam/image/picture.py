@@ -20,7 +20,7 @@ from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.decode import Decoded, finished, first_pixel, stored
 from cadcam.image.suffixes import FORMS
-from cadcam.kinds import expect_path, said
+from cadcam.kinds import expect_path, expect_positive, said
 from cadcam.whole import write_whole
 
 MAX_PIXELS = 500_000_000
@@ -80,8 +80,8 @@ def read_picture_with_info(
 
 def check_full_scale(full_scale: float | None, name: str = "full_scale") -> None:
     """Raise `BadValue` naming `name` for what cannot be the stored value of white; None can."""
-    if full_scale is not None and not (np.isfinite(full_scale) and full_scale > 0):
-        raise BadValue(name, full_scale, "a positive number: the stored value that means white")
+    if full_scale is not None:
+        expect_positive(full_scale, name, "a positive number: the stored value that means white")
 
 
 def with_info(path: str | os.PathLike[str], data: bytes, read: Decoded) -> tuple[Picture, PictureInfo]:

@@ -93,6 +93,7 @@ class Record(Brief):
     def __post_init__(self) -> None:
         expect(self.part, "part of a record", str)
         expect(self.time, "time of a record", datetime)
+        expect(self.pose, "pose of a record", PoseEstimate, optional=True)
         expect_numbers(self)
         if not self.part:
             raise BadValue("part of a record", "empty", "the name of the kind of part")

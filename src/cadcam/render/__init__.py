@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cadcam.errors import BadValue, MissingCore, UnknownName
+from cadcam.errors import MissingCore, UnknownName
 
 if TYPE_CHECKING:
     from cadcam.render.view import Renderer, Scene
@@ -30,14 +30,14 @@ def open_renderer(scene: Scene, name: str = "auto", *, threads: int | None = Non
     default one per core. Raises `MissingCore`, `MissingExtra` or `MissingOpenGL` if a renderer requested by name is not
     available.
     """
-    from cadcam.kinds import expect
+    from cadcam.kinds import expect, expect_count
     from cadcam.render.view import Scene
 
     expect(scene, "scene", Scene)
     if name not in ("auto", *RENDERERS):
         raise UnknownName("renderer", name, ("auto", *RENDERERS))
-    if threads is not None and threads < 1:
-        raise BadValue("threads", threads, "a whole number of at least 1")
+    if threads is not None:
+        expect_count(threads, "threads")
     if name == "auto":
         name, _ = auto_choice()
     if name == "gl":

@@ -8,14 +8,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 from types import MappingProxyType
 
 import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect_each, expect_numbers
+from cadcam.kinds import expect_each, expect_numbers, expect_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +32,7 @@ class Lamp:
         expect_numbers(self)
         if len(self.towards) != 3 or not 0 < sum(x * x for x in self.towards) < float("inf"):
             raise BadValue("direction towards the lamp", self.towards, "a direction (x, y, z), not zero")
-        _check("strength of the lamp", self.strength)
+        expect_positive(self.strength, "strength of the lamp", "a number of at least 0", zero=True)
         if not 0 <= self.size_deg <= 90:
             raise BadValue("size_deg of the lamp", self.size_deg, "degrees from 0 to 90")
 
@@ -59,13 +58,8 @@ class Light:
     def __post_init__(self) -> None:
         expect_numbers(self)
         object.__setattr__(self, "lamps", expect_each(self.lamps, "lamps", Lamp))
-        _check("strength of the flash", self.flash)
-        _check("ambient light", self.ambient)
-
-
-def _check(what: str, value: float) -> None:
-    if not (isfinite(value) and value >= 0):
-        raise BadValue(what, value, "a number of at least 0")
+        expect_positive(self.flash, "strength of the flash", "a number of at least 0", zero=True)
+        expect_positive(self.ambient, "ambient light", "a number of at least 0", zero=True)
 
 
 # Z is up in all of them, as in `standard_view`

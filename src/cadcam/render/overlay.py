@@ -18,7 +18,7 @@ from cadcam.image.draw import draw_polylines
 from cadcam.image.edges import EdgePoints, canny, distance_to_edges
 from cadcam.image.picture import checked, equalized, to_gray, to_rgb
 from cadcam.image.svg import SvgLayer, write_svg
-from cadcam.kinds import expect, expect_number, expect_numbers, expect_path
+from cadcam.kinds import expect, expect_number, expect_numbers, expect_path, expect_positive
 from cadcam.render.lines.wireframe import Polylines, Wireframe
 from cadcam.render.view import View
 
@@ -67,8 +67,10 @@ class LineStyle:
 
     def __post_init__(self) -> None:
         expect_numbers(self)
+        expect(self.color_by, "color_by", str)
         if self.color_by not in ("kind", "part", "one"):
             raise BadValue("color_by", repr(self.color_by), "'kind', 'part' or 'one'")
+        expect(self.kinds, "kinds", Mapping)
 
 
 PLAIN_STYLE = LineStyle()
@@ -80,6 +82,7 @@ def overlay(photo: npt.ArrayLike, wireframe: Wireframe, *, style: LineStyle = PL
     Raises `SizeMismatch` unless the photo has the camera's size.
     """
     expect(wireframe, "wireframe", Wireframe)
+    expect(style, "style", LineStyle)
     picture = to_rgb(fitting(photo, wireframe.camera))
     for layer in _layers(wireframe, style):
         picture = draw_polylines(
@@ -99,6 +102,7 @@ def write_overlay_svg(
     """Write the wireframe as SVG, one group per colour, over the embedded photo (of the camera's size) if given."""
     expect_path(path)
     expect(wireframe, "wireframe", Wireframe)
+    expect(style, "style", LineStyle)
     embedded = None if photo is None else fitting(photo, wireframe.camera)
     write_svg(path, wireframe.camera.size, list(_layers(wireframe, style)), photo=embedded, title=title)
 
@@ -128,6 +132,8 @@ def overlay_on_edges(
     `edges` default to `canny` of the photo; `style` to the thesis' black lines.
     """
     expect(wireframe, "wireframe", Wireframe)
+    expect(edges, "edges", EdgePoints, optional=True)
+    expect(style, "style", LineStyle, optional=True)
     gray = to_gray(fitting(photo, wireframe.camera))
     edges = canny(gray) if edges is None else edges
     picture = to_rgb(0.25 + 0.35 * gray)
@@ -164,6 +170,9 @@ def edge_distances(
     line and not along it. Only samples inside the picture are used. `edges` default to `canny` of the photo.
     """
     expect(wireframe, "wireframe", Wireframe)
+    expect(edges, "edges", EdgePoints, optional=True)
+    expect_positive(step_px, "step_px", "a positive number of px")
+    expect_positive(within, "within", "an angle of at least 0 rad", zero=True)
     gray = to_gray(fitting(photo, wireframe.camera))
     edges = canny(gray) if edges is None else edges
     q, normal, line = wireframe.visible.points_along(step_px / _PARTS)

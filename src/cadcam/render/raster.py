@@ -23,6 +23,7 @@ from cadcam.cad.topology import is_solid
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect_count
 from cadcam.native.core import LONGEST, NativeLens, NativeScene, RasterFrame, Request, Workers
 from cadcam.render.lens_tables import TABLES
 from cadcam.render.memory import Buffers, check_memory
@@ -58,8 +59,8 @@ class RasterRenderer:
     def __init__(
         self, scene: Scene, *, threads: int | None = None, backs: bool = True, solid: bool | None = None
     ) -> None:
-        if threads is not None and threads < 1:
-            raise BadValue("threads", threads, "a whole number of at least 1")
+        if threads is not None:
+            expect_count(threads, "threads")
         mesh = scene.mesh
         if not mesh.n_faces:
             raise DegenerateGeometry("a mesh without faces cannot be rendered")

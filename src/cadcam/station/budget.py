@@ -9,7 +9,7 @@ from types import MappingProxyType
 import numpy as np
 
 from cadcam.camera.measurement import Measurement
-from cadcam.errors import BadValue
+from cadcam.kinds import expect_positive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -20,8 +20,7 @@ class Budget:
 
     def __post_init__(self) -> None:
         for cause, value in self.contributions.items():
-            if not (np.isfinite(value) and value >= 0):
-                raise BadValue(f"contribution of {cause!r}", value, "mm, from 0 on")
+            expect_positive(value, f"contribution of {cause!r}", "mm, from 0 on", zero=True)
         object.__setattr__(self, "contributions", MappingProxyType(dict(self.contributions)))
 
     @property

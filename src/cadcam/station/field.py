@@ -62,8 +62,10 @@ class DeviationField(Brief):
         return np.stack([np.exp(p @ np.log(h[:, 1:3])) for p, h in pairs])
 
     def _covariance(self, axis: int, places: Array) -> Array:
-        each = _covariances(self.hypotheses[axis], places, places)
-        return np.asarray(np.einsum("h,hij->ij", self.probability[axis], each))
+        total = np.zeros((len(places), len(places)))
+        for h, p in zip(self.hypotheses[axis], self.probability[axis], strict=True):  # at once they fill the memory
+            total += p * _covariances(h[None], places, places)[0]
+        return total
 
     def _weights(self, axis: int, places: Array) -> Array:
         h, ones = self.hypotheses[axis], np.ones(len(self.positions))

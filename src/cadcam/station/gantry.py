@@ -10,6 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewPoints
+from cadcam.kinds import expect, expect_each, expect_positive
 from cadcam.station.cross_prediction import DeviationMap, deviation_map, view_covariance
 from cadcam.station.field import DeviationField, fit_field
 from cadcam.station.plane import PlaneCalibration
@@ -32,8 +33,7 @@ class Repeatability(Brief):
     def stated(cls, sigma_x: float, sigma_y: float) -> Repeatability:
         """Return the repeatability with these standard deviations, mm."""
         for name, value in (("sigma_x", sigma_x), ("sigma_y", sigma_y)):
-            if not (np.isfinite(value) and value >= 0):
-                raise BadValue(f"{name} of the repeatability", value, "mm, from 0 on")
+            expect_positive(value, f"{name} of the repeatability", "mm, from 0 on", zero=True)
         return cls(np.diag([sigma_x**2, sigma_y**2]))
 
     @property
@@ -64,8 +64,7 @@ class Sighting(Brief):
     @classmethod
     def of(cls, name: str, camera: str, position: Floats, q: Floats, *, sigma_px: float, picture: str = "") -> Sighting:
         """Return a sighting whose pixel coordinates each have this standard deviation."""
-        if not (np.isfinite(sigma_px) and sigma_px > 0):
-            raise BadValue(f"sigma_px of {name!r}", sigma_px, "a positive number of px")
+        expect_positive(sigma_px, f"sigma_px of {name!r}", "a positive number of px")
         return cls(name, camera, np.asarray(position), np.asarray(q), sigma_px**2 * np.eye(2), picture)
 
 
@@ -79,8 +78,7 @@ class Recalibration:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "known", frozen(self.known, "known place of the mark", (2,)))
-        if not (np.isfinite(self.sigma_mm) and self.sigma_mm >= 0):
-            raise BadValue("sigma_mm of the known mark", self.sigma_mm, "mm, from 0 on")
+        expect_positive(self.sigma_mm, "sigma_mm of the known mark", "mm, from 0 on", zero=True)
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -132,6 +130,8 @@ def calibrate_gantry(
     camera: str, positions: Sequence[PlaneCalibration], *, repeatability: Repeatability | None = None
 ) -> GantryCalibration:
     """Return the calibration of a camera from those of its positions, one or more, no two of them the same."""
+    positions = expect_each(positions, "positions", PlaneCalibration)
+    expect(repeatability, "repeatability", Repeatability, optional=True)
     if not positions:
         raise TooFewPoints(f"the calibration of camera {camera!r}", 0, 1, of="positions")
     again = repeatability or Repeatability()
@@ -145,7 +145,7 @@ def calibrate_gantry(
         if one.lens is not positions[0].lens:
             raise BadValue(f"lens of {one.name}", "another one", f"the lens of {positions[0].name}, at all positions")
     deviations = deviation_map(positions).deviation if len(positions) > 1 else np.zeros((1, 2))
-    return GantryCalibration(camera, tuple(positions), again, fit_field(grid, deviations, _noise(positions, again)))
+    return GantryCalibration(camera, positions, again, fit_field(grid, deviations, _noise(positions, again)))
 
 
 def _noise(positions: Sequence[PlaneCalibration], again: Repeatability) -> Array:

@@ -23,6 +23,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.charge import Noise
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.image.sensor.video import Gamma, Quantisation
+from cadcam.kinds import expect_positive
 from cadcam.station.plate import Plate, turn
 
 ROBOTS = {"1": (19000.0, 27500.0, 12800.0, 22300.0), "6": (4500.0, 13000.0, 12800.0, 22300.0)}
@@ -143,8 +144,7 @@ class Hall:
     def __post_init__(self) -> None:
         for name in ("survey_mm", "backlash_mm", "vibration_mm", "noise_px"):
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise BadValue(f"{name} of the hall", value, "a number from 0 on")
+            expect_positive(value, f"{name} of the hall", "a number from 0 on", zero=True)
 
     def gantry(self, name: str) -> Gantry:
         """Return a gantry by its name. Raises `UnknownName`."""

@@ -16,6 +16,7 @@ from cadcam.arrays import Array
 from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
+from cadcam.kinds import expect, expect_each, expect_positive
 from cadcam.station.cross_prediction import plate_effect
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting
 from cadcam.station.interpolation import NEAR_MM, RULES, Rule, check_inside, weights
@@ -51,7 +52,11 @@ def measure_marks(
     outside of the calibrated ones, unless `extrapolate`, and `DegenerateGeometry` for a pixel that does not show the
     floor.
     """
+    expect(stations, "stations", GantryCalibration, Mapping)
     known = {stations.camera: stations} if isinstance(stations, GantryCalibration) else stations
+    expect_each(known.values(), "stations", GantryCalibration)
+    sightings = expect_each(sightings, "sightings", Sighting)
+    expect_positive(near_mm, "near_mm", "a number of mm from 0 on", zero=True)
     if rule not in RULES:
         raise UnknownName("rule", rule, RULES)
     if not sightings:

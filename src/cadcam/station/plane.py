@@ -18,6 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
 from cadcam.errors import DegenerateGeometry
+from cadcam.kinds import expect
 from cadcam.station.plate import Placement
 
 _STEP = 1e-30  # step of complex-step derivatives, which have no cancellation
@@ -132,6 +133,8 @@ def calibrate_position(
     by default from the residuals. lens: a calibrated camera whose distortion is removed from the pixels (nothing else
     of it is used). Raises `TooFewPoints`, `DegenerateGeometry`.
     """
+    expect(placement, "placement", Placement)
+    expect(lens, "lens", Camera, optional=True)
     at, plate = frozen(position, "calibration position", (2,)), placement.plate
     pixels = frozen(q, "pixels of the marks", (len(plate.marks), 2), finite=False)
     seen = np.isfinite(pixels).all(axis=1)

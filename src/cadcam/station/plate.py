@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
-from cadcam.kinds import expect_numbers
+from cadcam.kinds import expect, expect_numbers, expect_positive
 
 _MOST_ORDERS = 6  # reflectors of which all orders are tried, to name a wrong one
 _GROSS = 5.0  # residual in units of the stated noise beyond which the survey is not of this plate
@@ -50,8 +50,7 @@ class Plate(Brief):
                 raise BadValue(f"{what} names", names, f"a different name for each of {len(points)} {what}s")
             object.__setattr__(self, f"{what}s", points)
             object.__setattr__(self, f"{what}_names", names)
-        if not (np.isfinite(self.sigma_mm) and self.sigma_mm >= 0):
-            raise BadValue("sigma_mm of the plate", self.sigma_mm, "a number from 0 on")
+        expect_positive(self.sigma_mm, "sigma_mm of the plate", "a number from 0 on", zero=True)
 
     @classmethod
     def b4(cls, *, sigma_mm: float = 0.2) -> Plate:
@@ -132,6 +131,9 @@ def place_plate(plate: Plate, surveyed: Floats, *, sigma_mm: float | None = None
     `DegenerateGeometry` where the reflectors coincide, or where the survey does not fit this plate: if it fits in
     another order, that is named.
     """
+    expect(plate, "plate", Plate)
+    if sigma_mm is not None:
+        expect_positive(sigma_mm, "sigma_mm of the survey", "a number of mm from 0 on", zero=True)
     q = frozen(surveyed, "surveyed reflectors", (None, 2))
     p = plate.reflectors
     if len(q) != len(p):

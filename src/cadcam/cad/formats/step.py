@@ -18,7 +18,8 @@ import numpy as np
 from cadcam.cad.formats.gltf import GltfDocument, Shape, collected
 from cadcam.cad.formats.model import Model
 from cadcam.cad.units import MM
-from cadcam.errors import BadValue, MissingExtra, UnreadableFile
+from cadcam.errors import MissingExtra, UnreadableFile
+from cadcam.kinds import expect_positive
 
 # A part whose diagonal fills 2000 pixels then has a chordal error of 0.1 pixel.
 CHORD_SHARE = 5e-5
@@ -71,8 +72,8 @@ def declared_unit(data: bytes) -> str:
 
 
 def _positive(tolerance: float | None) -> float | None:
-    if tolerance is not None and not (np.isfinite(tolerance) and tolerance > 0):
-        raise BadValue("chordal_tolerance_mm", tolerance, "a positive length in mm")
+    if tolerance is not None:
+        expect_positive(tolerance, "chordal_tolerance_mm", "a positive length in mm")
     return tolerance
 
 

@@ -29,7 +29,7 @@ from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each, expect_names
+from cadcam.kinds import expect, expect_each, expect_names, expect_positive
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-14)  # of the cost: the remaining error is about 1e-5 sigma
 _VIEWS = 4  # with fewer, their scatter is not meaningful
@@ -218,8 +218,7 @@ def _control(model: JointModel, views: Sequence[Observations], sigma: float | Ma
     for name, value in by_name.items():
         if name not in seen:
             raise UnknownName("control point", name, seen)
-        if not (np.isfinite(value) and value > 0):
-            raise BadValue(f"control_sigma of point {name!r}", value, "a positive number, mm")
+        expect_positive(value, f"control_sigma of point {name!r}", "a positive number, mm")
     place = {name: i for i, name in enumerate(n for n in seen if n in by_name)}
     index = np.full(model.measured.shape, len(place))
     for j, view in enumerate(views):

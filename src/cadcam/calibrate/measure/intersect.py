@@ -21,9 +21,9 @@ import numpy as np
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.camera.error_source import ErrorSource, distinct_sources, index_of
 from cadcam.camera.viewpoint import Viewpoint
-from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
 from cadcam.geometry.ray import Ray, nearest_to_all
+from cadcam.kinds import expect_positive
 
 _USELESS = 1 / 3  # standard deviation over distance beyond which first-order propagation is meaningless
 _ONE_PLACE = 1e-9  # distance of viewpoints over their distance from the world's origin: rounding
@@ -47,8 +47,7 @@ class Surface:
     source: ErrorSource = field(init=False)
 
     def __post_init__(self) -> None:
-        if not (np.isfinite(self.sigma_mm) and self.sigma_mm >= 0):
-            raise BadValue("plane_sigma_mm", self.sigma_mm, "a number of mm from 0 on")
+        expect_positive(self.sigma_mm, "plane_sigma_mm", "a number of mm from 0 on", zero=True)
         source = ErrorSource("height of the plane", np.array([[self.sigma_mm**2]]), self.plane)
         object.__setattr__(self, "source", source)
 

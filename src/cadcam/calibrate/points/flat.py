@@ -17,10 +17,10 @@ from cadcam.camera.line_camera import LINE_NAMES, LineCamera, LineEstimate, Line
 from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
-from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
 from cadcam.fit.dlt import dlt
 from cadcam.fit.least_squares import cofactor, minimise
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_positive
 
 _ONE_HEIGHT = 1e-6  # range of Z over the plane's size: 1 um over a metre
 
@@ -32,6 +32,8 @@ def calibrate_plane(observations: Observations) -> PlaneEstimate:
     """
     expect(observations, "observations", Observations)
     p, q = observations.p_world[:, :2], observations.q
+    if not len(p):  # of none there is no extent; `dlt` counts the others
+        raise TooFewPoints("the calibration of a plane", 0, 4)
     spread, size = float(np.ptp(observations.p_world[:, 2])), float(np.ptp(p, axis=0).max())
     if spread > _ONE_HEIGHT * size:
         raise DegenerateGeometry(
@@ -113,8 +115,7 @@ def _pixel_noise(estimate: PlaneEstimate, sigma_px: float | None) -> float:
     noise_px = estimate.noise_px if sigma_px is None else sigma_px
     if not np.isfinite(estimate.noise_px):
         raise BadValue("pixel noise of the calibration", "unknown", "five points or more, or sigma_px stated with them")
-    if not (np.isfinite(noise_px) and noise_px > 0):
-        raise BadValue("sigma_px", noise_px, "a positive number of px")
+    expect_positive(noise_px, "sigma_px", "a positive number of px")
     return noise_px
 
 

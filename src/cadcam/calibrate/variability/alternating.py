@@ -15,7 +15,7 @@ from cadcam.camera.extended_pinhole import EXTERNALS, NAMES
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.sampling import Progress
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_positive
 
 _TRIES = 100  # sets of poses drawn per set of visible ones
 
@@ -96,8 +96,7 @@ def _refuse(estimate: CameraEstimate, method: Method, visible: bool, spread_mm: 
     if not visible and method == "reprojection":
         raise BadValue("visible", False, "True for least squares: there is nothing to see behind a camera")
     for what, value in (("spread_mm", spread_mm), ("spread_deg", spread_deg)):
-        if not (np.isfinite(value) and value >= 0):
-            raise BadValue(what, value, "0 or more")
+        expect_positive(value, what, "0 or more", zero=True)
 
 
 def _poses(

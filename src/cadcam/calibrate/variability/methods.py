@@ -30,7 +30,7 @@ from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.global_search import polished
 from cadcam.fit.least_squares import cofactor
 from cadcam.fit.sampling import LogDensity, Progress, Walk, metropolis, refuse_unmixed
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_count, expect_positive
 
 BLOCK = 256  # draws per block; each block's noise is drawn whole, so that longer runs begin with the same draws
 CHAINS = 64
@@ -237,17 +237,14 @@ def walk_of(steps: int, chains: int = CHAINS) -> Walk:
 def noise_of(estimate: CameraEstimate, sigma_px: float | None, sigma_mm: float = 0.0) -> float:
     """Return the given pixel noise, else the estimate's; `BadValue` if there is none or it is not valid."""
     noise = estimate.noise_px if sigma_px is None else sigma_px
-    if not (np.isfinite(noise) and noise > 0):
-        raise BadValue("sigma_px", noise, "a positive number of px; state it, the residuals do not tell it here")
-    if not (np.isfinite(sigma_mm) and sigma_mm >= 0):
-        raise BadValue("sigma_mm", sigma_mm, "the noise of a world coordinate, 0 mm or more")
+    expect_positive(noise, "sigma_px", "a positive number of px; state it, the residuals do not tell it here")
+    expect_positive(sigma_mm, "sigma_mm", "the noise of a world coordinate, 0 mm or more", zero=True)
     return float(noise)
 
 
 def blocks(draws: int) -> Iterator[int]:
     """Yield the number of draws of each block; `BadValue` for too few draws."""
-    if draws < 2:
-        raise BadValue("number of draws", draws, "2 at least; 2000 know a sigma to 1.6 %")
+    expect_count(draws, "number of draws", least=2, expected="2 at least; 2000 know a sigma to 1.6 %")
     for begin in range(0, draws, BLOCK):
         yield min(BLOCK, draws - begin)
 

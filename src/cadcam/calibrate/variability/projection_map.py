@@ -9,7 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_count, expect_positive
 
 NODES = 65  # along the longer side of the picture
 
@@ -46,6 +46,7 @@ def projection_map(
     expect(estimate, "estimate", CameraEstimate)
     if depth_mm is not None and plane is not None:
         raise BadValue("surface", "a depth and a plane", "one of them")
+    expect_count(nodes, "nodes", least=2)
     camera = estimate.camera
     h, w = (max(2, round(nodes * n / max(camera.size))) for n in (camera.height, camera.width))
     x, y = np.linspace(-0.5, camera.width - 0.5, w), np.linspace(-0.5, camera.height - 0.5, h)
@@ -61,8 +62,7 @@ def projection_map(
 def _at_depth(estimate: CameraEstimate, rays: Array, depth_mm: float | None) -> tuple[Array, str]:
     p = estimate.camera_from_world @ estimate.observations.p_world
     depth = float(p[:, 2].mean()) if depth_mm is None else depth_mm
-    if not (np.isfinite(depth) and depth > 0):
-        raise BadValue("depth_mm", depth, "a positive distance along the optical axis")
+    expect_positive(depth, "depth_mm", "a positive distance along the optical axis")
     return rays * (depth / rays[..., 2:]), f"at {depth:.4g} mm along the optical axis"
 
 

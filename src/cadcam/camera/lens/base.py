@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -12,7 +13,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, Mask, in_parts
 from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 from cadcam.errors import BadValue
-from cadcam.kinds import said
+from cadcam.kinds import expect_number, said
 
 
 @dataclass(frozen=True)
@@ -27,7 +28,8 @@ class Lens(ABC):
             name, value = field.name, getattr(self, field.name)
             if not isinstance(value, (float, int, np.floating, np.integer)):
                 raise BadValue(f"lens coefficient {name}", said(value), "a number; a list of them is given as *list")
-            if not np.isfinite(value):
+            expect_number(value, f"lens coefficient {name}")
+            if not math.isfinite(value):
                 raise BadValue(f"lens coefficient {name}", value, "a finite number")
             object.__setattr__(self, name, float(value))
 

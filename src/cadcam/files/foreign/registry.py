@@ -19,7 +19,8 @@ from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 from cadcam.files.foreign.losses import prepared, refuse
 from cadcam.files.foreign.model import ConversionLoss, Foreign, Format, NamedCamera, WriteOptions
 from cadcam.files.foreign.source import ForeignFile
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect, expect_positive
 from cadcam.whole import write_whole
 
 # name: module and the format in it; in the order in which a file is tested for them
@@ -144,6 +145,10 @@ def write_cameras(
     the format has none of its own (mm). pixel_mm: the pixel pitch, where the format requires a sensor in mm. The files
     are read back before they are written to disk.
     """
+    expect(cameras, "cameras", Camera, NamedCamera, Foreign)
+    expect_motion(camera_from_world, "camera_from_world", optional=True)
+    if pixel_mm is not None:
+        expect_positive(pixel_mm, "pixel_mm", "a positive pitch in mm")
     form = format_for(path) if format_name is None else format_named(format_name)
     _refuse_unit(form, unit)
     target = WriteOptions(os.fspath(path), _mm(unit), pixel_mm)

@@ -21,7 +21,8 @@ from cadcam.files.foreign.blender import blender_values
 from cadcam.files.foreign.losses import prepared, refuse
 from cadcam.files.foreign.model import ConversionLoss, Holds, NamedCamera
 from cadcam.files.foreign.pose import numbers, world_from_eye
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect, expect_number
 
 CORNER = 0.5  # from our pixel centres to pixels counted from the picture's corner
 
@@ -48,6 +49,11 @@ def viewer_parameters(
     blender: as `cadcam convert --to blender` writes them; always in m.
     Raises `UnknownName`, and `RefusedLoss` for what the package cannot show, unless named in allow_loss.
     """
+    expect(package, "package", str)
+    expect(camera, "camera", Camera)
+    expect_motion(camera_from_world, "camera_from_world")
+    expect_number(near_mm, "near_mm")
+    expect_number(far_mm, "far_mm")
     if package not in VIEWERS:
         raise UnknownName("viewer", package, VIEWERS)
     viewer = VIEWERS[package]

@@ -9,6 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, frozen
 from cadcam.errors import BadValue
+from cadcam.kinds import expect_positive
 from cadcam.render.view import Scene
 from cadcam.verify.tolerances.tolerance import Limit, Quantity, Selection
 
@@ -48,8 +49,8 @@ class LayoutFeature(Brief):
             if not np.linalg.norm(n) > 0:
                 raise BadValue(f"normal of {self.name}", n.tolist(), "a vector that is not zero")
             object.__setattr__(self, "normal", frozen(n / np.linalg.norm(n), "normal", (3,)))
-        if self.diameter_mm is not None and not (np.isfinite(self.diameter_mm) and self.diameter_mm > 0):
-            raise BadValue(f"diameter of {self.name}", f"{self.diameter_mm:g} mm", "a positive number")
+        if self.diameter_mm is not None:
+            expect_positive(self.diameter_mm, f"diameter of {self.name}", "a positive number of mm")
         if self.kind is Kind.CIRCLE and (self.normal is None or self.diameter_mm is None):
             raise BadValue(f"circle {self.name}", "without normal or diameter_mm", "both")
         if self.plane_mm is not None and not (self.normal is not None and self.plane_mm > 0):

@@ -16,6 +16,7 @@ from cadcam.camera.optics import Optics
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect_count, expect_positive
 from cadcam.plan.scene.feature import LayoutFeature
 from cadcam.plan.uncertainty.finding import Finder
 
@@ -97,8 +98,7 @@ class Sigmas:
     def __post_init__(self) -> None:
         for name in self.__slots__:
             value = getattr(self, name)
-            if not (np.isfinite(value) and value >= 0):
-                raise BadValue(name, value, "a number from 0 on")
+            expect_positive(value, name, "a number from 0 on", zero=True)
 
     @property
     def variances(self) -> Array:
@@ -120,12 +120,9 @@ class CalibratedFrom:
     points_mm: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.points < 8:
-            raise BadValue("points of a calibration", self.points, "at least 8")
-        if not (np.isfinite(self.sigma_px) and self.sigma_px > 0):
-            raise BadValue("sigma_px of a calibration", self.sigma_px, "a positive number of px")
-        if not (np.isfinite(self.points_mm) and self.points_mm >= 0):
-            raise BadValue("points_mm of a calibration", self.points_mm, "a number of mm from 0 on")
+        expect_count(self.points, "points of a calibration", least=8)
+        expect_positive(self.sigma_px, "sigma_px of a calibration", "a positive number of px")
+        expect_positive(self.points_mm, "points_mm of a calibration", "a number of mm from 0 on", zero=True)
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +177,5 @@ class LayoutScene(Brief):
                 raise BadValue(f"{what} of the scene", "none", "at least one")
             if len(set(names)) != len(names):
                 raise BadValue(f"{what} of the scene", ", ".join(names), "each name once")
-        if not (np.isfinite(self.tur) and self.tur > 0):
-            raise BadValue("tur", self.tur, "a positive number: limit/U that every limit should reach")
-        if self.choose < 1:
-            raise BadValue("choose", self.choose, "at least 1 camera")
+        expect_positive(self.tur, "tur", "a positive number: limit/U that every limit should reach")
+        expect_count(self.choose, "choose", expected="at least 1 camera")

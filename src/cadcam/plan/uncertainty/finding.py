@@ -26,6 +26,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats
 from cadcam.camera.optics import PIXEL_PX2, Optics
 from cadcam.errors import BadValue
+from cadcam.kinds import expect_positive
 
 _THIN = 1e-3  # b/a below which a disc is seen edge-on
 
@@ -51,10 +52,9 @@ class Finder:
             raise BadValue("noise", "not stated", "sigma_px, or grey and contrast")
         for name in ("sigma_px", "grey", "contrast"):
             value = getattr(self, name)
-            if value is not None and not (np.isfinite(value) and value > 0):
-                raise BadValue(name, value, "a positive number")
-        if not (np.isfinite(self.floor_px) and self.floor_px >= 0):
-            raise BadValue("floor_px", self.floor_px, "a number of px from 0 on")
+            if value is not None:
+                expect_positive(value, name)
+        expect_positive(self.floor_px, "floor_px", "a number of px from 0 on", zero=True)
 
     @property
     def by_grey(self) -> bool:

@@ -19,7 +19,7 @@ from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
-from cadcam.kinds import expect_each
+from cadcam.kinds import expect_each, expect_positive
 from cadcam.plan.uncertainty.evidence import Evidence, symmetric, together
 
 HEIGHT = "height of the plane"
@@ -80,8 +80,7 @@ def predict_points(
     points = frozen(p, "points", (None, 3))
     if not viewpoints:
         raise BadValue("viewpoints", "none", "at least one")
-    if not (np.isfinite(plane_sigma_mm) and plane_sigma_mm >= 0):
-        raise BadValue("plane_sigma_mm", plane_sigma_mm, "a number of mm from 0 on")
+    expect_positive(plane_sigma_mm, "plane_sigma_mm", "a number of mm from 0 on", zero=True)
     q, J, effects = zip(*(view.project(points) for view in viewpoints), strict=True)
     shown = _shown(viewpoints, np.stack(q), seen)
     noise_inverse = np.asarray(np.linalg.inv(_noise(viewpoints, noise, len(points))))

@@ -60,6 +60,7 @@ def visible_wireframe(
     expect(scene, "scene", Scene)
     expect(camera, "camera", Camera)
     expect_motion(camera_from_world, "camera_from_world")
+    expect(options, "options", LineOptions)
     wireframe = LineDrawer(scene).draw(camera, camera_from_world, options=options)
     if wireframe.empty:
         raise nothing_in_view(scene.mesh, camera, camera_from_world)

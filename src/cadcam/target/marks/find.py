@@ -18,7 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewMarks, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
-from cadcam.kinds import expect, expect_numbers
+from cadcam.kinds import expect, expect_count, expect_numbers, expect_positive
 from cadcam.target.marks.candidates import METHODS, MarkCandidates, approached, mark_candidates, screened
 from cadcam.target.marks.cross import surface, taps, template
 from cadcam.target.marks.fit import MarkFit, fit_marks
@@ -135,10 +135,11 @@ def find_marks(
     """
     expect(mark, "mark", Mark)
     expect(camera, "camera", Camera, optional=True)
-    expect(count, "count", int, np.integer, optional=True)
     expect(options, "options", MarkOptions)
-    if count is not None and count < 1:
-        raise BadValue("count", count, "1 or more, or none where it is not known")
+    expect_positive(normal_sd, "normal_sd", "a positive number of rad")
+    if count is not None:
+        expect_count(count, "count", expected="1 or more, or none where it is not known")
+        count = int(count)
     gray = to_gray(picture)
     task = _Task(mark, _search(gray, mark, options, radius_px is not None), _radii(radius_px, gray), count, options)
     toward = None if normal is None else frozen(normal, "normal", (3,))

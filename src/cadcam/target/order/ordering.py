@@ -18,6 +18,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Floats, Ids, frozen
 from cadcam.errors import BadValue, NoOrder, TooFewPoints, UnknownName
 from cadcam.fit.plane_maps import mapped
+from cadcam.kinds import expect_number, expect_positive
 from cadcam.target.order.grow import grown, without_strays
 from cadcam.target.order.judge import Judged, costs, judged, log_chance
 from cadcam.target.order.plan import FEWEST, MarkPlan
@@ -92,8 +93,8 @@ def order_marks(
     """
     if side not in SIDES:
         raise UnknownName("side", side, SIDES)
-    if not (np.isfinite(sigma_px) and sigma_px > 0):
-        raise BadValue("sigma_px", sigma_px, "a positive number of px")
+    expect_positive(sigma_px, "sigma_px", "a positive number of px")
+    expect_number(odds, "odds")
     if not (np.isfinite(odds) and odds >= 1):
         raise BadValue("odds", odds, "a number of at least 1")
     q, places = frozen(pixels, "pixels", (None, 2)), MarkPlan.of(plan)
