@@ -12,6 +12,7 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.camera.lens import ExtendedUnified
+from cadcam.errors import UnreadableFile
 from cadcam.files.foreign.model import NamedCamera
 from cadcam.files.foreign.registry import read_cameras
 from cadcam.geometry import rotation as so3
@@ -387,9 +388,26 @@ def test_gltf(tmp_path: Path, rng: np.random.Generator) -> None:
     agree(only(tmp_path / "f.glb", glb, size=(640, 480)), p, u, v)
 
 
-def test_usd(tmp_path: Path, rng: np.random.Generator) -> None:
+@pytest.mark.parametrize(
+    ("said", "a", "b"),
+    [  # UsdRender, aspectRatioConformPolicy: the apertures seen, of 36 x 27.5 in a picture of 640 x 480
+        ("", 27.5 * 640 / 480, 27.5),  # by default expandAperture: nothing of the aperture is lost, pixels are square
+        ('uniform token aspectRatioConformPolicy = "cropAperture"', 36.0, 36.0 * 480 / 640),
+        ('uniform token aspectRatioConformPolicy = "adjustApertureWidth"', 27.5 * 640 / 480, 27.5),
+        ('uniform token aspectRatioConformPolicy = "adjustApertureHeight"', 36.0, 36.0 * 480 / 640),
+        ('uniform token aspectRatioConformPolicy = "adjustPixelAspectRatio"', 36.0, 27.5),
+        ("uniform float pixelAspectRatio = 0.9", 36.0, 36.0 * 480 / (0.9 * 640)),  # the aperture is the wider one
+        (
+            """uniform float pixelAspectRatio = 0.9
+        uniform token aspectRatioConformPolicy = "cropAperture\"""",
+            27.5 * 0.9 * 640 / 480,
+            27.5,
+        ),
+    ],
+)
+def test_usd(tmp_path: Path, rng: np.random.Generator, said: str, a: float, b: float) -> None:
     """OpenUSD, GfCamera::GetFrustum: the window at distance 1 is ([-1/2, 1/2] aperture + offset) / focalLength."""
-    f, a, b, da, db = 24.0, 36.0, 27.5, 0.3, -0.2
+    f, da, db = 24.0, 0.3, -0.2
     matrix = np.eye(4)
     matrix[:3, :3], matrix[:3, 3] = R.T @ GL, -R.T @ T - [1, 2, 3]
     rows = ", ".join(f"({text_of(row)})" for row in matrix.T)
@@ -409,8 +427,8 @@ def Xform "World" (
     {{
         float focalLength = {f}
         float focalLength.comment
-        float horizontalAperture = {a}
-        float verticalAperture = {b}
+        float horizontalAperture = 36
+        float verticalAperture = 27.5
         float horizontalApertureOffset = {da}
         float verticalApertureOffset = {db}
         token projection = "perspective"
@@ -424,6 +442,7 @@ def Scope "Render"
     {{
         rel camera = </World/cam>
         uniform int2 resolution = (640, 480)
+        {said}
     }}
 }}
 """
@@ -432,3 +451,18 @@ def Scope "Render"
     u = (eye[:, 0] / -eye[:, 2] - (-a / 2 + da) / f) / (a / f) * 640
     v = 480 - (eye[:, 1] / -eye[:, 2] - (-b / 2 + db) / f) / (b / f) * 480
     agree(only(tmp_path / "f.usda", text), p, u - 0.5, v - 0.5)
+
+
+def test_usd_without_a_render_product_has_square_pixels(tmp_path: Path) -> None:
+    """What views expand the camera's aperture by default; a policy that is not known is refused."""
+    text = '#usda 1.0\ndef Camera "c"\n{\n    float focalLength = 24\n}\n'
+    (tmp_path / "f.usda").write_text(text)
+    camera = read_cameras(tmp_path / "f.usda", size=(1920, 1080)).cameras[0].camera
+    assert camera.fx == pytest.approx(24 * 1080 / 15.2908, rel=1e-12)
+    assert camera.fy == pytest.approx(camera.fx, rel=1e-12)
+    product = 'def RenderProduct "p"\n{\n    rel camera = </c>\n    uniform int2 resolution = (1920, 1080)\n'
+    (tmp_path / "g.usda").write_text(
+        text + product + '    uniform token aspectRatioConformPolicy = "squeeze"\n}\n'
+    )
+    with pytest.raises(UnreadableFile, match="aspectRatioConformPolicy 'squeeze'; known: expandAperture"):
+        read_cameras(tmp_path / "g.usda")

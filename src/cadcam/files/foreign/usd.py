@@ -4,15 +4,17 @@ focalLength, apertures and their offsets in tenths of a scene unit; metersPerUni
 GfCamera, [-A/2 + offset, A/2 + offset], and the picture spanning it edge to edge: fx = focalLength W/A,
 cx + 1/2 = W/2 - W offset/A, and in y, which points up, cy + 1/2 = H/2 + H offset/A with the vertical pair. A prim
 looks along -z with y up; matrices are for row vectors. The picture's size is that of a RenderProduct whose camera this
-is. USD stores these as floats: text keeps all digits, USD itself rounds them to 24 bits.
-Source: OpenUSD `pxr/usd/usdGeom/camera.h`, `pxr/base/gf/camera.cpp`, `pxr/usd/usdRender/schema.usda`.
+is. Where its sides are in another ratio than the apertures, the product's aspectRatioConformPolicy says what gives way:
+by default (expandAperture) the shorter aperture grows, and pixels stay as wide as pixelAspectRatio says; what we write
+has adjustPixelAspectRatio. USD stores all these as floats: text keeps all digits, USD itself rounds them to 24 bits.
+Source: OpenUSD `pxr/usd/usdGeom/camera.h`, `pxr/base/gf/camera.cpp`, `pxr/usd/usdRender/schema.usda` and `spec.cpp`.
 """
 
 from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
@@ -31,6 +33,8 @@ from cadcam.geometry import rotation as so3
 
 _UNIT_MM = 10.0  # a scene unit of 1 cm, USD's default: focal lengths are then in mm
 _APERTURE_MM = 36.0  # written where no pixel pitch is known: no pixel depends on it
+_KEEPS = "adjustPixelAspectRatio"  # the policy that leaves both apertures as they are
+_POLICIES = ("expandAperture", "cropAperture", "adjustApertureWidth", "adjustApertureHeight", _KEEPS)
 
 
 def recognises(source: ForeignFile) -> bool:
@@ -47,13 +51,13 @@ def read(source: ForeignFile) -> Foreign:
     root = parsed_usda(source.text())
     stage = Place(source.path, (), root.attributes)
     mm = 1000 * (stage.at("metersPerUnit").number() if "metersPerUnit" in root.attributes else 0.01)
-    products = _products(root)
+    products = _products(root, source.path)
     cameras = []
     for path, matrix, prim in _cameras(root, "", np.eye(4), source.path):
         place = Place(source.path, tuple(path.strip("/").split("/")), prim.attributes)
-        size = products.get(path) or source.needed_size(f"camera {path}")
+        product = products.get(path) or _Product(source.needed_size(f"camera {path}"))
         pose = camera_from_world_of_eye(matrix.T, mm, place.error)
-        cameras.append(NamedCamera(prim.name, place.build(partial(_camera, place, size)), pose))
+        cameras.append(NamedCamera(prim.name, place.build(partial(_camera, place, product)), pose))
     if not cameras:
         raise UnreadableFile(source.path, "holds no camera", "export it with its cameras")
     return Foreign("usd", tuple(cameras))
@@ -84,7 +88,7 @@ def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
             f"        rel camera = </{name}>",
             f"        uniform int2 resolution = ({named.camera.width}, {named.camera.height})",
             f"        uniform float pixelAspectRatio = {named.camera.fy / named.camera.fx!r}",
-            '        uniform token aspectRatioConformPolicy = "adjustPixelAspectRatio"',
+            f'        uniform token aspectRatioConformPolicy = "{_KEEPS}"',
             "    }",
         ]
     return {"": "\n".join([*lines, "}", ""]).encode()}
@@ -103,7 +107,28 @@ def _values(camera: Camera, aperture: float) -> dict[str, float]:
     }
 
 
-def _camera(place: Place, size: tuple[int, int]) -> Camera:
+@dataclass(frozen=True, slots=True)
+class _Product:
+    """What a RenderProduct says of its picture, by default as USD does: size, a pixel's width by its height, policy."""
+
+    size: tuple[int, int]
+    pixel_aspect: float = 1.0
+    policy: str = _POLICIES[0]
+
+    def apertures(self, width: float, height: float) -> tuple[float, float]:
+        """Return the apertures that the picture shows of those of the camera, by the policy."""
+        aspect = self.pixel_aspect * self.size[0] / self.size[1]
+        wide = width / height > aspect
+        if self.policy == _KEEPS:
+            return width, height
+        if self.policy == "adjustApertureHeight" or (self.policy == "expandAperture" and wide):
+            return width, width / aspect
+        if self.policy == "adjustApertureWidth" or self.policy == "expandAperture" or wide:
+            return height * aspect, height
+        return width, width / aspect
+
+
+def _camera(place: Place, product: _Product) -> Camera:
     if any(name.endswith(".timeSamples") for name in place.object):
         raise place.error("changes with time", "bake one frame and export again")
     if place.object.get("projection", "perspective") != "perspective":
@@ -113,9 +138,10 @@ def _camera(place: Place, size: tuple[int, int]) -> Camera:
     f, a, b, da, db = (place.at(n).number() if n in place.object else value for n, value in default.items())
     if not (f > 0 and a > 0 and b > 0):
         raise place.error(f"has focalLength {f:g}, apertures {a:g} and {b:g}", "positive numbers")
-    W, H = size
+    W, H = product.size
+    a, b = product.apertures(a, b)
     cx, cy = W / 2 - da * W / a - 0.5, H / 2 + db * H / b - 0.5
-    return Camera(size, np.array([[f * W / a, 0, cx], [0, f * H / b, cy], [0, 0, 1]]))
+    return Camera(product.size, np.array([[f * W / a, 0, cx], [0, f * H / b, cy], [0, 0, 1]]))
 
 
 def _cameras(prim: Prim, path: str, parent: Array, file: str) -> Iterator[tuple[str, Array, Prim]]:
@@ -166,16 +192,26 @@ def _turn(axis: int, degrees: float) -> Array:
     return np.asarray(so3.exp(np.radians(degrees) * np.eye(3)[axis]).T)
 
 
-def _products(prim: Prim) -> dict[str, tuple[int, int]]:
-    """Return the picture size by the camera's path, of every render product."""
-    found: dict[str, tuple[int, int]] = {}
+def _products(prim: Prim, file: str) -> dict[str, _Product]:
+    """Return what every render product says of its picture, by its camera's path."""
+    found: dict[str, _Product] = {}
     for child in prim.children:
         values = child.attributes
         camera, size = values.get("camera"), values.get("resolution", [])
         if child.kind == "RenderProduct" and isinstance(camera, str) and _is_size(size):
-            found[camera.strip("<>")] = int(size[0]), int(size[1])
-        found |= _products(child)
+            found[camera.strip("<>")] = _product(Place(file, (child.name,), values), (int(size[0]), int(size[1])))
+        found |= _products(child, file)
     return found
+
+
+def _product(place: Place, size: tuple[int, int]) -> _Product:
+    policy = place.object.get("aspectRatioConformPolicy", _POLICIES[0])
+    if policy not in _POLICIES:
+        raise place.error(f"has the aspectRatioConformPolicy {str(policy)[:40]!r}", f"known: {', '.join(_POLICIES)}")
+    aspect = place.at("pixelAspectRatio").number() if "pixelAspectRatio" in place.object else 1.0
+    if not aspect > 0 or min(size) < 1:
+        raise place.error(f"has pixelAspectRatio {aspect:g} and resolution {size}", "positive numbers")
+    return _Product(size, aspect, policy)
 
 
 def _is_size(value: Any) -> bool:
@@ -197,7 +233,7 @@ def _losses(named: NamedCamera) -> list[ConversionLoss]:
     camera = named.camera
     rounded = {key: float(np.float32(value)) for key, value in _values(camera, _APERTURE_MM).items()}
     place = Place("", (), rounded)
-    px = largest_difference(camera, replace(camera, K=_camera(place, camera.size).K))
+    px = largest_difference(camera, replace(camera, K=_camera(place, _Product(camera.size, policy=_KEEPS)).K))
     return [
         ConversionLoss(
             "precision", "the file keeps all digits, but USD itself rounds focal length and apertures to floats", px
