@@ -5,56 +5,16 @@ from __future__ import annotations
 import json
 import struct
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
-from cadcam.arrays import Array
 from cadcam.camera.lens import ExtendedUnified
 from cadcam.errors import UnreadableFile
-from cadcam.files.foreign.model import NamedCamera
 from cadcam.files.foreign.registry import read_cameras
 from cadcam.geometry import rotation as so3
 
-R = so3.exp([0.3, -0.2, 0.5])
-T = np.array([0.12, -0.34, 2.5])  # metres
-GL = np.diag([1.0, -1.0, -1.0])  # our axes of OpenGL's eye
-
-
-def points(rng: np.random.Generator, n: int = 50) -> Array:
-    """Points (n, 3) in metres, in the camera frame and in view."""
-    z = rng.uniform(0.5, 3, n)
-    return np.stack([rng.uniform(-0.35, 0.35, n) * z, rng.uniform(-0.25, 0.25, n) * z, z], axis=1)
-
-
-def brown(p: Array, k1: float, k2: float, p1: float, p2: float, k3: float = 0.0) -> tuple[Array, Array]:
-    """OpenCV's documented distortion, terms in its order."""
-    x, y = p[:, 0] / p[:, 2], p[:, 1] / p[:, 2]
-    r2 = x * x + y * y
-    g = 1 + k1 * r2 + k2 * r2**2 + k3 * r2**3
-    return x * g + 2 * p1 * x * y + p2 * (r2 + 2 * x * x), y * g + p1 * (r2 + 2 * y * y) + 2 * p2 * x * y
-
-
-def only(path: Path, text: str | bytes, **options: Any) -> NamedCamera:
-    """The one camera of a file with this content."""
-    path.write_bytes(text.encode() if isinstance(text, str) else text)
-    cameras = read_cameras(path, **options).cameras
-    assert len(cameras) == 1
-    return cameras[0]
-
-
-def agree(named: NamedCamera, p: Array, u: Array, v: Array, *, posed: bool = True) -> None:
-    """The camera images points p (m) of its own frame at (u, v) px, and its pose is (R, T)."""
-    assert np.abs(named.camera.project(p) - np.stack([u, v], axis=-1)).max() < 1e-9
-    if posed:
-        assert named.camera_from_world is not None
-        assert np.abs(named.camera_from_world.rotation - R).max() < 1e-9
-        assert np.abs(named.camera_from_world.translation / 1000 - T).max() < 1e-9
-
-
-def text_of(values: Array) -> str:
-    return ", ".join(repr(float(v)) for v in np.ravel(values))
+from .foreign_files import GL, R, T, agree, brown, only, points, text_of
 
 
 def test_opencv(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -135,6 +95,28 @@ d: [-0.2, 0.05, 0.001, -0.002, 0.01]
 k: [500.0, 0.0, 321.0, 0.0, 505.0, 243.0, 0.0, 0.0, 1.0]
 """
     agree(only(tmp_path / "m", message), p, 500 * x + 321, 505 * y + 243, posed=False)
+
+
+@pytest.mark.parametrize(
+    ("more", "said"),
+    [  # CameraInfo.msg: zeros are the whole picture, unbinned; a region is in px of the unbinned whole
+        ("binning_x: 0\nbinning_y: 0\nroi:\n  x_offset: 0\n  y_offset: 0\n  height: 0\n  width: 0\n", ""),
+        ("binning_x: 1\nbinning_y: 1\nroi:\n  x_offset: 0\n  y_offset: 0\n  height: 480\n  width: 640\n", ""),
+        ("binning_x: 2\nbinning_y: 2\n", "with --binning 2x2"),
+        (
+            "binning_x: 2\nbinning_y: 1\nroi:\n  x_offset: 40\n  y_offset: 20\n  height: 400\n  width: 500\n",
+            "with --crop 40,20,500x400, then with --binning 2x1",
+        ),
+    ],
+)
+def test_a_ros_message_of_a_binned_or_cut_picture_says_so(tmp_path: Path, more: str, said: str) -> None:
+    """Size and K are the calibration's; image_geometry, too, derives the picture's own from them."""
+    text = "height: 480\nwidth: 640\ndistortion_model: plumb_bob\nd: [0.0, 0.0, 0.0, 0.0, 0.0]\n"
+    (tmp_path / "m").write_text(f"{text}k: [500.0, 0.0, 321.0, 0.0, 505.0, 243.0, 0.0, 0.0, 1.0]\n{more}")
+    found = read_cameras(tmp_path / "m")
+    assert found.cameras[0].camera.size == (640, 480)
+    assert " ".join(found.notes).endswith(said)
+    assert bool(said) == any("own picture" in note for note in found.notes)
 
 
 def test_colmap_counts_pixels_from_the_corner(tmp_path: Path, rng: np.random.Generator) -> None:
@@ -246,6 +228,33 @@ def test_nerfstudio_looks_along_minus_z_and_counts_from_the_corner(tmp_path: Pat
     agree(named, p, 500 * p[:, 0] / p[:, 2] + 319.5, 500 * p[:, 1] / p[:, 2] + 239.5)
 
 
+def test_instant_ngp_tells_a_fisheye_by_a_flag(tmp_path: Path, rng: np.random.Generator) -> None:
+    """instant-ngp, scripts/colmap2nerf.py: no camera_model, k1 to k4 of both lenses, sizes as floats."""
+    world_from_eye = np.eye(4)
+    world_from_eye[:3, :3], world_from_eye[:3, 3] = R.T @ GL, -R.T @ T
+    terms = {"k1": 0.03, "k2": -0.01, "k3": 0.002, "k4": 0.001, "p1": 0, "p2": 0, "is_fisheye": True}
+    values = {
+        "camera_angle_x": 1.1,
+        "fl_x": 500,
+        "fl_y": 505,
+        "cx": 321.5,
+        "cy": 243.5,
+        "w": 640.0,
+        "h": 480.0,
+        **terms,
+    }
+    frame = {"file_path": "images/a.png", "sharpness": 30.0, "transform_matrix": world_from_eye.tolist()}
+    p = points(rng)
+    r = np.hypot(p[:, 0], p[:, 1])
+    t = np.arctan2(r, p[:, 2])
+    scale = t * (1 + 0.03 * t**2 - 0.01 * t**4 + 0.002 * t**6 + 0.001 * t**8) / r
+    named = only(tmp_path / "f", json.dumps({**values, "aabb_scale": 16, "frames": [frame]}), unit="m")
+    agree(named, p, 500 * p[:, 0] * scale + 321, 505 * p[:, 1] * scale + 243)
+    (tmp_path / "g").write_text(json.dumps({**values, "camera_model": "OPENCV", "frames": [frame]}))
+    with pytest.raises(UnreadableFile, match="camera_model 'OPENCV' and is_fisheye"):
+        read_cameras(tmp_path / "g", unit="m")
+
+
 def test_metashape_swaps_the_tangential_terms_and_counts_from_the_middle(
     tmp_path: Path, rng: np.random.Generator
 ) -> None:
@@ -345,124 +354,3 @@ def test_visp(tmp_path: Path, rng: np.random.Generator) -> None:
     t = np.arctan2(r, p[:, 2])
     scale = t * (1 + 0.03 * t**2 - 0.01 * t**4 + 0.002 * t**6 + 0.001 * t**8) / r
     agree(only(tmp_path / "g", fish), p, 500 * p[:, 0] * scale + 321, 505 * p[:, 1] * scale + 243, posed=False)
-
-
-def test_blender(tmp_path: Path, rng: np.random.Generator) -> None:
-    """Blender, BKE_camera_params_compute_viewplane, sensor fit horizontal: the window of the plane at distance 1."""
-    world_from_eye = np.eye(4)
-    world_from_eye[:3, :3], world_from_eye[:3, 3] = R.T @ GL, -R.T @ T
-    W, H, lens, sensor, shift_x, shift_y, ax, ay = 640, 480, 30.0, 36.0, 0.01, -0.02, 1.0, 1.02
-    text = (
-        f'import bpy\nCAMERA = {{\n  "name": "c", "lens": {lens}, "sensor_width": {sensor}, "shift_x": {shift_x},\n'
-        f'  "shift_y": {shift_y}, "pixel_aspect": ({ax}, {ay}), "resolution": ({W}, {H}),\n'
-        f'  "matrix_world": {world_from_eye.tolist()},\n}}\nraise SystemExit("never run")\n'
-    )
-    ratio, pitch = ay / ax, sensor / lens / W
-    left, bottom = (-W / 2 + shift_x * W) * pitch, (-H / 2 * ratio + shift_y * W) * pitch
-    p = points(rng)
-    eye = p @ GL
-    u = (eye[:, 0] / -eye[:, 2] - left) / pitch
-    v = H - (eye[:, 1] / -eye[:, 2] - bottom) / (pitch * ratio)
-    agree(only(tmp_path / "f.py", text), p, u - 0.5, v - 0.5)
-
-
-def test_gltf(tmp_path: Path, rng: np.random.Generator) -> None:
-    """glTF 2.0: the field of view spans the picture edge to edge; a parent node moves its children."""
-    yfov, aspect = 0.9, 1.3
-    local = np.eye(4)
-    local[:3, :3], local[:3, 3] = R.T @ GL, -R.T @ T - [1, 2, 3]
-    document = {
-        "asset": {"version": "2.0"},
-        "cameras": [{"type": "perspective", "perspective": {"yfov": yfov, "aspectRatio": aspect, "znear": 0.1}}],
-        "nodes": [{"children": [1], "translation": [1, 2, 3]}, {"camera": 0, "matrix": local.T.ravel().tolist()}],
-    }
-    p = points(rng)
-    eye = p @ GL
-    x_ndc = eye[:, 0] / -eye[:, 2] / (aspect * np.tan(yfov / 2))
-    y_ndc = eye[:, 1] / -eye[:, 2] / np.tan(yfov / 2)
-    u, v = (x_ndc + 1) * 320 - 0.5, (1 - y_ndc) * 240 - 0.5
-    agree(only(tmp_path / "f.gltf", json.dumps(document), size=(640, 480)), p, u, v)
-    chunk = json.dumps(document).encode()
-    chunk += b" " * (-len(chunk) % 4)
-    glb = b"glTF" + struct.pack("<IIII", 2, 20 + len(chunk), len(chunk), 0x4E4F534A) + chunk
-    agree(only(tmp_path / "f.glb", glb, size=(640, 480)), p, u, v)
-
-
-@pytest.mark.parametrize(
-    ("said", "a", "b"),
-    [  # UsdRender, aspectRatioConformPolicy: the apertures seen, of 36 x 27.5 in a picture of 640 x 480
-        ("", 27.5 * 640 / 480, 27.5),  # by default expandAperture: nothing of the aperture is lost, pixels are square
-        ('uniform token aspectRatioConformPolicy = "cropAperture"', 36.0, 36.0 * 480 / 640),
-        ('uniform token aspectRatioConformPolicy = "adjustApertureWidth"', 27.5 * 640 / 480, 27.5),
-        ('uniform token aspectRatioConformPolicy = "adjustApertureHeight"', 36.0, 36.0 * 480 / 640),
-        ('uniform token aspectRatioConformPolicy = "adjustPixelAspectRatio"', 36.0, 27.5),
-        ("uniform float pixelAspectRatio = 0.9", 36.0, 36.0 * 480 / (0.9 * 640)),  # the aperture is the wider one
-        (
-            """uniform float pixelAspectRatio = 0.9
-        uniform token aspectRatioConformPolicy = "cropAperture\"""",
-            27.5 * 0.9 * 640 / 480,
-            27.5,
-        ),
-    ],
-)
-def test_usd(tmp_path: Path, rng: np.random.Generator, said: str, a: float, b: float) -> None:
-    """OpenUSD, GfCamera::GetFrustum: the window at distance 1 is ([-1/2, 1/2] aperture + offset) / focalLength."""
-    f, da, db = 24.0, 0.3, -0.2
-    matrix = np.eye(4)
-    matrix[:3, :3], matrix[:3, 3] = R.T @ GL, -R.T @ T - [1, 2, 3]
-    rows = ", ".join(f"({text_of(row)})" for row in matrix.T)
-    text = f"""#usda 1.0
-(
-    defaultPrim = "World"
-    doc = "a text; with {{ marks"
-    metersPerUnit = 1
-)
-def Xform "World" (
-    kind = "group"
-)
-{{
-    double3 xformOp:translate = (1, 2, 3)
-    uniform token[] xformOpOrder = ["xformOp:translate"]
-    def Camera "cam"
-    {{
-        float focalLength = {f}
-        float focalLength.comment
-        float horizontalAperture = 36
-        float verticalAperture = 27.5
-        float horizontalApertureOffset = {da}
-        float verticalApertureOffset = {db}
-        token projection = "perspective"
-        matrix4d xformOp:transform = ( {rows} )
-        uniform token[] xformOpOrder = ["xformOp:transform"]
-    }}
-}}
-def Scope "Render"
-{{
-    def RenderProduct "p"
-    {{
-        rel camera = </World/cam>
-        uniform int2 resolution = (640, 480)
-        {said}
-    }}
-}}
-"""
-    p = points(rng)
-    eye = p @ GL
-    u = (eye[:, 0] / -eye[:, 2] - (-a / 2 + da) / f) / (a / f) * 640
-    v = 480 - (eye[:, 1] / -eye[:, 2] - (-b / 2 + db) / f) / (b / f) * 480
-    agree(only(tmp_path / "f.usda", text), p, u - 0.5, v - 0.5)
-
-
-def test_usd_without_a_render_product_has_square_pixels(tmp_path: Path) -> None:
-    """What views expand the camera's aperture by default; a policy that is not known is refused."""
-    text = '#usda 1.0\ndef Camera "c"\n{\n    float focalLength = 24\n}\n'
-    (tmp_path / "f.usda").write_text(text)
-    camera = read_cameras(tmp_path / "f.usda", size=(1920, 1080)).cameras[0].camera
-    assert camera.fx == pytest.approx(24 * 1080 / 15.2908, rel=1e-12)
-    assert camera.fy == pytest.approx(camera.fx, rel=1e-12)
-    product = 'def RenderProduct "p"\n{\n    rel camera = </c>\n    uniform int2 resolution = (1920, 1080)\n'
-    (tmp_path / "g.usda").write_text(
-        text + product + '    uniform token aspectRatioConformPolicy = "squeeze"\n}\n'
-    )
-    with pytest.raises(UnreadableFile, match="aspectRatioConformPolicy 'squeeze'; known: expandAperture"):
-        read_cameras(tmp_path / "g.usda")

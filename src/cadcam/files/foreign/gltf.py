@@ -47,13 +47,16 @@ def read(source: ForeignFile) -> Foreign:
     cameras = root.at("cameras")
     if not isinstance(cameras.value, list) or not cameras.value:
         raise cameras.error("is no list of cameras", "export with cameras")
-    models = [_camera(Place(root.path, ("cameras", str(i)), value), source) for i, value in enumerate(cameras.value)]
+    places = [Place(root.path, ("cameras", str(i)), value) for i, value in enumerate(cameras.value)]
+    models = [_camera(place, source) for place in places]
+    notes = dict.fromkeys(_squeezed(place, model) for place, model in zip(places, models, strict=True))
     named = []
     for name, number, matrix, place in _placed(root):
         if not 0 <= number < len(models):
             raise place.error(f"names camera {number}", f"there are {len(models)}")
         named.append(NamedCamera(name, models[number], camera_from_world_of_eye(matrix, _MM, place.error)))
-    return Foreign("gltf", tuple(named or (NamedCamera(f"camera {i}", c) for i, c in enumerate(models))))
+    found = tuple(named or (NamedCamera(f"camera {i}", c) for i, c in enumerate(models)))
+    return Foreign("gltf", found, tuple(note for note in notes if note))
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
@@ -106,6 +109,18 @@ def _camera(place: Place, source: ForeignFile) -> Camera:
         raise lens.error(f"has aspectRatio {aspect:g}", "a positive number")
     fx = width * fy / (aspect * height)
     return place.build(lambda: Camera.from_focal((width, height), float(fx), fy=float(fy)))
+
+
+def _squeezed(place: Place, camera: Camera) -> str:
+    """Return what is to be said of a size given with another ratio of its sides than the camera's, by over a pixel."""
+    (width, height), aspect = camera.size, camera.width * camera.fy / (camera.height * camera.fx)
+    extras = place.object.get("extras")
+    if (isinstance(extras, dict) and "size_px" in extras) or abs(aspect * height - width) <= 1:
+        return ""
+    return (
+        f"aspectRatio {aspect:.6g} spans the {width} x {height} px of the picture, with pixels that are not square; "
+        f"of square ones {round(aspect * height)} x {height} px have that ratio"
+    )
 
 
 def _placed(root: Place) -> list[tuple[str, int, Array, Place]]:

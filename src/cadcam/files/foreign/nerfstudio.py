@@ -1,8 +1,10 @@
 """nerfstudio's transforms.json, and the older ones of NeRF with camera_angle_x.
 
 Pixels count from the corner: its principal point is ours plus 1/2. transform_matrix is world from camera with OpenGL's
-eye axes (x right, y up, z back), in the scene's unit. OPENCV has k1, k2, k3, p1, p2; OPENCV_FISHEYE k1..k4.
-Source: nerfstudio `docs/quickstart/data_conventions.md`, `cameras/camera_utils.py`, nerfstudio#2255, #3048.
+eye axes (x right, y up, z back), in the scene's unit. OPENCV has k1, k2, k3, p1, p2; OPENCV_FISHEYE k1..k4. Files of
+instant-ngp name no model: "is_fisheye" tells which of the two theirs is.
+Source: nerfstudio `docs/quickstart/data_conventions.md`, `cameras/camera_utils.py`, nerfstudio#2255, #3048; instant-ngp
+`scripts/colmap2nerf.py`.
 """
 
 from __future__ import annotations
@@ -78,6 +80,7 @@ def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
 _MODEL: dict[type[Lens], str] = {Ideal: "PINHOLE", BrownConrady: "OPENCV", Fisheye: "OPENCV_FISHEYE"}
 _KEYS = (
     "camera_model",
+    "is_fisheye",
     "w",
     "h",
     "fl_x",
@@ -122,9 +125,12 @@ def _focal(place: Place, name: str, angle: str, extent: int) -> float:
 
 
 def _lens(place: Place) -> Lens:
-    model = place.object.get("camera_model", "OPENCV")
+    fisheye = "is_fisheye" in place.object and place.at("is_fisheye").flag()
+    model = place.object.get("camera_model", "OPENCV_FISHEYE" if fisheye else "OPENCV")
     if model not in _MODEL.values():
         raise place.error(f"has the camera_model {str(model)[:40]!r}", f"read here: {', '.join(_MODEL.values())}")
+    if fisheye and model != "OPENCV_FISHEYE":
+        raise place.error(f"has the camera_model {model!r} and is_fisheye", "remove the one that is wrong")
     names = _FISHEYE if model == "OPENCV_FISHEYE" else _BROWN
     terms = {name: place.at(name).number() for name in names if name in place.object}
     if model == "OPENCV_FISHEYE":

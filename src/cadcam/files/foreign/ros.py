@@ -1,7 +1,8 @@
 """ROS camera_info: the YAML of camera_calibration_parsers, and a printed sensor_msgs/CameraInfo message.
 
 Pixels and axes as OpenCV. plumb_bob k1 k2 t1 t2 k3; rational_polynomial eight numbers; equidistant k1..k4 (the
-fisheye). Rectification and projection matrices describe a rectified picture, not this camera.
+fisheye). Rectification and projection matrices describe a rectified picture, not this camera. Size and K of a message
+are those of the calibration, also where its own picture was binned or is a region of interest.
 Source: `sensor_msgs/msg/CameraInfo.msg` (ros2/common_interfaces), `camera_calibration_parsers/src/parse_yml.cpp`.
 """
 
@@ -50,7 +51,7 @@ def read(source: ForeignFile) -> Foreign:
         size, K, _lens(root, model, _row(root.at(distortion)) if distortion in root.object else np.zeros(0))
     )
     name = root.object.get("camera_name")
-    return Foreign("ros", (NamedCamera(name if isinstance(name, str) else "camera", camera),), _notes(root, K))
+    return Foreign("ros", (NamedCamera(name if isinstance(name, str) else "camera", camera),), _notes(root, K, size))
 
 
 def write(cameras: Sequence[NamedCamera], target: WriteOptions) -> Files:
@@ -97,7 +98,7 @@ def _lens(root: Place, model: str, c: Array) -> Lens:
     return root.build(lambda: lens_from_opencv(c))
 
 
-def _notes(root: Place, K: Array) -> tuple[str, ...]:
+def _notes(root: Place, K: Array, size: tuple[int, int]) -> tuple[str, ...]:
     R, P = (root.object.get(name) for name in ("rectification_matrix", "projection_matrix"))
     plain = np.concatenate([K, np.zeros((3, 1))], axis=1)
     notes = []
@@ -107,7 +108,25 @@ def _notes(root: Place, K: Array) -> tuple[str, ...]:
         notes.append("the projection matrix is not kept: it is that of the rectified picture")
     if K[0, 1]:
         notes.append(f"K01 = {K[0, 1]:g} px is read as skew; image_proc ignores it")
-    return tuple(notes)
+    return (*notes, *_other_picture(root, size))
+
+
+def _other_picture(root: Place, size: tuple[int, int]) -> tuple[str, ...]:
+    """Return what makes the message's own picture another than the calibration's; zeros mean the whole, unbinned."""
+    options = []
+    if isinstance(root.object.get("roi"), dict):
+        roi = root.at("roi")
+        x, y, width, height = (
+            roi.at(name).whole() if name in roi.object else 0 for name in ("x_offset", "y_offset", "width", "height")
+        )
+        cut = x, y, width or size[0], height or size[1]
+        if cut != (0, 0, *size):
+            options.append("--crop {},{},{}x{}".format(*cut))
+    by = [root.at(name).whole() or 1 for name in ("binning_x", "binning_y") if name in root.object]
+    if any(n != 1 for n in by):
+        options.append(f"--binning {'x'.join(map(str, by))}")
+    what = "the message's own picture is a part of this camera's, or binned: cadcam convert it with"
+    return (f"{what} {', then with '.join(options)}",) if options else ()
 
 
 def _matrix_lines(name: str, values: Array) -> list[str]:
