@@ -112,7 +112,7 @@ def rows() -> Iterator[Row]:
     )
     for sigma in (0.4, 1.4, 2.8):
         yield Row(f"blur {sigma:g} px", replace(BASE, blur=Blur(sigma)))
-    yield Row("defocus by a disc of 4 px", replace(BASE, blur=Blur(0.7, 4.0)))
+    yield Row("defocus by a disc of radius 4 px", replace(BASE, blur=Blur(0.7, 4.0)))
     for length in (2.0, 6.0):
         yield Row(f"motion of {length:g} px along lines", replace(BASE, motion=Motion((length, 0.0))))
     for shift in (0.2, 1.0):

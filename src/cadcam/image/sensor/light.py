@@ -78,8 +78,9 @@ def fit_vignetting(flat: Picture) -> Vignetting:
 class Blur:
     """I' = disc * Gauss * I: out of focus by a disc of radius defocus_px, and sigma_px of everything else.
 
-    The disc is the aperture's picture of a point that lies `defocus_px` out of focus (geometrical optics); the Gaussian
-    stands for diffraction, the lens' errors and the pixel's area together.
+    The disc is the aperture's picture of a point out of focus (geometrical optics): its radius is half of the diameter
+    that `Optics.defocus_px` and `Aperture.defocus_px` give. The Gaussian stands for diffraction, the lens' errors and
+    the pixel's area together.
     """
 
     sigma_px: float = 0.0
