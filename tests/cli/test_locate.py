@@ -13,8 +13,10 @@ from scipy import ndimage
 
 from cadcam.cad.read import read_model
 from cadcam.cad.write import write_model
+from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.observations import Observations
-from cadcam.cli.photos import file_of
+from cadcam.camera.viewpoint import distinct_sources
+from cadcam.cli.photos import file_of, viewpoints_of
 from cadcam.files.camera import write_camera
 from cadcam.files.jsontext import parsed
 from cadcam.files.points import write_points
@@ -177,6 +179,19 @@ def test_photos_of_one_name_are_told_apart_by_their_folders(cadcam: Cadcam, here
     Path("shots/right/0008.png").unlink()
     write_picture("shots/right/0008.png", np.full((CAMERA.size[1], CAMERA.size[0]), 0.3))
     assert "photo 'right/0008.png' is empty" in cadcam("locate", *two).err
+
+
+def test_photos_of_one_camera_share_its_errors(here: Path, rng: np.random.Generator) -> None:
+    """Of two files each its own: taken for two, one calibration would be averaged away."""
+    p = POSE.inv @ rng.uniform([-100, -80, 300], [100, 80, 600], (30, 3))
+    known = calibrate_camera(Observations(p, CAMERA.project(POSE @ p), sigma_px=0.1), CAMERA.size)
+    for name in ("one.json", "other.json"):
+        write_camera(name, known)
+    owners = []
+    for cameras in (("one.json", "one.json"), ("one.json", "other.json")):
+        views, _ = viewpoints_of(["a.png", "b.png"], cameras, None)
+        owners.append(len(distinct_sources([source for view in views for source, _ in view.errors])))
+    assert owners == [1, 2]
 
 
 def test_a_restricted_motion_keeps_the_rest_as_in_the_start(cadcam: Cadcam, here: Path) -> None:

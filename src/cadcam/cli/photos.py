@@ -142,8 +142,9 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
     from cadcam.locate.photo import EDGE_PX
 
     out, said = [], None
+    read = {file: read_any_camera(file) for file in dict.fromkeys(cameras)}  # photos of one camera share its errors
     for name, file in zip(_told_apart([file_of(path) for path in paths]), cameras, strict=True):
-        known = read_any_camera(file)
+        known = read[file]
         if len(paths) > 1 and known.camera_from_world is None:
             raise BadValue(f"the pose in {file}", "missing", "camera files with camera_from_world, or --rig FILE")
         if len(paths) == 1:  # its pose at calibration does not matter: its own frame is the world
