@@ -65,6 +65,9 @@ def test_known_internals_give_the_pose_alone(cadcam: Cadcam, job: Path) -> None:
     np.testing.assert_array_equal(posed.camera_from_world.matrix, expected.camera_from_world.matrix)
     np.testing.assert_allclose(posed.camera_from_world.origin, POSE.origin, atol=5 * expected.sigma("Z"))
     assert ran.json["estimate"]["free"] == ["X", "Y", "Z", "a", "b", "c"]
+    told = cadcam("calibrate", job / "points.csv", "--internals", job / "camera.json").out
+    assert "as if the camera's own numbers were exact" in told
+    assert "exact" not in cadcam("calibrate", job / "points.csv", "--size", "320x240").out
 
 
 def test_internals_may_come_from_another_programs_file(cadcam: Cadcam, job: Path) -> None:

@@ -12,7 +12,7 @@ from cadcam.calibrate.points.held import Held
 from cadcam.camera import opengl
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
+from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole
 from cadcam.camera.fitted import freedom_words
 from cadcam.geometry.rigid import Rigid
 from cadcam.report.table import Table, matrix_rows, plain, with_sigma
@@ -101,6 +101,7 @@ def quality_notes(estimate: CameraEstimate) -> tuple[str, ...]:
         f"residual {estimate.thesis_residual:.3g} px a point (RMS {estimate.rms_px:.3g} px a coordinate), "
         f"{freedom_words(estimate.dof)}; worst point {worst}: {distance:.3g} px",
         _noise_note(estimate),
+        *_held_note(estimate),
         f"the points span {size} mm in X, Y, Z",
         *((f"method: {estimate.method}",) if estimate.method else ()),
         *estimate.doubts,
@@ -115,6 +116,16 @@ def _noise_note(estimate: CameraEstimate) -> str:
     if estimate.sigma0 is None:
         return "sigmas unknown: as many equations as unknowns, and no sigma_px stated"
     return f"sigmas for a noise of {estimate.sigma0:.3g} px a coordinate, as the residuals say"
+
+
+def _held_note(estimate: CameraEstimate) -> tuple[str, ...]:
+    """Return what the sigmas of a pose leave out: the errors of the camera that was taken as it is."""
+    if not set(estimate.free) <= set(EXTERNALS):
+        return ()
+    return (
+        "sigmas of points and pixels alone, as if the camera's own numbers were exact: `cadcam measure --placed` "
+        "(Viewpoint.located) adds their errors",
+    )
 
 
 def camera_words(camera: Camera) -> str:

@@ -84,10 +84,11 @@ def calibrate_camera(
 def locate_camera(observations: Observations, camera: Camera) -> CameraEstimate:
     """Return the pose of a known camera (resection, "PnP"), from at least four points.
 
-    Its internals and lens are kept. The global minimum of the reprojection error, without a guess, for any lens. A flat
-    target's second pose is reported as `alternative`, with its residuals, if it is a minimum too; so is any other pose
-    that fits nearly as well. Raises `TooFewPoints`, `DegenerateGeometry` for points on a line, `MirroredPoints`, and
-    `BadValue` naming a point that lies where the lens images nothing.
+    Its internals and lens are kept, and taken as exact: `Viewpoint.located` adds their errors. The global minimum of
+    the reprojection error, without a guess, for any lens. A flat target's second pose is reported as `alternative`,
+    with its residuals, if it is a minimum too; so is any other pose that fits nearly as well. Raises `TooFewPoints`,
+    `DegenerateGeometry` for points on a line, `MirroredPoints`, and `BadValue` naming a point that lies where the lens
+    images nothing.
     """
     expect(observations, "observations", Observations)
     expect(camera, "camera", Camera)
