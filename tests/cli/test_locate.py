@@ -14,8 +14,8 @@ from scipy import ndimage
 from cadcam.cad.read import read_model
 from cadcam.cad.write import write_model
 from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.camera.error_source import distinct_sources
 from cadcam.camera.observations import Observations
-from cadcam.camera.viewpoint import distinct_sources
 from cadcam.cli.photos import file_of, viewpoints_of
 from cadcam.files.camera import write_camera
 from cadcam.files.jsontext import parsed
