@@ -10,8 +10,8 @@ distance to the truth of corners and of discs; how much too large the discs' rad
 lies on its dark side, and how much that varies between cells. "common" is the shift of all marks of a picture alike,
 which a calibration takes up, and is taken off the rms beside it.
 
-rings: the same with single marks, discs in rings, found by `find_marks` through the camera; "told" is the rms that
-their covariances foretell.
+rings: the same with single marks, discs in rings, found by `find_marks` through the camera; "predicted" is the rms by
+their covariances.
 
 kinds: four kinds of marks, upright and tilted by 45 degrees, fitted through the camera and without it.
 
@@ -158,7 +158,7 @@ def marks(row: Row, pattern: Pattern, pictures: int, seed: int) -> tuple[str, st
 
 
 def rings(row: Row, pictures: int, seed: int) -> tuple[str, str, str]:
-    """Return rms, the common shift and the rms told of single marks found by `find_marks`, px."""
+    """Return rms, the common shift and the predicted rms of single marks found by `find_marks`, px."""
     errors, told = [], []
     for k in range(pictures):
         rng = np.random.default_rng([seed, k])
@@ -328,12 +328,12 @@ def main() -> None:
     if "effects" in arguments.only:
         effects(chosen, arguments.pictures, arguments.seed)
     if "rings" in arguments.only:
-        print("| sensor | rings rms | common x y | told |")
+        print("| sensor | rings rms | common x y | predicted |")
         print("|---|---|---|---|")
         for row in chosen:
             print(f"| {row.name} | {' | '.join(rings(row, arguments.pictures, arguments.seed))} |", flush=True)
     if "kinds" in arguments.only:
-        print("| sensor | mark | tilt | camera (told) | none (told) |")
+        print("| sensor | mark | tilt | camera (predicted) | none (predicted) |")
         for row in chosen:
             for mark in KINDS:
                 for tilt in (0.0, 45.0):

@@ -36,26 +36,29 @@ if TYPE_CHECKING:
     from cadcam.locate.views.view_range import ViewRange
 
 START_HELP = """\
-start:    --start FILE    rough pose of the part: errors of some 20 degrees, 40 px, 10 % of the distance do no harm
-          --points FILE   four or more points of the model picked in the (first) photo, as for `cadcam calibrate`
-          neither         where the camera's file says that its world is, else searched for from all sides (seconds)
-A start file's first line says what it holds: '# camera_from_part, mm' (or world_from_part; or m, in ...), then a 3x4 or
-4x4 matrix; or JSON of --pose-out. The world is the camera; of several cameras, that in which their files place them.
+start:    --start FILE    rough pose of the part; it may be off by some 20 degrees, 40 px and 10 % of the distance
+          --points FILE   four or more points of the model picked in the (first) photo; `cadcam calibrate --help` shows
+                          the file
+          neither         the part is searched for (seconds). With one photo whose camera file has a pose, it is first
+                          tried where that file has the world's origin
+A start file is either JSON of `cadcam locate --pose-out`, or a first line '# camera_from_part, mm' (or world_from_part;
+or m, in ...) and a 3x4 or 4x4 matrix. With one camera, the world is that camera. With several, it is the frame in which
+their files place them.
 
-freedom:  free            all six (default)
+freedom:  free            all six degrees of freedom (default)
           plane:0,0,1     on a floor with this normal in the world: two shifts and a turn
           axis:X,Y,Z,DX,DY,DZ   a turn about the axis through X,Y,Z (mm) along DX,DY,DZ
           along:DX,DY,DZ  a shift along this direction
-          Add @part (plane:0,0,1@part) where the numbers are in the part's own axes. What is not free stays as in the
-          start, which is therefore needed.
+          Add @part (plane:0,0,1@part) if the numbers are in the part's own axes. What is not free stays as in the
+          start, so a start is needed.
 """
 
 VIEWS_HELP = """\
-views:    any             from all sides (default), as far away as the part is 0.2 to 1.2 of the photo's shorter side
-          above, above:60   from the side of the model's +z, up to 80 or 60 degrees off it
-          X,Y,Z:30        from the direction X,Y,Z of the model (its middle to the camera), up to 30 degrees off it
-          A narrower range is faster and surer. The first search of a model draws what it shows from there (seconds) and
-          keeps that in the cache folder: CADCAM_CACHE, else ~/.cache/cadcam; CADCAM_CACHE=off keeps nothing.
+views:    any             from all sides (default), where the part is 0.2 to 1.2 of the photo's shorter side large
+          above, above:60   from the side of the model's +z, up to 80 or 60 degrees from that axis
+          X,Y,Z:30        from the direction X,Y,Z of the model (from its middle to the camera), up to 30 degrees off
+          A narrower range is faster and surer. The first search of a model draws its views (seconds) and keeps them in
+          the cache folder: CADCAM_CACHE, else ~/.cache/cadcam; CADCAM_CACHE=off keeps nothing.
 """
 
 
@@ -63,8 +66,8 @@ def add_start_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the approximate pose of the part, and its allowed motions."""
     group = parser.add_argument_group("start (default: none, search)")
     group.add_argument("--start", metavar="FILE", help="rough pose of the part (see below)")
-    group.add_argument("--points", metavar="FILE", help="points of the model picked in the photo")
-    group.add_argument("--freedom", default="free", metavar="F", help="free, plane:..., axis:... or along:... (below)")
+    group.add_argument("--points", metavar="FILE", help="points of the model picked in the photo (see below)")
+    group.add_argument("--freedom", default="free", metavar="F", help="how the part may move: see below")
     add_points_options(parser)
 
 
@@ -72,12 +75,14 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the range of views of a part that is searched for."""
     group = parser.add_argument_group("search (without a start)")
     group.add_argument(
-        "--views", default="any", metavar="V", help="from where the part may be seen (below; default any)"
+        "--views", default="any", metavar="V", help="from where the part may be seen: see below (default any)"
     )
     group.add_argument(
-        "--roll", type=real, metavar="DEG", help="the part's z stands upright in the photo within so many degrees"
+        "--roll", type=real, metavar="DEG", help="the part's z axis is upright in the photo, to within DEG"
     )
-    group.add_argument("--distance", metavar="NEAR,FAR", help="of the camera from the part's middle, mm")
+    group.add_argument(
+        "--distance", metavar="NEAR,FAR", help="range of the camera's distance from the part's middle, mm"
+    )
 
 
 def views_as_asked(arguments: argparse.Namespace) -> ViewRange:

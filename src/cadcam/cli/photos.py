@@ -44,10 +44,12 @@ def add_photo_options(parser: argparse.ArgumentParser) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="camera file; of several photos one each, in their order, each with its pose",
+        help="camera file; several photos: one for each, in their order, each with the camera's pose",
     )
     parser.add_argument(
-        "--rig", metavar="FILE", help="rig file of `cadcam rig`: photos are named as its cameras (left.png, left=1.png)"
+        "--rig",
+        metavar="FILE",
+        help="rig file of `cadcam rig`, in place of --camera; name photos as its cameras: left.png, left=1.png",
     )
     add_full_scale(parser)
 

@@ -28,11 +28,12 @@ _OF_A_SET = (
 )  # options without effect with --next
 _SUFFIXES = (".html", ".json")
 _DESCRIPTION = """\
-Before there is a factory: which cameras to mount where, and how well they will measure. From CAD, places where cameras
-can be and the features that matter it is worked out what every candidate sees (nothing hidden, in focus, not too
-oblique), how large the uncertainty of each feature will be (noise, blur, slant, calibration, motion), and whether each
-limit can be judged: the test uncertainty ratio TUR = limit/U, with U = k sigma as in `cadcam verify`. The best set is
-the one whose worst TUR, over all features and poses, is largest."""
+Before there is a factory: which cameras to mount where, and how well they will measure. The scene file names the CAD
+model, places where cameras can be, and the features that matter, with their limits. Three things are computed: what
+every candidate camera sees (nothing hidden, in focus, not too oblique); how large the uncertainty of each feature will
+be (noise, blur, slant, calibration, motion); and whether each limit can be judged, by the test uncertainty ratio TUR =
+limit/U, with U = k sigma as in `cadcam verify`. The best set of cameras is the one whose worst TUR, over all features
+and poses, is largest."""
 _EXAMPLES = """\
   cadcam layout --sample folder                              two scenes to try and to edit, with their CAD model
   cadcam layout folder/four_fixed.yaml -o report.html        four fixed cameras at 6 m; a report to sign
@@ -59,7 +60,7 @@ scene file (YAML; mm and degrees; all keys are in docs/layout.md):
   calibration: {points: 30, sigma_px: 0.1}
   tur: 3
 
-exit codes: 0 every limit reaches the wanted TUR, 3 not (the table says which, and why), 2 errors.
+exit codes: 0 every limit reaches the wanted TUR, 3 not every one (the table says which, and why), 2 wrong input.
 """
 
 
@@ -76,7 +77,7 @@ def add_to(verbs: Verbs) -> None:
         action="append",
         default=[],
         metavar="NAME",
-        help="a candidate that is taken as given; may be repeated",
+        help="a candidate camera that must be in the set; may be repeated",
     )
     parser.add_argument(
         "--next", action="store_true", help="rank every candidate as the next camera beside the fixed and kept ones"
@@ -95,7 +96,11 @@ def add_to(verbs: Verbs) -> None:
         action="store_true",
         help="also list each feature from each camera: scale, slant, blur, sigma, or why not",
     )
-    parser.add_argument("--no-what-if", action="store_true", help="leave out the table of what-if changes")
+    parser.add_argument(
+        "--no-what-if",
+        action="store_true",
+        help="leave out the table of what-if changes (the same set with one thing changed)",
+    )
     parser.add_argument("--sample", metavar="FOLDER", help="only write two sample scenes and their model into a folder")
     add_json(parser)
 

@@ -45,22 +45,22 @@ _EXAMPLES = f"""\
 
 {START_HELP}
 {VIEWS_HELP}
-several photos: of a rig's cameras, or of one that was moved: every camera file says where it stood.
+several photos: of a rig's cameras, or of one camera that was moved. Every camera file says where it stood.
 
-exit code: 0 found, 3 not found, 2 wrong input. Not found means that the picture does not show the model's edges where
-any pose would put them: another part, a part that is hidden, a mirrored or blurred picture, a camera file of another
-camera. What was looked at is said, and the overlay shows the best candidate in red. --pose-out then writes nothing."""
+exit code: 0 found, 3 not found, 2 wrong input. Not found means that no pose fits the edges in the picture: another
+part, a hidden part, a mirrored or blurred picture, or the file of another camera. The reason is printed, the overlay
+shows the best candidate in red, and --pose-out writes nothing."""
 _DESCRIPTION = """\
-Find a part in a photo by its CAD model's edges, to a fraction of a pixel, and say how sure that is: the pose comes with
-its covariance (noise of the photo, errors of the camera's calibration), a quality between 0 and 1 (found from 0.5 on,
-for all parts), and the other poses that the photo allows (symmetric parts)."""
+Find a part in a photo by the edges of its CAD model, to a fraction of a pixel. The pose comes with its covariance
+(noise of the photo, errors of the camera's calibration), with a quality between 0 and 1 (found from 0.5 on, for all
+parts), and with the other poses that the photo allows (symmetric parts)."""
 
 
 def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "photo + CAD model + camera -> where the part is, with covariance, or that it is not there"
     parser = verb(verbs, "locate", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("photos", nargs="+", metavar="photo", help="PNG, JPEG, TIFF ...: one, or one a camera")
+    parser.add_argument("photos", nargs="+", metavar="photo", help="PNG, JPEG, TIFF ...: one, or one per camera")
     add_model_options(parser)
     add_photo_options(parser)
     add_start_options(parser)

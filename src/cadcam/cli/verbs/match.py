@@ -34,17 +34,17 @@ _EXAMPLES = f"""\
   cadcam match photo.png part.step --camera camera.json --pose start.txt -o features.png
   cadcam match photo.png part.stl --unit mm --camera camera.json --edges --peaks
 
-The gap is what a peak's score has over the next one's: a high score with a small gap says that the picture shows the
-same thing twice. A feature whose best peak is wrong is no harm: the pose is that on which most features agree.
+The gap is the score of a peak less that of the next one: a high score with a small gap means that the picture shows the
+same thing twice. A feature whose best peak is wrong does no harm: the pose is that on which most features agree.
 
 exit codes: 0 found; 3 not found: nothing reaches --least-score, or too few features agree on a pose.
 
 {POSE_HELP}"""
 _DESCRIPTION = """\
-Match by area, by normalised correlation. With a picture as template: the peaks of its correlation over all positions
+Match by area, by normalised correlation. With a picture as template: the peaks of the correlation over all positions
 and angles, to parts of a pixel and of a degree, with the gap to the runner-up. With a CAD model, a camera and a rough
-pose: windows worth matching are chosen in the model's drawing as that camera sees it, each is searched for in the
-photo, and the pose that most of them agree on is taken; hidden and repeated features do no harm."""
+pose: the model is drawn as that camera sees it, distinctive windows of the drawing (features) are searched for in the
+photo, and the pose on which most of them agree is taken. Hidden and repeated features do no harm."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -71,11 +71,20 @@ def _add_template_options(parser: argparse.ArgumentParser) -> None:
         nargs=2,
         default=(-180, 180),
         metavar="DEG",
-        help="range of angles, from x towards y (default all)",
+        help="range of the template's angle, from x towards y (default all)",
     )
-    group.add_argument("--scales", type=real, nargs=2, default=(1, 1), metavar="S", help="least, largest (default 1 1)")
-    group.add_argument("--count", type=whole, default=3, metavar="N", help="peaks to report (default 3)")
-    group.add_argument("--least-score", type=real, default=0.4, metavar="S", help="of a peak, 0 to 1 (default 0.4)")
+    group.add_argument(
+        "--scales",
+        type=real,
+        nargs=2,
+        default=(1, 1),
+        metavar="S",
+        help="smallest and largest scale of the template (default 1 1)",
+    )
+    group.add_argument("--count", type=whole, default=3, metavar="N", help="number of peaks to report (default 3)")
+    group.add_argument(
+        "--least-score", type=real, default=0.4, metavar="S", help="least score of a peak, 0 to 1 (default 0.4)"
+    )
     group.add_argument("--either-sign", action="store_true", help="reversed contrast matches as well")
 
 
@@ -93,7 +102,7 @@ def _add_part_options(parser: argparse.ArgumentParser) -> None:
         help="what is compared: drawn lines or shades with the photo's gradient, or grey levels (default lines)",
     )
     group.add_argument(
-        "--reach", type=real, default=45.0, metavar="PX", help="how far off the pose may be (default 45)"
+        "--reach", type=real, default=45.0, metavar="PX", help="how far off the pose may draw the part (default 45)"
     )
     group.add_argument(
         "--turn", type=real, default=20.0, metavar="DEG", help="how far it may be rotated in the picture (default 20)"

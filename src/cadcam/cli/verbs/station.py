@@ -23,7 +23,7 @@ _EXAMPLES = """\
   cadcam station recalibrate s12.json ref.pgm --known 5077.3,4763.1 -o s12-today.json
   cadcam station report s12.json s6.json --log station.jsonl -o report.html
 
-where and when a picture was taken stands in its header (PGM), in PICTURE.json beside it, or in --positions FILE:
+Where and when a picture was taken is read from its header (PGM), from PICTURE.json beside it, or from --positions FILE:
   picture,camera,x_mm,y_mm,time
   p01.pgm,12,8175.40,21616.90,1995-07-21T09:28:08+00:00
 
@@ -68,7 +68,8 @@ def _add_rule(parser: argparse.ArgumentParser) -> None:
         "--rule",
         default="smooth",
         choices=("smooth", "bilinear", "linear", "nearest", "b4"),
-        help="how calibrations share in a measurement (default smooth: least predicted error; b4: the dissertation's)",
+        help="how the calibrations around a mark are weighted (default smooth: least predicted error; b4: the "
+        "dissertation's)",
     )
 
 
@@ -84,15 +85,22 @@ def _add_calibrate(jobs: Verbs) -> None:
     parser.add_argument("--plate", required=True, metavar="FILE", help="plate file")
     parser.add_argument("--survey", required=True, metavar="FILE", help="survey file")
     parser.add_argument(
-        "--survey-sigma", type=real, metavar="MM", help="noise of one surveyed coordinate (default: by the residuals)"
+        "--survey-sigma",
+        type=real,
+        metavar="MM",
+        help="noise of one surveyed coordinate (default: estimated from the residuals)",
     )
     parser.add_argument(
-        "--repeatability", metavar="MM[,MM]", help="standard deviation of the view from visit to visit, x and y"
+        "--repeatability",
+        metavar="MM[,MM]",
+        help="standard deviation of where the camera looks, from visit to visit, x and y",
     )
     parser.add_argument(
-        "--lens", metavar="FILE", help="camera file: its lens distortion is taken off all pixels (default: none)"
+        "--lens", metavar="FILE", help="camera file: its lens distortion is removed from all pixels (default: none)"
     )
-    parser.add_argument("--limit", type=real, default=2.0, metavar="PX", help="largest residual of a plate (default 2)")
+    parser.add_argument(
+        "--limit", type=real, default=2.0, metavar="PX", help="largest allowed residual of a plate (default 2)"
+    )
     parser.add_argument("-o", "--output", metavar="FILE", help="station file to write (.json)")
     _add_pictures(parser)
 
@@ -116,7 +124,7 @@ def _add_measure(jobs: Verbs) -> None:
     short = "measure marks, one in each picture"
     parser = _job(jobs, "measure", measuring.measure_marks, short)
     parser.add_argument(
-        "pictures", nargs="*", metavar="PICTURE", help="pictures of one mark each; named as their files"
+        "pictures", nargs="*", metavar="PICTURE", help="pictures of one mark each, which is named as the file"
     )
     parser.add_argument(
         "--station", action="append", required=True, metavar="FILE", help="station file; may be repeated"
@@ -128,10 +136,10 @@ def _add_measure(jobs: Verbs) -> None:
         type=names,
         default=[],
         metavar="A,B",
-        help="only these distances; may be repeated",
+        help="only the distance between these two marks; may be repeated",
     )
     parser.add_argument("--csv", metavar="FILE", help="write all distances against the drawing: .csv")
-    parser.add_argument("--explain", action="store_true", help="print what each calibration makes of each mark")
+    parser.add_argument("--explain", action="store_true", help="print where each calibration places each mark")
     parser.add_argument("--log", metavar="FILE", help="add the measurements to this log (JSON lines)")
     parser.add_argument("--store", metavar="FILE|URL", help="add a record for each mark to this store of product state")
     parser.add_argument("--block", help="which block the marks are on, for log and store")
@@ -142,13 +150,13 @@ def _add_measure(jobs: Verbs) -> None:
 
 def _add_recalibrate(jobs: Verbs) -> None:
     parser = _job(
-        jobs, "recalibrate", station_jobs.recalibrate, "correct a station by what one mark of known position is off by"
+        jobs, "recalibrate", station_jobs.recalibrate, "correct a station by one mark whose position is known"
     )
     parser.add_argument("station_file", metavar="STATION", help="station file")
     parser.add_argument("pictures", nargs="*", metavar="PICTURE", help="picture of the mark")
     parser.add_argument("--known", required=True, metavar="X,Y", help="where the mark is, mm")
     parser.add_argument(
-        "--known-sigma", type=real, default=0.0, metavar="MM", help="how well that is known (default 0)"
+        "--known-sigma", type=real, default=0.0, metavar="MM", help="standard deviation of X and Y (default 0)"
     )
     parser.add_argument("-o", "--output", metavar="FILE", help="station file to write (.json)")
     _add_pictures(parser)
@@ -172,13 +180,31 @@ def _add_simulate(jobs: Verbs) -> None:
     )
     parser.add_argument("folder", nargs="?", metavar="FOLDER", help="folder for the files of the hall (default: none)")
     parser.add_argument(
-        "--robots", type=names, default=("1", "6", "7", "12"), metavar="A,B", help="of 1, 6, 7, 12 (default all)"
+        "--robots",
+        type=names,
+        default=("1", "6", "7", "12"),
+        metavar="A,B",
+        help="some of the robots 1, 6, 7, 12 (default all)",
     )
-    parser.add_argument("--deflection", type=real, default=20.0, metavar="MM", help="of the mechanics (default 20)")
-    parser.add_argument("--survey-sigma", type=real, default=0.1, metavar="MM", help="default 0.1")
-    parser.add_argument("--noise", type=real, default=0.03, metavar="PX", help="of one pixel coordinate (default 0.03)")
-    parser.add_argument("--marks", type=whole, default=40, metavar="N", help="marks of a day's work (default 40)")
+    parser.add_argument(
+        "--deflection",
+        type=real,
+        default=20.0,
+        metavar="MM",
+        help="deflection of the mechanics between the two worst places (default 20)",
+    )
+    parser.add_argument(
+        "--survey-sigma", type=real, default=0.1, metavar="MM", help="noise of the survey (default 0.1)"
+    )
+    parser.add_argument(
+        "--noise", type=real, default=0.03, metavar="PX", help="noise of one pixel coordinate (default 0.03)"
+    )
+    parser.add_argument(
+        "--marks", type=whole, default=40, metavar="N", help="number of marks measured in a day (default 40)"
+    )
     parser.add_argument("--pictures", action="store_true", help="render pictures and find the marks in them (slow)")
-    parser.add_argument("--sensor", metavar="PROFILE", help="of those pictures: a file or a preset (`cadcam sensor`)")
-    parser.add_argument("--seed", type=seed, default=1, help="of the simulation's chance (default 1)")
+    parser.add_argument(
+        "--sensor", metavar="PROFILE", help="sensor of those pictures: a file or a preset (`cadcam sensor`)"
+    )
+    parser.add_argument("--seed", type=seed, default=1, help="seed of the random numbers (default 1)")
     _add_rule(parser)

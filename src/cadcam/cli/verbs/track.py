@@ -36,26 +36,32 @@ _EXAMPLES = f"""\
   cadcam track 'shots/*.png' part.stl --camera camera.json --points picked.csv -o track.jsonl
 
 {START_HELP}
-frames: a folder of pictures in the order of the numbers in their names, a pattern, or a video (cadcam[video]). Of
-several cameras the n-th pictures were taken together.
+frames: a folder of pictures in the order of the numbers in their names, a pattern, or a video (cadcam[video]). With
+several cameras, their n-th pictures must have been taken together.
 
-the log (-o) gets one line of JSON per frame, on disk before the next frame is read: found, quality, and two poses with
-covariances. "pose" is what this frame's pictures show: the part's edges, and the texture of its faces as learned from
-earlier frames (with --no-print edges alone: then no other frame enters). A sudden motion is followed at once.
-"filtered" combines it with all earlier frames (constant velocity, with accelerations as large as this part has shown):
-steadier, and better where a frame shows little, but lagging where the motion changes. Measure with "pose", guide and
-draw with "filtered".
+The log (-o) gets one line of JSON per frame, on disk before the next frame is read: found, quality, and two poses with
+covariances.
+  "pose"        what this frame's pictures show: the part's edges, and the texture of its faces as learned from earlier
+                frames (with --no-print edges alone: then no other frame enters). A sudden motion is followed at once.
+                Measure with it.
+  "filtered"    combines it with all earlier frames (constant velocity, with accelerations as large as this part has
+                shown): steadier, and better where a frame shows little, but late where the motion changes. Guide and
+                draw with it.
 
 Run the same command again to continue after the last complete line; other pictures, part, cameras or start are
 refused. --csv writes a table for spreadsheets: of "pose", with --smooth of "filtered".
 
-how: followed, by its texture; predicted, near the pose that its motion predicts; kept, around the last pose; recovered,
-searched for around the last pose (or the start); searched without a start; lost. A part that stays lost is searched for
-less and less often, in the end every eighth frame.
+how the part was found in a frame ("how" in log and table):
+  followed      by its texture
+  predicted     near the pose that its motion predicts
+  kept          around the last pose
+  recovered     searched for around the last pose (or the start)
+  searched      searched for without a start
+  lost          not found; if it stays lost it is searched for less and less often, in the end every eighth frame
 
 exit code: 0, or 3 where the part was found in no frame."""
 _DESCRIPTION = """\
-Follow a part through pictures: the texture of its surface and its motion predict where to look in the next frame, and
+Follow a part through pictures. The texture of its surface and its motion predict where to look in the next frame, and
 how far around. A part that is lost is reported as lost, and searched for again."""
 
 
@@ -64,13 +70,13 @@ def add_to(verbs: Verbs) -> None:
     short = "pictures or a video + CAD model + camera -> where the part is in each frame"
     parser = verb(verbs, "track", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     parser.add_argument(
-        "frames", nargs="+", help="folder of pictures, pattern such as 'left/*.png', or video; one a camera"
+        "frames", nargs="+", help="folder of pictures, pattern such as 'left/*.png', or video; one per camera"
     )
     add_model_options(parser)
     add_photo_options(parser)
     add_start_options(parser)
     parser.add_argument(
-        "--no-velocity", action="store_true", help="expect the part where it was, not where its velocity leads"
+        "--no-velocity", action="store_true", help="predict that the part stays where it was, instead of moving on"
     )
     parser.add_argument(
         "--no-print", action="store_true", help="edges alone: do not learn and follow the texture of the faces"

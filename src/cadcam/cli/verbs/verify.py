@@ -32,12 +32,12 @@ _OF_A_VERDICT = ("--tolerances", "--reach", "--alarms", "--serial", "--station")
 _POSED_PX = 4.0  # largest error of a pose that was found before
 _DESCRIPTION = """\
 Judge a part against its CAD, from one photo or several. The part is found, its pose is fitted to datum features, and
-every other feature is compared with where the CAD has it: its displacement in mm with its uncertainty, and whether it
-is there at all. Each limit of the tolerance file gets a verdict by ISO 14253-1: with U = k sigma, PASS if |deviation|
-<= limit - U, FAIL if |deviation| > limit + U, else UNDECIDED. A photo too poor to judge does not say PASS.
+every other feature is compared with where the CAD has it: is it there at all, and how far is it displaced, in mm, with
+what uncertainty? Each limit of the tolerance file gets a verdict by ISO 14253-1. With U = k sigma: PASS if |deviation|
+<= limit - U, FAIL if |deviation| > limit + U, else UNDECIDED. A photo that is too poor to judge by never gives PASS.
 
-The uncertainty holds the photo's noise, what each edge is off by as a whole, the pose, and the camera's calibration, as
-far as its file has one. One photo shows no displacement along the line of sight."""
+The uncertainty has four causes: the photo's noise, errors common to an edge, the pose, and the camera's calibration, as
+far as its file has a covariance. One photo shows no displacement along the line of sight."""
 _EXAMPLES = f"""\
   cadcam verify part.step --list -o names.png                     what a tolerance file can name, on a picture
   cadcam verify part.step --list 'bar 1*'                         the edges (chains) of these parts
@@ -66,17 +66,27 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "photo + CAD + tolerances -> PASS, FAIL or UNDECIDED, deviations in mm with U, a report"
     parser = verb(verbs, "verify", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("photos", nargs="*", metavar="photo", help="one photo, or one a camera")
+    parser.add_argument("photos", nargs="*", metavar="photo", help="one photo, or one per camera")
     add_model_options(parser)
     add_photo_options(parser)
     parser.add_argument("--tolerances", metavar="FILE", help="tolerance file (see below)")
     add_start_options(parser)
-    parser.add_argument("--pose", metavar="FILE", help="where the part was found before, to a pixel or two: no search")
     parser.add_argument(
-        "--reach", type=real, default=8.0, metavar="PX", help="how far displaced features are looked for (default 8)"
+        "--pose", metavar="FILE", help="a start that is right to a pixel or two (`cadcam locate --pose-out`): no search"
     )
     parser.add_argument(
-        "--alarms", type=share, default=0.01, metavar="SHARE", help="share of false alarms allowed (default 0.01)"
+        "--reach",
+        type=real,
+        default=8.0,
+        metavar="PX",
+        help="how far off displaced features are looked for (default 8)",
+    )
+    parser.add_argument(
+        "--alarms",
+        type=share,
+        default=0.01,
+        metavar="SHARE",
+        help="share of good pictures that may give a false alarm (default 0.01)",
     )
     parser.add_argument("--serial", help="serial number of the part, for the report")
     parser.add_argument("--station", help="name of the place of measurement, for the report")
@@ -89,7 +99,11 @@ def add_to(verbs: Verbs) -> None:
         help="report to write: .html or .json, may be repeated; with --list a picture, with --template a .yaml",
     )
     parser.add_argument(
-        "--list", nargs="?", const=True, metavar="PART", help="only list what a tolerance file can name"
+        "--list",
+        nargs="?",
+        const=True,
+        metavar="PART",
+        help="only list what a tolerance file can name; PART (or a pattern): its edges",
     )
     parser.add_argument("--template", action="store_true", help="only write (-o FILE.yaml) or print a tolerance file")
     add_json(parser)
