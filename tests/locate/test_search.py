@@ -20,6 +20,7 @@ from cadcam.locate.in_photos import locate_part
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.search import without_start
 from cadcam.locate.search.climb import row_of
 from cadcam.locate.search.without_start import _FINELY, _judged, _Scales, search
 from cadcam.locate.views.view_range import ViewRange
@@ -74,6 +75,23 @@ def test_a_part_beside_hatched_ground_is_found(rng: np.random.Generator) -> None
     ground = x > q[:, 0].max() + 12 if q[:, 0].mean() < clean.shape[1] / 2 else x < q[:, 0].min() - 12
     taken = Photo.of(noisy(np.where(ground, gaussian_filter(hatched, 0.6), clean), 0.01, rng), CAMERA)
     found = search(BRACKET, [taken], ViewRange(axis=FROM_ABOVE.axis, half_angle_deg=35.0, distance_mm=(400.0, 800.0)))
+    assert error_px(BRACKET, CAMERA, found[0].world_from_part, pose) < RIGHT_PX
+
+
+def test_a_dozen_poses_that_climb_hold_the_right_one_on_hatched_ground(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Judged by their own lines alone, poses on the hatching are ahead of the right one by the hundred."""
+    monkeypatch.setattr(without_start, "_CLIMBS", tuple(c._replace(kept=12) for c in without_start._CLIMBS))
+    pose = view(BRACKET, (0.5, 0.7, 1.0), away=7.0, aim=0.8)
+    x, y = np.meshgrid(*(np.arange(n) for n in CAMERA.size))
+    hatched = 0.5 + 0.2 * np.sign(np.sin(x / 2.5)) * np.sign(np.sin(y / 2.5))
+    q = CAMERA.project(pose @ BRACKET.scene.mesh.vertices)
+    low, high = q.min(axis=0) - 12, q.max(axis=0) + 12
+    ground = (x < low[0]) | (x > high[0]) | (y < low[1]) | (y > high[1])
+    faint = 0.5 + 0.4 * (shot(BRACKET, pose) - 0.5)
+    taken = Photo.of(noisy(np.where(ground, gaussian_filter(hatched, 0.6), faint), 0.01, rng), CAMERA)
+    found = search(BRACKET, [taken], ViewRange(distance_mm=(300.0, 900.0)))
     assert error_px(BRACKET, CAMERA, found[0].world_from_part, pose) < RIGHT_PX
 
 

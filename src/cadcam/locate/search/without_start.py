@@ -5,8 +5,8 @@
 2. The best climb on finer and finer fields; the evidence for each is judged edge by edge (`climb.evidence`).
 3. Those that stand out are approached (`approach`) as from a user's rough start, and judged again.
 
-In clutter there are lines near any line, so the evidence for a pose means little by itself. Except in the first climbs
-it is compared with the evidence for the part displaced by about a fifth of its size to any side.
+In clutter there are lines near any line, so the evidence for a pose means little by itself. From the first climb on it
+is compared with the evidence for the part displaced by about a fifth of its size to any side.
 """
 
 from __future__ import annotations
@@ -54,11 +54,11 @@ _SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: ratio of distances, roll in
 _SWEPT = 42  # samples of an aspect that are swept
 _TAKEN = 1000  # hypotheses per distance that climb
 _CLIMBS = (
-    Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 350),
-    Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 100),
+    Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 250),
+    Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 70),
     Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 20),
 )
-_BESIDE = Climb(2, 64, (1.0,), 0)  # how displaced poses are judged: without climbing
+_BESIDE, _FEW = Climb(2, 64, (1.0,), 0), 4  # how displaced poses are judged, without climbing; every 4th of _ASIDE
 _APPROACHED, _NEIGHBOURS = (16, 8), 0.25  # poses approached by either judgement; radii between them
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; shift_px by the part's size
 # Displacements at which lines are compared, as shares of the part's size in the picture.
@@ -230,10 +230,9 @@ def _promising(scales: _Scales, eye: int, distance: float, looks: tuple[Longs, A
     for climb in _CLIMBS:
         stage = scales.alike(eye, chosen[min(climb.level, len(chosen) - 1)], poses)
         poses, score = climbed(aspects, stage, poses, np.eye(6), climb)
-        if climb is _CLIMBS[-1]:
-            moved = scales.beside(poses, 2)
-            beside = climbed(aspects, stage, np.concatenate(moved), np.eye(6), _BESIDE)[1]
-            score = score - beside.reshape(len(moved), len(poses)).max(axis=0)
+        moved = scales.beside(poses, _FEW)
+        beside = climbed(aspects, stage, np.concatenate(moved), np.eye(6), _BESIDE)[1]
+        score = score - beside.reshape(len(moved), len(poses)).max(axis=0)
         poses = poses[distinct(aspects, poses, score, climb.kept)]
     return poses
 
