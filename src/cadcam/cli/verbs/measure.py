@@ -164,9 +164,10 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _distances(measured: Measurement, pairs: Sequence[Sequence[str]]) -> list[dict[str, Any]]:
-    lengths = [(pair, measured.distance(*pair)) for pair in pairs]
+    lengths = measured.distances([(one, other) for one, other in pairs])
     return [
-        {"of": list(pair), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width} for pair, d in lengths
+        {"of": list(pair), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width}
+        for pair, d in zip(pairs, lengths, strict=True)
     ]
 
 
