@@ -6,10 +6,10 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from glob import glob
-from os import fsencode
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from cadcam.cli.cameras import CameraFiles, hash_of
 from cadcam.cli.output import working
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
@@ -82,7 +82,7 @@ def read_shots(paths: Sequence[str], arguments: argparse.Namespace) -> Shots:
         photos.append(photo)
         read.append(info)
     files = [("photo", info.path, info.sha256) for info in read]
-    files += [(role, path, _hash(path)) for role, path in _camera_files(cameras, rig)]
+    files += [(role, path, hash_of(path)) for role, path in _camera_files(cameras, rig)]
     return Shots(tuple(photos), tuple(files), said, tuple(whites), tuple(read))
 
 
@@ -137,14 +137,13 @@ def _of_rig(paths: Sequence[str], rig: str) -> list[Viewpoint]:
 
 def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpoint], Rigid | None]:
     from cadcam.camera.viewpoint import Viewpoint
-    from cadcam.cli.cameras import read_any_camera
     from cadcam.geometry.rigid import Rigid
     from cadcam.locate.photo import EDGE_PX
 
     out, said = [], None
-    read = {file: read_any_camera(file) for file in dict.fromkeys(cameras)}  # photos of one camera share its errors
+    files = CameraFiles()  # photos of one camera share its errors
     for name, file in zip(_told_apart([file_of(path) for path in paths]), cameras, strict=True):
-        known = read[file]
+        known = files.read(file)
         if len(paths) > 1 and known.camera_from_world is None:
             raise BadValue(f"the pose in {file}", "missing", "camera files with camera_from_world, or --rig FILE")
         if len(paths) == 1:  # its pose at calibration does not matter: its own frame is the world
@@ -183,11 +182,3 @@ def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, Pict
 
 def _camera_files(cameras: Sequence[str], rig: str | None) -> list[tuple[str, str]]:
     return [("rig", rig)] if rig else [("camera", file) for file in dict.fromkeys(cameras)]
-
-
-def _hash(path: str) -> str:
-    from hashlib import sha256
-
-    from cadcam.files.text import read_bytes
-
-    return sha256(read_bytes(path)).hexdigest() if Path(path).is_file() else sha256(fsencode(path)).hexdigest()
