@@ -10,13 +10,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cadcam.cli.cameras import CameraFiles, hash_of
-from cadcam.cli.output import working
+from cadcam.cli.output import say, working
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
     from cadcam.camera.viewpoint import Viewpoint
+    from cadcam.files.camera import CameraFile
     from cadcam.geometry.rigid import Rigid
     from cadcam.image.picture import PictureInfo
     from cadcam.locate.photo import Photo
@@ -157,7 +158,24 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
         else:
             place = Rigid() if known.camera_from_world is None else known.camera_from_world
             out.append(Viewpoint.exact(name, known.camera, place, sigma_px=EDGE_PX))
+    _say_exact([file for file in dict.fromkeys(cameras) if _pose_alone(files.read(file))], alone=len(paths) == 1)
     return out, said
+
+
+def _pose_alone(known: CameraFile) -> bool:
+    return known.estimate is not None and known.estimate.pose_alone
+
+
+def _say_exact(files: Sequence[str], *, alone: bool) -> None:
+    """Say which camera files hold a pose found with a known camera: its own errors are not in them."""
+    if not files:
+        return
+    way = (
+        f"give the calibration that it was found with: --camera CALIBRATION --start {files[0]}"
+        if alone
+        else "from Python, Viewpoint.located(name, calibration, pose) adds their errors"
+    )
+    say(f"{', '.join(files)}: a pose alone: results are as if the camera's own numbers were exact; {way}")
 
 
 def _told_apart(files: Sequence[str]) -> list[str]:
