@@ -49,8 +49,13 @@ class Deviation:
                 expect_number(value, f"{name} of {self.feature!r}")
             if value is not None and not np.isfinite(value):
                 raise BadValue(f"{name} of {self.feature!r}", value, "a finite number")
-            if name in ("expanded_uncertainty", "k") and value < 0:
+            if name == "expanded_uncertainty" and value < 0:
                 raise BadValue(f"{name} of {self.feature!r}", value, "zero or more")
+        if not self.k > 0:
+            raise BadValue(f"k of {self.feature!r}", self.k, "a positive number: U = k sigma")
+        if self.lower is not None and self.upper is not None and self.lower > self.upper:
+            limits = f"{self.lower:g} to {self.upper:g}"
+            raise BadValue(f"tolerance of {self.feature!r}", limits, "lower at most upper")
 
 
 @dataclass(frozen=True, slots=True)
