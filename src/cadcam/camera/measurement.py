@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
@@ -28,26 +28,28 @@ class Length:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PixelNoise(Brief):
-    """The covariance (N, 3, 3) mm^2 of points due to pixel noise of one origin, independent between points.
+    """The covariance (N, 3, 3) mm^2 of points due to noise of one origin, independent between points: of pixels.
 
     owner, dof: the calibration that the noise was estimated by and its degrees of freedom; None and inf where stated.
+    name: the cause, where it is not the pixels.
     """
 
     covariance: Array
     owner: object = field(default=None, repr=False)
     dof: float = np.inf
+    name: str = PIXELS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
     """N points (N, 3) in mm, in the world of the cameras, with all contributions to their uncertainty.
 
-    noise: covariances due to each point's own pixels. effects: for each error source the derivative (N, 3, k) of all
-    points by its parameters: shared by the points, so that their errors are correlated. seen_by: the viewpoints of each
-    point. chi2 (N,), dof (N,): the misfit of each point's rays relative to the uncertainty of pixels, calibration and
-    motion, and its degrees of freedom. gap, gap_sigma (N,) mm: the largest shortest distance between two of its rays
-    and its predicted standard deviation; angle (N,) rad: the largest angle between two of its rays; NaN for points of
-    one ray. refused: the points that could not be measured, and why.
+    noise: covariances due to what each point has to itself, such as its pixels. effects: for each error source the
+    derivative (N, 3, k) of all points by its parameters: shared by the points, so that their errors are correlated.
+    seen_by: the viewpoints of each point. chi2 (N,), dof (N,): the misfit of each point's rays relative to the
+    uncertainty of pixels, calibration and motion, and its degrees of freedom. gap, gap_sigma (N,) mm: the largest
+    shortest distance between two of its rays and its predicted standard deviation; angle (N,) rad: the largest angle
+    between two of its rays; NaN for points of one ray. refused: the points that could not be measured, and why.
     """
 
     names: tuple[str, ...]
@@ -69,7 +71,7 @@ class Measurement:
             raise BadValue("point names", self.names, "each name once")
         object.__setattr__(self, "points", frozen(self.points, "measured points", (n, 3)))
         noise = tuple(
-            replace(part, covariance=frozen(part.covariance, "covariance from pixels", (n, 3, 3)))
+            replace(part, covariance=frozen(part.covariance, f"covariance from {part.name}", (n, 3, 3)))
             for part in self.noise
         )
         object.__setattr__(self, "noise", noise)
@@ -86,12 +88,17 @@ class Measurement:
     @property
     def from_pixels(self) -> Array:
         """Return the covariance (N, 3, 3) mm^2 due to all pixels' noise, independent between points."""
-        return np.asarray(sum((part.covariance for part in self.noise), np.zeros((len(self), 3, 3))))
+        return self._of_noise(lambda part: part.name == PIXELS)
+
+    def _of_noise(self, counts: Callable[[PixelNoise], bool] = lambda _: True) -> Array:
+        """Return the covariance (N, 3, 3) mm^2 due to noise of these origins, independent between points."""
+        parts = (part.covariance for part in self.noise if counts(part))
+        return np.asarray(sum(parts, np.zeros((len(self), 3, 3))))
 
     @property
     def covariance(self) -> Array:
         """Return the covariance (N, 3, 3) mm^2 of each point by itself."""
-        total = self.from_pixels
+        total = self._of_noise()
         for source, E in self.effects:
             total += _weighed(E, source.covariance) @ np.swapaxes(E, -1, -2)
         return np.asarray(total)
@@ -123,10 +130,12 @@ class Measurement:
 
         Their squares add up to those of `sigma`; causes of the same name are combined.
         """
-        parts = {PIXELS: np.diagonal(self.from_pixels, axis1=-2, axis2=-1).copy()}
+        parts = {PIXELS: np.zeros((len(self), 3))}
         for source, E in self.effects:
             variance = np.einsum("nik,nik->ni", _weighed(E, source.covariance), E)
             parts[source.name] = parts.get(source.name, 0.0) + variance
+        for part in self.noise:
+            parts[part.name] = parts.get(part.name, 0.0) + np.diagonal(part.covariance, axis1=-2, axis2=-1)
         return {name: np.asarray(np.sqrt(np.maximum(variance, 0.0))) for name, variance in parts.items()}
 
     def point(self, name: str) -> Array:
@@ -136,9 +145,9 @@ class Measurement:
     def joint_covariance(self, *names: str) -> Array:
         """Return the covariance (3 M, 3 M) mm^2 of M points together, in the order of the names (default: all)."""
         index = [self._index(n) for n in names] if names else list(range(len(self)))
-        total, from_pixels = np.zeros((3 * len(index),) * 2), self.from_pixels
+        total, own = np.zeros((3 * len(index),) * 2), self._of_noise()
         for row, i in enumerate(index):
-            total[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] = from_pixels[i]
+            total[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] = own[i]
         for source, E in self.effects:
             stacked = E[index].reshape(3 * len(index), -1)
             total += stacked @ source.covariance @ stacked.T
