@@ -19,9 +19,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Picture, frozen
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue
 from cadcam.image.picture import checked
 from cadcam.image.stroke import Color, check_stroke, paint_of
+from cadcam.kinds import expect_known
 
 _BATCH = 400_000  # candidate pixels examined at a time: bounds the memory and stays in the cache
 _MARKS = ("plus", "cross", "circle")
@@ -66,8 +67,7 @@ def draw_points(
 
     NaN points are left out. Raises `UnknownName` for another mark, `BadValue`.
     """
-    if mark not in _MARKS:
-        raise UnknownName("mark", mark, _MARKS)
+    expect_known(mark, "mark", _MARKS)
     if not 0 < size < 1e5:
         raise BadValue("size", size, "a mark size above 0 px")
     points = frozen(q, "q", (None, 2), finite=False)

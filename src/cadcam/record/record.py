@@ -13,7 +13,7 @@ from cadcam import __version__
 from cadcam.arrays import Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect, expect_each, expect_number, expect_numbers
+from cadcam.kinds import expect, expect_each, expect_known, expect_number, expect_numbers
 from cadcam.whole import plain
 
 VERDICTS = ("PASS", "FAIL", "UNDECIDED")
@@ -40,8 +40,7 @@ class Deviation:
     verdict: str = ""
 
     def __post_init__(self) -> None:
-        if self.unit not in UNITS:
-            raise UnknownName(f"unit of deviation {self.feature!r}", self.unit, UNITS)
+        expect_known(self.unit, f"unit of deviation {self.feature!r}", UNITS)
         _check_verdict(self.verdict, self.feature)
         for name in ("deviation", "expanded_uncertainty", "k", "lower", "upper"):
             value = getattr(self, name)

@@ -15,8 +15,8 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.measurement import Measurement, PixelNoise
-from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
-from cadcam.kinds import expect, expect_each, expect_positive
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
+from cadcam.kinds import expect, expect_each, expect_known, expect_positive
 from cadcam.station.cross_prediction import plate_effect
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting
 from cadcam.station.interpolation import NEAR_MM, RULES, Rule, check_inside, weights
@@ -57,13 +57,11 @@ def measure_marks(
     expect_each(known.values(), "stations", GantryCalibration)
     sightings = expect_each(sightings, "sightings", Sighting)
     expect_positive(near_mm, "near_mm", "a number of mm from 0 on", zero=True)
-    if rule not in RULES:
-        raise UnknownName("rule", rule, RULES)
+    expect_known(rule, "rule", RULES)
     if not sightings:
         raise TooFewPoints("measuring", 0, 1, of="marks")
     for sighting in sightings:
-        if sighting.camera not in known:
-            raise UnknownName("camera (it has no calibration):", sighting.camera, known)
+        expect_known(sighting.camera, "camera (it has no calibration):", known)
     index: list[int] = []
     parts: list[_CameraPoints] = []
     visits: list[PixelNoise] = []

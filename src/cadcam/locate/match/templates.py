@@ -17,11 +17,11 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Brief, Ids, Picture, frozen
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
-from cadcam.kinds import expect, expect_count, expect_each, expect_numbers, expect_positive
+from cadcam.kinds import expect, expect_count, expect_each, expect_known, expect_numbers, expect_positive
 from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
 from cadcam.locate.match.closeness import edge_closeness
 from cadcam.locate.match.consensus import LEAST_AGREEING, PlaceCandidates, consensus, pose_of_matches
@@ -58,8 +58,7 @@ class TemplateOptions:
     def __post_init__(self) -> None:
         expect_numbers(self)
         expect(self.salient, "salient", SalientOptions)
-        if self.appearance not in APPEARANCES:
-            raise UnknownName("appearance", self.appearance, APPEARANCES)
+        expect_known(self.appearance, "appearance", APPEARANCES)
         if not 1 <= self.reach < math.inf:
             raise BadValue("reach", self.reach, "1 px or more")
         if not 0 <= self.turn <= math.pi:
