@@ -29,6 +29,8 @@ def test_a_frozen_array_is_a_copy_that_nobody_can_write() -> None:
         ([[1.0, 2.0]], np.float64, r"of shape \(1, 2\); expected shape \(N, 3\)"),
         ([[1.0, 2.0, np.inf]], np.float64, r"x\[0, 2\] is inf; expected a finite number"),
         ([[1, 2, 10**400]], np.float64, "numbers of shape"),
+        ([[1, 2, -1e300]], np.float64, r"x\[0, 2\] is -1e\+300; expected a number of at most 1e\+100 in size"),
+        ([[1, 2, 1e300]], np.float32, r"x\[0, 2\] is inf; expected a finite number"),
         ([[1, 2, 2**40]], np.int32, "numbers of shape|whole number"),
         (np.array([[1, 2, 2**40]]), np.int32, r"x\[0, 2\] is 1099511627776; expected a whole number"),
         ([[1, 2, 2.5]], np.int32, r"x\[0, 2\] is 2.5; expected a whole number"),

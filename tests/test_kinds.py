@@ -250,6 +250,18 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
     "pinhole, text": (lambda t: cadcam.ExtendedPinhole(*"abcdefghijk"), "X is the text 'a'; expected a number"),
     "inspection, none": (lambda t: cadcam.InspectionOptions(alarms=None), "alarms is None; expected a number"),
     "sensor, number": (lambda t: cadcam.Sensor(noise=3.0), "noise is 3.0; expected a Noise"),
+    "method, array": (
+        lambda t: cadcam.calibrate_camera(t.points, SIZE, method=np.array([])),
+        r"method is an array of shape \(0,\); expected a str",
+    ),
+    "appearance, array": (
+        lambda t: cadcam.TemplateOptions(appearance=np.array(["a", "b"])),
+        r"appearance is an array of shape \(2,\); expected a str",
+    ),
+    "renderer, list": (
+        lambda t: cadcam.open_renderer(t.scene, name=["ray"]),
+        "renderer is a list of 1; expected a str",
+    ),
     "loss, list": (lambda t: cadcam.Loss(["huber"]), "loss is a list of 1; expected a str"),
     "range, one": (lambda t: cadcam.ViewRange(distance_mm=[900]), "distance_mm is a list of 1; expected 2 numbers"),
     "record, time": (lambda t: cadcam.Record("part", time="2026-01-01"), "time of a record is the text.*fromisoformat"),

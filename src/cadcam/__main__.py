@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import sys
+import warnings
 
 
 def main() -> int:
     """Run the command line and return its exit code; an interruption while it is being loaded shows no traceback."""
+    if not sys.warnoptions:  # numpy's, of overflow: what comes of it is refused in words that name file and value
+        warnings.simplefilter("ignore", RuntimeWarning)
     try:
         from cadcam.cli.main import main as run
 

@@ -21,6 +21,8 @@ Floats: TypeAlias = npt.ArrayLike
 
 LARGEST = 1e30  # of a number in a file: float32 holds it, and the eighth power of it, as products of squares have, fits
 
+_HUGE = 1e100  # of a number in an array: its square and its cube fit float64
+
 _TOLD, _WIDTH = 6, 160  # numbers of an array, or things of a list, and characters that a repr still tells
 
 
@@ -36,22 +38,25 @@ def frozen(
     """Return a read-only copy of `values` whose trailing axes have `shape` (None = any length).
 
     With `batched`, leading axes are free; otherwise the number of axes must be that of `shape`. Raises `BadValue`
-    naming `what`, the first offending index and its value; also where a whole number is asked for and another given,
-    or one that `dtype` does not hold.
+    naming `what`, the first offending index and its value; also for numbers whose squares and cubes overflow, and where
+    a whole number is asked for and another given, or one that `dtype` does not hold.
     """
     try:
         given = np.asarray(values)
         if given.dtype.kind == "c":  # numpy would drop the imaginary parts
             raise BadValue(what, "complex", f"real numbers of shape {_text(shape, batched)}")
-        array = np.array(given, dtype=dtype)
+        with np.errstate(over="ignore"):  # what float32 does not hold becomes inf, and is refused as that
+            array = np.array(given, dtype=dtype)
     except (TypeError, ValueError, OverflowError) as error:
         raise BadValue(what, repr(values)[:80], f"numbers of shape {_text(shape)}") from error
     tail = array.shape[array.ndim - len(shape) :] if array.ndim >= len(shape) else ()
     fits = len(tail) == len(shape) and all(n is None or n == m for n, m in zip(shape, tail, strict=True))
     if not fits or (not batched and array.ndim != len(shape)):
         raise BadValue(what, f"of shape {array.shape}", f"shape {_text(shape, batched)}")
-    if finite and array.dtype.kind == "f" and not np.isfinite(array).all():
-        _refuse(what, array, ~np.isfinite(array), "a finite number")
+    if finite and array.dtype.kind == "f" and not _usable(array):
+        if not np.isfinite(array).all():
+            _refuse(what, array, ~np.isfinite(array), "a finite number")
+        _refuse(what, array, np.abs(array) > _HUGE, f"a number of at most {_HUGE:g} in size")
     if array.dtype.kind in "iu" and not np.can_cast(given.dtype, array.dtype) and (array != given).any():
         span = np.iinfo(array.dtype)
         _refuse(what, given, array != given, f"a whole number from {span.min} to {span.max}")
@@ -133,6 +138,12 @@ def quantile(values: npt.NDArray[np.floating[Any]], share: float) -> float:
     parted = np.partition(flat, k)
     low = float(parted[k])
     return low if place == k else low + (place - k) * (float(parted[k + 1 :].min()) - low)
+
+
+def _usable(array: npt.NDArray[np.floating[Any]]) -> bool:
+    """Return whether all numbers are finite, and none is huge; without another array, for some fill the memory."""
+    most = _HUGE if array.dtype.itemsize >= 8 else float(np.finfo(array.dtype).max)
+    return not array.size or bool(array.max() <= most and array.min() >= -most)
 
 
 def _refuse(what: str, values: npt.NDArray[Any], bad: Mask, expected: str) -> NoReturn:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Iterable, Mapping, Sized
+from collections.abc import Collection, Iterable, Mapping, Sized
 from dataclasses import fields
 from functools import cache
 from typing import TYPE_CHECKING, Any, SupportsFloat, TypeVar
 
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, UnknownName
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -208,6 +208,13 @@ def expect_each(values: Iterable[_Value], what: str, *kinds: type, optional: boo
     for i, value in enumerate(several):
         expect(value, f"{what}[{i}]", *kinds, optional=optional)
     return several
+
+
+def expect_known(name: object, kind: str, known: Collection[str]) -> None:
+    """Raise `UnknownName`, suggesting the nearest, unless name is one of those known; no text is a `BadValue`."""
+    expect(name, kind, str)
+    if name not in known:
+        raise UnknownName(kind, str(name), known)
 
 
 def expect_path(path: object, what: str = "path") -> None:

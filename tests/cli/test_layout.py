@@ -93,6 +93,26 @@ def test_json_mounts_every_camera_and_accounts_for_every_limit(cadcam: Cadcam, s
     assert document["sources"][0]["role"] == "scene"
 
 
+def test_mounts_that_aim_nowhere_are_refused(cadcam: Cadcam, small: Path) -> None:
+    small.write_text(SCENE.replace("aim_mm: [50, 40, 20]", "aim_mm: [[]]"))
+    ran = cadcam("layout", small)
+    assert ran.code == 2
+    assert "scene.yaml: mounts.ring.aim_mm names no place; write [x, y, z]" in ran.err
+
+
+def test_numbers_far_beyond_their_use_print_no_warnings_of_numpy(small: Path) -> None:
+    """Nor are they silenced where a developer asks for them."""
+    small.write_text(SCENE.replace("20]], position_mm: 0.1", "20]], position_mm: 1000000"))
+    words = ("-m", "cadcam", "layout", str(small), "--no-what-if")
+    ran, warned = (
+        subprocess.run([sys.executable, *asked, *words], capture_output=True, text=True, check=False)
+        for asked in ((), ("-W", "default"))
+    )
+    assert "Warning" not in ran.stderr
+    assert "RuntimeWarning: overflow" in warned.stderr
+    assert ran.stdout == warned.stdout
+
+
 def test_the_next_camera_beside_those_that_are_there(cadcam: Cadcam, small: Path) -> None:
     document = json.loads(cadcam("layout", small, "--keep", "ring 1", "--next", "--json").out)
     assert document["have"] == ["ring 1"]

@@ -13,7 +13,7 @@ from scipy import ndimage
 
 from cadcam.cad.read import read_model
 from cadcam.cad.write import write_model
-from cadcam.calibrate.points.camera import calibrate_camera
+from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.error_source import distinct_sources
 from cadcam.camera.observations import Observations
 from cadcam.cli.photos import file_of, viewpoints_of
@@ -182,16 +182,40 @@ def test_photos_of_one_name_are_told_apart_by_their_folders(cadcam: Cadcam, here
 
 
 def test_photos_of_one_camera_share_its_errors(here: Path, rng: np.random.Generator) -> None:
-    """Of two files each its own: taken for two, one calibration would be averaged away."""
+    """Under whatever name its file is given; of two each its own: as two, one calibration would be averaged away."""
     p = POSE.inv @ rng.uniform([-100, -80, 300], [100, 80, 600], (30, 3))
-    known = calibrate_camera(Observations(p, CAMERA.project(POSE @ p), sigma_px=0.1), CAMERA.size)
     for name in ("one.json", "other.json"):
-        write_camera(name, known)
+        q = CAMERA.project(POSE @ p) + rng.normal(scale=0.1, size=(len(p), 2))
+        write_camera(name, calibrate_camera(Observations(p, q, sigma_px=0.1), CAMERA.size))
+    Path("copy.json").write_bytes(Path("one.json").read_bytes())
+    Path("link.json").symlink_to("one.json")
     owners = []
-    for cameras in (("one.json", "one.json"), ("one.json", "other.json")):
-        views, _ = viewpoints_of(["a.png", "b.png"], cameras, None)
+    for again in ("one.json", "./one.json", str(here / "one.json"), "link.json", "copy.json", "other.json"):
+        views, _ = viewpoints_of(["a.png", "b.png"], ("one.json", again), None)
         owners.append(len(distinct_sources([source for view in views for source, _ in view.errors])))
-    assert owners == [1, 2]
+    assert owners == [1, 1, 1, 1, 1, 2]
+
+
+def test_a_pose_alone_says_that_its_camera_counts_as_exact(
+    cadcam: Cadcam, here: Path, rng: np.random.Generator, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What it says to do instead adds the calibration's errors."""
+    p = POSE.inv @ rng.uniform([-100, -80, 300], [100, 80, 600], (30, 3))
+    seen = Observations(p, CAMERA.project(POSE @ p) + rng.normal(scale=0.1, size=(len(p), 2)), sigma_px=0.1)
+    known = calibrate_camera(seen, CAMERA.size)
+    write_camera("calibration.json", known)
+    write_camera("camera.json", locate_camera(seen, known.camera))
+    exact = cadcam(*LOCATE, "--json")
+    assert exact.code == 0, exact.err
+    assert exact.err.count("as if the camera's own numbers were exact") == 1
+    assert not np.any(exact.json["pose"]["from_calibration"])
+    way = exact.err.partition("found with: ")[2].split("\n")[0].replace("CALIBRATION", "calibration.json").split()
+    told = cadcam(*LOCATE[:3], *way, "--json")
+    assert (told.code, "exact" in told.err) == (0, False), told.err
+    assert np.any(told.json["pose"]["from_calibration"])
+    viewpoints_of(["a.png", "b.png"], ("camera.json", "calibration.json"), None)
+    assert "camera.json: a pose alone" in (said := capsys.readouterr().err)
+    assert "Viewpoint.located" in said
 
 
 def test_a_restricted_motion_keeps_the_rest_as_in_the_start(cadcam: Cadcam, here: Path) -> None:

@@ -133,6 +133,24 @@ def test_a_placed_camera_measures_from_there(cadcam: Cadcam, rig: Path, file: st
     assert close(ran.json)
 
 
+@pytest.mark.parametrize("again", ["{rig}/./left.json", "link.json", "copy.json"])
+def test_one_calibration_is_one_under_every_name_of_its_file(
+    cadcam: Cadcam, rig: Path, tmp_path: Path, again: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Pixels that it saw twice are averaged, its calibration is not."""
+    monkeypatch.chdir(tmp_path)
+    Path("copy.json").write_bytes((rig / "left.json").read_bytes())
+    Path("link.json").symlink_to(rig / "left.json")
+    rows = (rig / "two.csv").read_text()
+    left = [row for row in rows.splitlines() if ",left," in row]
+    Path("twice.csv").write_text(rows + "\n".join(left).replace(",left,", ",again,"))
+    words = ["measure", "twice.csv", "--camera", rig / "left.json", "--camera", rig / "right.json", "--json"]
+    same, named = (cadcam(*words, "--camera", f"again={file}") for file in (rig / "left.json", again.format(rig=rig)))
+    placed = cadcam(*words, "--placed", f"again=left:{again.format(rig=rig)}")
+    assert (same.code, named.code, placed.code) == (0, 0, 0), same.err + named.err + placed.err
+    assert same.json["points"] == named.json["points"] == placed.json["points"]
+
+
 def test_one_camera_measures_on_a_plane(cadcam: Cadcam, rig: Path) -> None:
     words = ["--camera", rig / "left.json", "--plane", "0,0,2,20", "--plane-sigma", "0.1"]
     ran = cadcam("measure", rig / "one.csv", *words, "--json")

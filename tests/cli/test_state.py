@@ -44,6 +44,21 @@ def test_results_are_kept_in_this_folder_and_listed(cadcam: Cadcam, here: Path) 
     assert (here / "parts.sqlite").exists()
 
 
+@pytest.mark.parametrize(
+    ("key", "value", "said"),
+    [("k", 0.0, "k of 'rib' is 0"), ("lower_mm", 1.0, "tolerance of 'rib' is 1 to 0.5; expected lower at most upper")],
+)
+def test_a_deviation_that_means_nothing_is_not_kept(
+    cadcam: Cadcam, here: Path, key: str, value: float, said: str
+) -> None:
+    document = json.loads(Path("three.jsonl").read_text().splitlines()[0])
+    document["deviations"][0] |= {"upper_mm": 0.5, key: value}
+    Path("one.jsonl").write_text(json.dumps(document) + "\n")
+    ran = cadcam("state", "add", "one.jsonl")
+    assert ran.code == 2
+    assert said in ran.err
+
+
 def test_a_list_reads_no_more_records_than_it_prints(
     cadcam: Cadcam, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

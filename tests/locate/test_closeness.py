@@ -69,6 +69,25 @@ def test_a_photo_without_edges_and_a_model_without_lines_are_no_error(rng: np.ra
     assert away.total == 0
 
 
-def test_wrong_options_are_refused() -> None:
-    with pytest.raises(BadValue):
-        ClosenessOptions(near=0)
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"near": 0},
+        {"near": np.inf},
+        {"step": 10**400},
+        {"reach": np.inf},
+        {"cell": 20},
+        {"cell": np.nan},
+        {"within": 4},
+    ],
+    ids=str,
+)
+def test_wrong_options_are_refused_by_name(wrong: dict[str, float]) -> None:
+    with pytest.raises(BadValue, match=rf"^{'reach' if wrong == {'cell': 20} else next(iter(wrong))} is "):
+        ClosenessOptions(**wrong)
+
+
+def test_options_of_another_kind_are_refused(rng: np.random.Generator) -> None:
+    drawn = block().lines.draw(CAMERA, pose_of(rng))
+    with pytest.raises(BadValue, match="options is a dict of 1; expected a ClosenessOptions"):
+        edge_closeness(np.zeros(CAMERA.size[::-1]), drawn, options={"near": 3})  # type: ignore[arg-type]

@@ -194,8 +194,10 @@ def test_a_part_behind_the_camera_or_beside_the_picture_is_not_found(
 def test_options_and_inputs_that_mean_nothing_are_refused(part: Part, pose: Rigid) -> None:
     with pytest.raises(BadValue, match="photos"):
         refine_pose(part, [], pose)
-    with pytest.raises(BadValue, match="search_px"):
-        EdgeOptions(search_px=0.0)
+    for wrong in (0.0, np.inf, -(10**30), 10**400):
+        with pytest.raises(BadValue, match="search_px"):
+            EdgeOptions(search_px=wrong)
+    assert EdgeOptions(group_px=10**30).group_px == 10**30
 
 
 def test_light_at_the_border_of_a_round_surface_hardly_moves_the_pose(rng: np.random.Generator) -> None:

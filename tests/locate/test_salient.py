@@ -125,6 +125,12 @@ def test_a_photo_and_a_drawing_look_alike_whatever_the_light() -> None:
     assert not np.allclose(of_photo(gray, "gray"), of_photo(dark, "gray"))
 
 
-def test_wrong_options_are_refused() -> None:
-    with pytest.raises(BadValue):
-        SalientOptions(side=3)
+@pytest.mark.parametrize(
+    "wrong",
+    [{"side": 3}, {"count": 0}, {"spacing": np.inf}, {"reach": np.inf}, {"reach": -1}]
+    + [{"least_gap": gap} for gap in (np.nan, np.inf, -0.1, 1.5)],
+    ids=str,
+)
+def test_wrong_options_are_refused_by_name(wrong: dict[str, float]) -> None:
+    with pytest.raises(BadValue, match=f"^{next(iter(wrong))} is "):
+        SalientOptions(**wrong)  # type: ignore[arg-type]  # the mistake that is tested

@@ -130,7 +130,15 @@ def test_a_model_out_of_view_is_not_found(rng: np.random.Generator) -> None:
 
 @pytest.mark.parametrize(
     ("name", "value"),
-    [("reach", 0), ("turn", 4.0), ("peaks", 0), ("rounds", 0), ("least_score", 1.5), ("tolerance", float("nan"))],
+    [
+        ("reach", 0),
+        ("turn", 4.0),
+        ("peaks", 0),
+        ("rounds", 0),
+        ("least_score", 1.5),
+        ("tolerance", np.nan),
+        ("tolerance", np.inf),
+    ],
 )
 def test_a_wrong_option_is_refused_by_its_name_and_value(name: str, value: float) -> None:
     with pytest.raises(BadValue, match=f"^{name} is {value}"):

@@ -360,6 +360,25 @@ def test_a_model_out_of_view_is_refused_with_numbers_and_tolerated_by_the_drawer
     assert LineDrawer(scene).draw(camera_of(), pose).empty
 
 
+def straight(camera: Camera, *ends: tuple[float, float]) -> Wireframe:
+    """Return a wireframe of one line through these pixels."""
+    q, none = np.array(ends), np.zeros(1, np.int32)
+    line = Polylines(q, np.zeros((len(q), 3)), np.zeros(len(q) - 1, np.int32), np.array([0, len(q)]), none, none, none)
+    return Wireframe(camera, Rigid(), line, line)
+
+
+def test_a_line_runs_through_the_picture_or_past_it_however_long_it_is() -> None:
+    """Both ends are outside; sampled along its length, the longest would fill the memory."""
+    camera = camera_of((960, 720))
+    for far in (1e3, 1e6, 1e12, 1e25):
+        assert not straight(camera, (-far, -far), (far, far)).empty
+        assert not straight(camera, (-far, 719.4), (far, 719.4)).empty
+        assert straight(camera, (-far, 719.6), (far, 719.6)).empty
+        assert straight(camera, (-far, -1.0), (-1.0, -far)).empty
+        assert straight(camera, (960.0, 300.0), (far + 960, 300.0)).empty
+        assert not straight(camera, (-far, -far), (0.0, -far), (0.0, far)).empty
+
+
 def test_options_are_checked() -> None:
     with pytest.raises(BadValue, match="chord_px"):
         LineOptions(chord_px=0.0)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from dataclasses import astuple
 
 import numpy as np
@@ -23,6 +24,38 @@ def test_a_turned_block_shows_its_angle_and_no_difference(hall, stations, rng):
         assert check.difference == pytest.approx(0, abs=1e-6)
         assert check.angle == pytest.approx(0.01, abs=1e-9)
         assert 1.9 < check.half_width / check.sigma < 2.2
+
+
+def test_all_pairs_at_once_are_each_pair_by_itself(hall, stations, rng):
+    """Of 40 marks, more than are worked out together; by the formulas, with Welch's and Satterthwaite's degrees."""
+    work = day(hall, rng, marks=40)
+    found = measure_marks(stations, work.sightings)
+    checks = check_distances(found, dict(zip(found.names, work.points, strict=True)))
+    assert len(checks) == 40 * 39 / 2
+    for c, length in zip(checks, found.distances([(c.one, c.other) for c in checks]), strict=True):
+        i, j = found.names.index(c.one), found.names.index(c.other)
+        d = found.points[j] - found.points[i]
+        g = d / np.linalg.norm(d)
+        variances = defaultdict(float)
+        dof = {}
+        for part in found.noise:
+            variances[id(part.owner)] += g @ (part.covariance[i] + part.covariance[j]) @ g
+            dof[id(part.owner)] = part.dof
+        for source, E in found.effects:
+            along = g @ (E[j] - E[i])
+            variances[id(source.owner)] += along @ source.covariance @ along
+            dof.setdefault(id(source.owner), source.dof)
+        total = sum(variances.values())
+        effective = min(total**2 / sum(v**2 / dof[owner] for owner, v in variances.items()), 1e9)
+        half = stats.t.ppf(0.975, effective) * np.sqrt(total)
+        # sums of up to 100 columns of either sign, whose sizes add up to some ten times the sum at most
+        assert (c.sigma, c.half_width) == pytest.approx((np.sqrt(total), half), rel=1e3 * np.finfo(float).eps)
+        assert (length.value, length.sigma, length.half_width) == (c.measured, c.sigma, c.half_width)
+        assert c.measured == pytest.approx(found.distance(c.one, c.other).value, rel=4 * np.finfo(float).eps)
+        on_it = work.points[j] - work.points[i]
+        assert c.drawn == pytest.approx(np.hypot(*on_it), rel=4 * np.finfo(float).eps)
+        turned = np.arctan2(d[1], d[0]) - np.arctan2(on_it[1], on_it[0])
+        assert (c.angle - turned + np.pi) % (2 * np.pi) - np.pi == pytest.approx(0, abs=16 * np.finfo(float).eps)
 
 
 def test_marks_that_are_not_drawn_are_named(hall, stations, rng):

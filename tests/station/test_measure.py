@@ -116,6 +116,32 @@ def test_one_known_mark_takes_a_bumped_camera_s_offset_off_everywhere(hall, stat
     assert itself.points[0, :2] == pytest.approx(known, abs=1e-6)
 
 
+@pytest.mark.parametrize("knocked", [False, True])
+def test_visits_err_each_by_itself_and_take_no_memory_for_it(hall, stations, rng, knocked):
+    """A mark's own visit is noise of its own; those of the calibration, and of a known mark, are what marks share."""
+    station, again = stations["6"], stations["6"].repeatability.covariance
+    if knocked:
+        at = station.grid[6]
+        known = sight(hall, "known", "6", at, hall.view_centre("6", at), rng)
+        station = station.recalibrated(known, hall.view_centre("6", at), sigma_mm=0.1)
+    places = [at + off for off in (0.0, np.array([150.0, 90.0])) for at in station.grid[:3]]
+    seen = [sight(hall, f"m{i}", "6", at, hall.view_centre("6", at), rng) for i, at in enumerate(places)]
+    found = measure_marks(station, seen)
+    own = sum(part.covariance for part in found.noise if part.name == "repeatability")
+    ((source, E),) = [(s, E) for s, E in found.effects if s.name == "repeatability"]
+    assert E.shape[2] == 2 * (len(station.grid) + knocked)
+    W = station.field.weights(np.stack(places))
+    if knocked:
+        W = W - station.field.weights(known.position[None])
+    # by the definition: weighted visits of the calibration, the known mark's, and each mark's own
+    shared = np.array([[[w @ v for v in W[b]] for w in W[a]] for a, b in ((0, 0), (0, 1), (1, 1))]) + knocked
+    joint = E.reshape(18, -1) @ source.covariance @ E.reshape(18, -1).T
+    for (a, b), weight in zip(((0, 0), (0, 1), (1, 1)), shared, strict=True):
+        assert joint[a::3, b::3].ravel() == pytest.approx((weight * again[a, b]).ravel(), abs=1e-13 * again.max())
+        assert own[:, a, b] == pytest.approx(again[a, b])
+    assert (source.owner, source.dof) == (station.field, stations["6"].repeatability.dof)
+
+
 def test_repeatability_is_found_from_visits(hall, stations, rng):
     """200 visits beyond the first of 10 marks, and pixels: sigma is good to 3.5 % in each axis."""
     at, seen = stations["6"].grid[3], []

@@ -9,7 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.error_source import ErrorSource
-from cadcam.camera.extended_pinhole import MATRIX_ENTRIES, NAMES, ExtendedPinhole, matrix_entry
+from cadcam.camera.extended_pinhole import EXTERNALS, MATRIX_ENTRIES, NAMES, ExtendedPinhole, matrix_entry
 from cadcam.camera.fitted import Fitted, doubted, freedom_words, noise_may_be_times, scaled
 from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import project_with_sensitivity, rotation_by_angles, twist_by_local
@@ -108,6 +108,11 @@ class CameraEstimate(Fitted):
     def unknowns(self) -> int:
         """Return the number of free parameters."""
         return len(self.free)
+
+    @property
+    def pose_alone(self) -> bool:
+        """Return whether the camera's own numbers were kept, so that the covariance takes them as exact."""
+        return set(self.free) <= set(EXTERNALS)
 
     @property
     def stated_px(self) -> float | None:

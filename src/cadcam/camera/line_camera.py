@@ -18,9 +18,9 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.fitted import Fitted, scaled
-from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
+from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.ray import Ray
-from cadcam.kinds import expect_numbers, expect_positive
+from cadcam.kinds import expect_known, expect_numbers, expect_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -214,8 +214,7 @@ class LineEstimate(Fitted, Brief):
 
     def sigma(self, name: str) -> float:
         """Return the standard deviation of one parameter: x, y, alpha, focal or U0."""
-        if name not in LINE_NAMES:
-            raise UnknownName("parameter", name, LINE_NAMES)
+        expect_known(name, "parameter", LINE_NAMES)
         i = LINE_NAMES.index(name)
         return float(np.sqrt(self.covariance[i, i]))
 

@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from types import MappingProxyType
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Ids, frozen
+from cadcam.arrays import Array, Brief, Ids, Longs, frozen
 from cadcam.camera.error_source import ErrorSource
 from cadcam.errors import BadValue, UnknownName
 
 PIXELS = "pixels"
 _NORMAL = 1e9  # degrees of freedom from which Student's distribution is taken as normal
+_TOGETHER = 32  # points at each end of the pairs whose variances are worked out together
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,26 +28,28 @@ class Length:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PixelNoise(Brief):
-    """The covariance (N, 3, 3) mm^2 of points due to pixel noise of one origin, independent between points.
+    """The covariance (N, 3, 3) mm^2 of points due to noise of one origin, independent between points: of pixels.
 
     owner, dof: the calibration that the noise was estimated by and its degrees of freedom; None and inf where stated.
+    name: the cause, where it is not the pixels.
     """
 
     covariance: Array
     owner: object = field(default=None, repr=False)
     dof: float = np.inf
+    name: str = PIXELS
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Measurement:
     """N points (N, 3) in mm, in the world of the cameras, with all contributions to their uncertainty.
 
-    noise: covariances due to each point's own pixels. effects: for each error source the derivative (N, 3, k) of all
-    points by its parameters: shared by the points, so that their errors are correlated. seen_by: the viewpoints of each
-    point. chi2 (N,), dof (N,): the misfit of each point's rays relative to the uncertainty of pixels, calibration and
-    motion, and its degrees of freedom. gap, gap_sigma (N,) mm: the largest shortest distance between two of its rays
-    and its predicted standard deviation; angle (N,) rad: the largest angle between two of its rays; NaN for points of
-    one ray. refused: the points that could not be measured, and why.
+    noise: covariances due to what each point has to itself, such as its pixels. effects: for each error source the
+    derivative (N, 3, k) of all points by its parameters: shared by the points, so that their errors are correlated.
+    seen_by: the viewpoints of each point. chi2 (N,), dof (N,): the misfit of each point's rays relative to the
+    uncertainty of pixels, calibration and motion, and its degrees of freedom. gap, gap_sigma (N,) mm: the largest
+    shortest distance between two of its rays and its predicted standard deviation; angle (N,) rad: the largest angle
+    between two of its rays; NaN for points of one ray. refused: the points that could not be measured, and why.
     """
 
     names: tuple[str, ...]
@@ -68,7 +71,7 @@ class Measurement:
             raise BadValue("point names", self.names, "each name once")
         object.__setattr__(self, "points", frozen(self.points, "measured points", (n, 3)))
         noise = tuple(
-            replace(part, covariance=frozen(part.covariance, "covariance from pixels", (n, 3, 3)))
+            replace(part, covariance=frozen(part.covariance, f"covariance from {part.name}", (n, 3, 3)))
             for part in self.noise
         )
         object.__setattr__(self, "noise", noise)
@@ -85,12 +88,17 @@ class Measurement:
     @property
     def from_pixels(self) -> Array:
         """Return the covariance (N, 3, 3) mm^2 due to all pixels' noise, independent between points."""
-        return np.asarray(sum((part.covariance for part in self.noise), np.zeros((len(self), 3, 3))))
+        return self._of_noise(lambda part: part.name == PIXELS)
+
+    def _of_noise(self, counts: Callable[[PixelNoise], bool] = lambda _: True) -> Array:
+        """Return the covariance (N, 3, 3) mm^2 due to noise of these origins, independent between points."""
+        parts = (part.covariance for part in self.noise if counts(part))
+        return np.asarray(sum(parts, np.zeros((len(self), 3, 3))))
 
     @property
     def covariance(self) -> Array:
         """Return the covariance (N, 3, 3) mm^2 of each point by itself."""
-        total = self.from_pixels
+        total = self._of_noise()
         for source, E in self.effects:
             total += _weighed(E, source.covariance) @ np.swapaxes(E, -1, -2)
         return np.asarray(total)
@@ -106,7 +114,7 @@ class Measurement:
         Student's t for noise that was estimated: effective degrees of freedom by Welch and Satterthwaite (GUM, G.4),
         the pixels' noise and a calibration's covariance taken as one where both come from the same residuals.
         """
-        every = [_Variances.of(self, range(len(self)), axis) for axis in np.eye(3)]
+        every = [_Variances.of(self, axis) for axis in np.eye(3)]
         return np.stack([np.sqrt(one.total) * one.student(coverage) for one in every], axis=-1)
 
     @property
@@ -122,10 +130,12 @@ class Measurement:
 
         Their squares add up to those of `sigma`; causes of the same name are combined.
         """
-        parts = {PIXELS: np.diagonal(self.from_pixels, axis1=-2, axis2=-1).copy()}
+        parts = {PIXELS: np.zeros((len(self), 3))}
         for source, E in self.effects:
             variance = np.einsum("nik,nik->ni", _weighed(E, source.covariance), E)
             parts[source.name] = parts.get(source.name, 0.0) + variance
+        for part in self.noise:
+            parts[part.name] = parts.get(part.name, 0.0) + np.diagonal(part.covariance, axis1=-2, axis2=-1)
         return {name: np.asarray(np.sqrt(np.maximum(variance, 0.0))) for name, variance in parts.items()}
 
     def point(self, name: str) -> Array:
@@ -135,9 +145,9 @@ class Measurement:
     def joint_covariance(self, *names: str) -> Array:
         """Return the covariance (3 M, 3 M) mm^2 of M points together, in the order of the names (default: all)."""
         index = [self._index(n) for n in names] if names else list(range(len(self)))
-        total, from_pixels = np.zeros((3 * len(index),) * 2), self.from_pixels
+        total, own = np.zeros((3 * len(index),) * 2), self._of_noise()
         for row, i in enumerate(index):
-            total[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] = from_pixels[i]
+            total[3 * row : 3 * row + 3, 3 * row : 3 * row + 3] = own[i]
         for source, E in self.effects:
             stacked = E[index].reshape(3 * len(index), -1)
             total += stacked @ source.covariance @ stacked.T
@@ -145,13 +155,23 @@ class Measurement:
 
     def distance(self, one: str, other: str) -> Length:
         """Return the distance between two points; its sigma accounts for the correlation of their errors."""
-        d = self.point(other) - self.point(one)
-        length = float(np.linalg.norm(d))
-        if one == other or length == 0:
+        return self.distances([(one, other)])[0]
+
+    def distances(self, pairs: Sequence[tuple[str, str]]) -> tuple[Length, ...]:
+        """Return the `distance` of each pair of points; of many pairs in far less time than one by one."""
+        if not pairs:
+            return ()
+        place = {name: i for i, name in enumerate(self.names)}
+        ends = np.array([[place[n] if n in place else self._index(n) for n in pair] for pair in pairs])
+        d = self.points[ends[:, 1]] - self.points[ends[:, 0]]
+        length = np.linalg.norm(d, axis=1)
+        if not length.all():
+            one, other = pairs[int(np.argmin(length))]
             raise BadValue("the distance", f"between {one!r} and {other!r} at the same place", "two different points")
-        found = _Variances.of(self, [self._index(one), self._index(other)], np.stack([-d, d]) / length, together=True)
-        sigma = float(np.sqrt(found.total[0]))
-        return Length(length, sigma, float(found.student(0.95)[0]) * sigma)
+        found = _Variances.of_pairs(self, ends, d / length[:, None])
+        sigma = np.sqrt(found.total)
+        each = (length.tolist(), sigma.tolist(), (found.student(0.95) * sigma).tolist())
+        return tuple(Length(*numbers) for numbers in zip(*each, strict=True))
 
     def inconsistent(self, *, p_below: float = 1e-3) -> tuple[str, ...]:
         """Return the names of the points whose rays miss each other more than chance allows, the worst first."""
@@ -180,24 +200,36 @@ class _Variances:
     by_owner: Mapping[int, tuple[float, Array]]
 
     @classmethod
-    def of(cls, of: Measurement, index: Sequence[int], gradient: Array, *, together: bool = False) -> _Variances:
-        """Return those of gradient (3,) or (n, 3) . point for each of n points; `together`: of their sum alone."""
-        rows, by_owner = list(index), dict[int, tuple[float, Array]]()
-        g = np.broadcast_to(gradient, (len(rows), 3))
-
-        def add(owner: object, dof: float, variance: Array) -> None:
-            _, before = by_owner.get(id(owner), (dof, np.zeros(1)))
-            by_owner[id(owner)] = dof, before + variance
-
-        for part in of.noise:
-            each = np.einsum("ni,nij,nj->n", g, part.covariance[rows], g)
-            add(part.owner, part.dof, each.sum(keepdims=True) if together else each)
+    def of(cls, of: Measurement, gradient: Array) -> _Variances:
+        """Return those of gradient (3,) . point for each of the points."""
+        causes = [(p.owner, p.dof, np.einsum("i,nij,j->n", gradient, p.covariance, gradient)) for p in of.noise]
         for source, E in of.effects:
-            along = np.einsum("ni,nik->nk", g, E[rows])
-            along = along.sum(axis=0, keepdims=True) if together else along
-            used = np.flatnonzero(along.any(axis=0))  # a gantry's visits have a column each: two points use few
-            along = along[:, used]
-            add(source.owner, source.dof, np.sum(along @ source.covariance[np.ix_(used, used)] * along, axis=1))
+            along = np.einsum("i,nik->nk", gradient, E)
+            causes.append((source.owner, source.dof, np.sum(along @ source.covariance * along, axis=1)))
+        return cls._summed(causes)
+
+    @classmethod
+    def of_pairs(cls, of: Measurement, ends: Longs, direction: Array) -> _Variances:
+        """Return those of direction (n, 3) . (second - first point) for n pairs of points, by their indices (n, 2)."""
+        blocks = [_Block.of(ends, direction, which) for which in _blocks(ends)]
+
+        def spread(parts: Iterable[Array]) -> Array:
+            out = np.zeros(len(ends))
+            for block, part in zip(blocks, parts, strict=True):
+                out[block.which] = part
+            return out
+
+        causes = [(p.owner, p.dof, spread(b.of_noise(p.covariance) for b in blocks)) for p in of.noise]
+        causes += [(s.owner, s.dof, spread(b.of_effect(E, s.covariance) for b in blocks)) for s, E in of.effects]
+        return cls._summed(causes)
+
+    @classmethod
+    def _summed(cls, causes: Iterable[tuple[object, float, Array]]) -> _Variances:
+        """Return the variances of causes of one owner added up."""
+        by_owner: dict[int, tuple[float, Array]] = {}
+        for owner, dof, variance in causes:
+            before = by_owner.get(id(owner))
+            by_owner[id(owner)] = (dof, variance) if before is None else (before[0], before[1] + variance)
         return cls(by_owner)
 
     @property
@@ -213,6 +245,47 @@ class _Variances:
         with np.errstate(divide="ignore", invalid="ignore"):
             effective = np.where(doubt > 0, self.total**2 / doubt, np.inf)
         return np.asarray(stdtrit(np.minimum(effective, _NORMAL), 0.5 + 0.5 * coverage))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Block:
+    """Pairs of few points: which of all they are, the points' indices, and each pair's ends (n, 2) among these.
+
+    direction (n, 3): that along which the difference counts, second less first.
+    """
+
+    which: Longs
+    points: Longs
+    ends: Longs
+    direction: Array
+
+    @classmethod
+    def of(cls, ends: Longs, direction: Array, which: Longs) -> _Block:
+        """Return the block of these of all pairs."""
+        points, flat = np.unique(ends[which], return_inverse=True)
+        return cls(which, points, flat.reshape(-1, 2), direction[which])
+
+    def of_noise(self, covariance: Array) -> Array:
+        """Return the variances (n,) by noise that is independent between points, of covariance (N, 3, 3)."""
+        own = covariance[self.points]
+        both = own[self.ends[:, 0]] + own[self.ends[:, 1]]
+        return np.asarray(np.einsum("ni,nij,nj->n", self.direction, both, self.direction))
+
+    def of_effect(self, E: Array, covariance: Array) -> Array:
+        """Return the variances (n,) by parameters of this covariance (k, k) that move all points by E (N, 3, k)."""
+        own = E[self.points]
+        used = np.flatnonzero(own.any(axis=(0, 1)))  # a gantry's visits have a column each: few points use few
+        own = own[:, :, used]
+        along = np.einsum("ni,nik->nk", self.direction, own[self.ends[:, 1]] - own[self.ends[:, 0]])
+        return np.asarray(np.sum(along @ covariance[np.ix_(used, used)] * along, axis=1))
+
+
+def _blocks(ends: Longs) -> list[Longs]:
+    """Return the indices of pairs (n, 2) of points in blocks: of each, both ends are among few points."""
+    parts = np.unique(ends, return_inverse=True)[1].reshape(-1, 2) // _TOGETHER
+    _, block = np.unique(parts, axis=0, return_inverse=True)
+    order = np.argsort(block.ravel(), kind="stable")
+    return list(np.split(order, np.cumsum(np.bincount(block.ravel()))[:-1]))
 
 
 def _weighed(E: Array, covariance: Array) -> Array:

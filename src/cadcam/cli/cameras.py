@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from os import fsencode
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,6 +43,33 @@ def read_any_camera(camera_file: str) -> CameraFile:
     from cadcam.files.camera import read_camera
 
     return _foreign(camera_file) or read_camera(camera_file)
+
+
+class CameraFiles:
+    """Camera files that are read once: what they have been read as, by content.
+
+    A file given twice is one calibration, whose errors its views share, under whatever names: another spelling of the
+    path, a link, a copy. Two calibrations never have the same bytes, since a file holds the pixels it was made from.
+    """
+
+    def __init__(self) -> None:
+        self._read: dict[str, CameraFile] = {}
+
+    def read(self, camera_file: str) -> CameraFile:
+        """Return the contents of a camera file, ours or another program's: the same object for the same content."""
+        content = hash_of(camera_file)
+        if content not in self._read:
+            self._read[content] = read_any_camera(camera_file)
+        return self._read[content]
+
+
+def hash_of(path: str) -> str:
+    """Return the SHA-256 of a file's content; of the path where it names a folder, or nothing."""
+    from hashlib import sha256
+
+    from cadcam.files.text import read_bytes
+
+    return sha256(read_bytes(path) if Path(path).is_file() else fsencode(path)).hexdigest()
 
 
 def _foreign(camera_file: str) -> CameraFile | None:

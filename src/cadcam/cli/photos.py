@@ -6,17 +6,18 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from glob import glob
-from os import fsencode
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.output import working
+from cadcam.cli.cameras import CameraFiles, hash_of
+from cadcam.cli.output import say, working
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
     from cadcam.camera.viewpoint import Viewpoint
+    from cadcam.files.camera import CameraFile
     from cadcam.geometry.rigid import Rigid
     from cadcam.image.picture import PictureInfo
     from cadcam.locate.photo import Photo
@@ -84,7 +85,7 @@ def read_shots(paths: Sequence[str], arguments: argparse.Namespace) -> Shots:
         photos.append(photo)
         read.append(info)
     files = [("photo", info.path, info.sha256) for info in read]
-    files += [(role, path, _hash(path)) for role, path in _camera_files(cameras, rig)]
+    files += [(role, path, hash_of(path)) for role, path in _camera_files(cameras, rig)]
     return Shots(tuple(photos), tuple(files), said, tuple(whites), tuple(read))
 
 
@@ -139,14 +140,13 @@ def _of_rig(paths: Sequence[str], rig: str) -> list[Viewpoint]:
 
 def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpoint], Rigid | None]:
     from cadcam.camera.viewpoint import Viewpoint
-    from cadcam.cli.cameras import read_any_camera
     from cadcam.geometry.rigid import Rigid
     from cadcam.locate.photo import EDGE_PX
 
     out, said = [], None
-    read = {file: read_any_camera(file) for file in dict.fromkeys(cameras)}  # photos of one camera share its errors
+    files = CameraFiles()  # photos of one camera share its errors
     for name, file in zip(_told_apart([file_of(path) for path in paths]), cameras, strict=True):
-        known = read[file]
+        known = files.read(file)
         if len(paths) > 1 and known.camera_from_world is None:
             raise BadValue(f"the pose in {file}", "missing", "camera files with camera_from_world, or --rig FILE")
         if len(paths) == 1:  # its pose at calibration does not matter: its own frame is the world
@@ -160,7 +160,24 @@ def _of_files(paths: Sequence[str], cameras: Sequence[str]) -> tuple[list[Viewpo
         else:
             place = Rigid() if known.camera_from_world is None else known.camera_from_world
             out.append(Viewpoint.exact(name, known.camera, place, sigma_px=EDGE_PX))
+    _say_exact([file for file in dict.fromkeys(cameras) if _pose_alone(files.read(file))], alone=len(paths) == 1)
     return out, said
+
+
+def _pose_alone(known: CameraFile) -> bool:
+    return known.estimate is not None and known.estimate.pose_alone
+
+
+def _say_exact(files: Sequence[str], *, alone: bool) -> None:
+    """Say which camera files hold a pose found with a known camera: its own errors are not in them."""
+    if not files:
+        return
+    way = (
+        f"give the calibration that it was found with: --camera CALIBRATION --start {files[0]}"
+        if alone
+        else "from Python, Viewpoint.located(name, calibration, pose) adds their errors"
+    )
+    say(f"{', '.join(files)}: a pose alone: results are as if the camera's own numbers were exact; {way}")
 
 
 def _told_apart(files: Sequence[str]) -> list[str]:
@@ -185,11 +202,3 @@ def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, Pict
 
 def _camera_files(cameras: Sequence[str], rig: str | None) -> list[tuple[str, str]]:
     return [("rig", rig)] if rig else [("camera", file) for file in dict.fromkeys(cameras)]
-
-
-def _hash(path: str) -> str:
-    from hashlib import sha256
-
-    from cadcam.files.text import read_bytes
-
-    return sha256(read_bytes(path)).hexdigest() if Path(path).is_file() else sha256(fsencode(path)).hexdigest()

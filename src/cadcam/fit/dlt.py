@@ -11,8 +11,9 @@ from typing import Literal
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.errors import DegenerateGeometry, TooFewPoints, UnknownName
+from cadcam.errors import DegenerateGeometry, TooFewPoints
 from cadcam.fit.extents import distinct, refuse_flat
+from cadcam.kinds import expect_known
 
 Form = Literal["normalised", "c23"]
 FORMS: tuple[Form, ...] = ("normalised", "c23")
@@ -31,8 +32,7 @@ def dlt(p_world: Array, q: Array, *, form: Form = "normalised") -> Array:
     The sign of P is that of its last entry, or arbitrary. Raises `TooFewPoints`, or `DegenerateGeometry` with the
     numbers for points on a line, in space on a plane, or otherwise blind.
     """
-    if form not in FORMS:
-        raise UnknownName("form of the direct linear transform", form, FORMS)
+    expect_known(form, "form of the direct linear transform", FORMS)
     d, e = p_world.shape[1], q.shape[1]
     unknowns = (d + 1) * (e + 1) - 1
     need = -(-unknowns // e)

@@ -14,8 +14,7 @@ from typing import Literal
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.errors import UnknownName
-from cadcam.kinds import expect, expect_numbers, expect_positive
+from cadcam.kinds import expect, expect_known, expect_numbers, expect_positive
 
 LossName = Literal["squared", "huber", "cauchy", "tukey"]
 
@@ -38,8 +37,7 @@ class Loss:
     def __post_init__(self) -> None:
         expect(self.name, "loss", str)
         expect_numbers(self)
-        if self.name not in _TUNING:
-            raise UnknownName("loss", self.name, _TUNING)
+        expect_known(self.name, "loss", _TUNING)
         if self.scale is not None:
             expect_positive(self.scale, "scale of the loss", "a positive number in the unit of the residuals, or None")
 

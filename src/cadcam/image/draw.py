@@ -12,17 +12,17 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Iterator, Sequence
-from typing import NamedTuple, TypeAlias
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Picture, frozen
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue
 from cadcam.image.picture import checked
-
-Color: TypeAlias = Sequence[float]  # red, green, blue in [0, 1]
+from cadcam.image.stroke import Color, check_stroke, paint_of
+from cadcam.kinds import expect_known
 
 _BATCH = 400_000  # candidate pixels examined at a time: bounds the memory and stays in the cache
 _MARKS = ("plus", "cross", "circle")
@@ -43,11 +43,8 @@ def draw_polylines(
     `dash` = (on, off) are in px; dashes run on through the vertices. Points may lie any distance outside the picture.
     A line thinner than a pixel is paler. Raises `BadValue`.
     """
-    paint = _color(color)
-    if not 0 < width < 1e4:
-        raise BadValue("width", width, "a line width above 0 and below 10000 px")
-    if not 0 <= opacity <= 1:
-        raise BadValue("opacity", opacity, "0 (nothing) to 1 (opaque)")
+    paint = paint_of(color)
+    check_stroke(width, opacity, dash)
     rgb = _rgb_copy(picture)
     lines = _segments(polylines)
     lines = _clipped(lines, (rgb.shape[1], rgb.shape[0]), width / 2 + 2.0)
@@ -70,8 +67,7 @@ def draw_points(
 
     NaN points are left out. Raises `UnknownName` for another mark, `BadValue`.
     """
-    if mark not in _MARKS:
-        raise UnknownName("mark", mark, _MARKS)
+    expect_known(mark, "mark", _MARKS)
     if not 0 < size < 1e5:
         raise BadValue("size", size, "a mark size above 0 px")
     points = frozen(q, "q", (None, 2), finite=False)
@@ -84,7 +80,7 @@ def draw_text(picture: npt.ArrayLike, q: npt.ArrayLike, text: str, *, color: Col
 
     `height` is the font's size in px. Parts outside the picture are cut off.
     """
-    paint, at = _color(color), frozen(q, "q", (2,))
+    paint, at = paint_of(color), frozen(q, "q", (2,))
     if not 4 <= height <= 1000:
         raise BadValue("height", height, "4 to 1000 px")
     rgb = _rgb_copy(picture)
@@ -105,13 +101,6 @@ class _Segments(NamedTuple):
     b: Array
     start: Array
     stop: Array
-
-
-def _color(color: Color) -> npt.NDArray[np.float32]:
-    paint = frozen(color, "color", (3,), np.float32)
-    if paint.min() < 0 or paint.max() > 1:
-        raise BadValue("color", tuple(color), "red, green, blue from 0 to 1")
-    return paint
 
 
 def _rgb_copy(picture: npt.ArrayLike) -> Picture:
@@ -192,8 +181,6 @@ def _cut(lines: _Segments, enter: Array, leave: Array) -> _Segments:
 def _dashed(lines: _Segments, dash: tuple[float, float], width: float) -> _Segments:
     """Return the pieces under the dashes; round ends add half a width each, so the dashes are that much shorter."""
     on, off = dash
-    if not (on > 0 and off > 0 and on + off >= 0.5):
-        raise BadValue("dash", dash, "(on, off) lengths above 0 px, together at least 0.5 px")
     cap = min(width, on) / 2
     first = np.floor(lines.start / (on + off)).astype(np.int64)
     count = np.floor(lines.stop / (on + off)).astype(np.int64) - first + 1

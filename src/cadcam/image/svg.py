@@ -18,6 +18,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import checked, encoded
+from cadcam.image.stroke import Color, check_stroke, paint_of
 from cadcam.whole import utf8, write_whole
 
 _CORNER = 0.5  # from a pixel's centre to SVG's origin at its corner
@@ -29,12 +30,12 @@ class SvgLayer:
     """Polylines drawn alike: `name` becomes the group's class, `titles` (one a polyline, or none) their tooltips.
 
     Polylines are (N, 2) pixel positions (x, y), pixel centres at integers, interrupted by NaN rows; `color` is red,
-    green, blue in [0, 1]; `width` and `dash` = (on, off) are in px, as in `cadcam.image.draw`.
+    green, blue in [0, 1]; `width` and `dash` = (on, off) are in px, under the same rules as in `cadcam.image.draw`.
     """
 
     name: str
     polylines: Sequence[npt.ArrayLike]
-    color: Sequence[float]
+    color: Color
     width: float = 1.5
     opacity: float = 1.0
     dash: tuple[float, float] | None = None
@@ -43,15 +44,8 @@ class SvgLayer:
     def __post_init__(self) -> None:
         lines = tuple(frozen(line, "polyline", (None, 2), finite=False) for line in self.polylines)
         object.__setattr__(self, "polylines", lines)
-        color = frozen(self.color, "color", (3,))
-        if color.min() < 0 or color.max() > 1:
-            raise BadValue("color", tuple(self.color), "red, green, blue from 0 to 1")
-        if not 0 < self.width < 1e4:
-            raise BadValue("width", self.width, "a line width above 0 and below 10000 px")
-        if not 0 <= self.opacity <= 1:
-            raise BadValue("opacity", self.opacity, "0 (nothing) to 1 (opaque)")
-        if self.dash is not None and not min(self.dash) > 0:
-            raise BadValue("dash", self.dash, "(on, off) lengths above 0 px")
+        paint_of(self.color)
+        check_stroke(self.width, self.opacity, self.dash)
         if self.titles and len(self.titles) != len(lines):
             raise BadValue("titles", f"{len(self.titles)} texts", f"one for each of {len(lines)} polylines")
 

@@ -13,7 +13,7 @@ from cadcam import __version__
 from cadcam.arrays import Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect, expect_each, expect_number, expect_numbers
+from cadcam.kinds import expect, expect_each, expect_known, expect_number, expect_numbers
 from cadcam.whole import plain
 
 VERDICTS = ("PASS", "FAIL", "UNDECIDED")
@@ -40,8 +40,7 @@ class Deviation:
     verdict: str = ""
 
     def __post_init__(self) -> None:
-        if self.unit not in UNITS:
-            raise UnknownName(f"unit of deviation {self.feature!r}", self.unit, UNITS)
+        expect_known(self.unit, f"unit of deviation {self.feature!r}", UNITS)
         _check_verdict(self.verdict, self.feature)
         for name in ("deviation", "expanded_uncertainty", "k", "lower", "upper"):
             value = getattr(self, name)
@@ -49,8 +48,13 @@ class Deviation:
                 expect_number(value, f"{name} of {self.feature!r}")
             if value is not None and not np.isfinite(value):
                 raise BadValue(f"{name} of {self.feature!r}", value, "a finite number")
-            if name in ("expanded_uncertainty", "k") and value < 0:
+            if name == "expanded_uncertainty" and value < 0:
                 raise BadValue(f"{name} of {self.feature!r}", value, "zero or more")
+        if not self.k > 0:
+            raise BadValue(f"k of {self.feature!r}", self.k, "a positive number: U = k sigma")
+        if self.lower is not None and self.upper is not None and self.lower > self.upper:
+            limits = f"{self.lower:g} to {self.upper:g}"
+            raise BadValue(f"tolerance of {self.feature!r}", limits, "lower at most upper")
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,7 @@ from sqlalchemy import event, exc
 
 import cadcam
 from cadcam.errors import BadValue, MissingExtra, UnknownName, UnusableStore
-from cadcam.kinds import expect, expect_each, expect_path
+from cadcam.kinds import expect, expect_each, expect_known, expect_path
 from cadcam.record import schema
 from cadcam.record.record import VERDICTS, Record
 from cadcam.record.rows import deviation_rows, measurement_row, record_of, source_rows
@@ -297,5 +297,4 @@ def _utc(what: str, time: datetime) -> datetime:
 
 
 def _check_known(verdict: str) -> None:
-    if verdict not in VERDICTS:
-        raise UnknownName("verdict", verdict, VERDICTS)
+    expect_known(verdict, "verdict", VERDICTS)

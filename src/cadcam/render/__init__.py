@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from cadcam.errors import MissingCore, UnknownName
+from cadcam.errors import MissingCore
 
 if TYPE_CHECKING:
     from cadcam.render.view import Renderer, Scene
@@ -30,12 +30,11 @@ def open_renderer(scene: Scene, name: str = "auto", *, threads: int | None = Non
     default one per core. Raises `MissingCore`, `MissingExtra` or `MissingOpenGL` if a renderer requested by name is not
     available.
     """
-    from cadcam.kinds import expect, expect_count
+    from cadcam.kinds import expect, expect_count, expect_known
     from cadcam.render.view import Scene
 
     expect(scene, "scene", Scene)
-    if name not in ("auto", *RENDERERS):
-        raise UnknownName("renderer", name, ("auto", *RENDERERS))
+    expect_known(name, "renderer", ("auto", *RENDERERS))
     if threads is not None:
         expect_count(threads, "threads")
     if name == "auto":

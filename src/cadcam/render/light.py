@@ -13,8 +13,8 @@ from types import MappingProxyType
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect_each, expect_numbers, expect_positive
+from cadcam.errors import BadValue
+from cadcam.kinds import expect_each, expect_known, expect_numbers, expect_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,6 +76,5 @@ LIGHTS: Mapping[str, Light] = MappingProxyType(
 
 def named_light(name: str) -> Light:
     """Return the light of a name in `LIGHTS`: "hall", "sun", "ring" or "even"; `UnknownName` otherwise."""
-    if name not in LIGHTS:
-        raise UnknownName("light", name, LIGHTS)
+    expect_known(name, "light", LIGHTS)
     return LIGHTS[name]

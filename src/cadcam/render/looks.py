@@ -11,7 +11,7 @@ import numpy as np
 
 from cadcam.arrays import Picture, frozen
 from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect, said
+from cadcam.kinds import expect, expect_known, said
 from cadcam.render.view import PLAIN, Look, Scene
 
 Color = tuple[float, float, float]
@@ -29,8 +29,7 @@ LOOKS: Mapping[str, Look] = MappingProxyType(
 
 def named_look(name: str) -> Look:
     """Return the look of a name in `LOOKS`: "default" (three lights), "inspection" or "flat"; or `UnknownName`."""
-    if name not in LOOKS:
-        raise UnknownName("look", name, LOOKS)
+    expect_known(name, "look", LOOKS)
     return LOOKS[name]
 
 

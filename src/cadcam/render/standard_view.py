@@ -6,9 +6,8 @@ import numpy as np
 
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera, checked_size
-from cadcam.errors import UnknownName
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_known
 
 # from the model's middle towards the camera, and the up direction of the picture
 DIRECTIONS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
@@ -31,8 +30,7 @@ def standard_view(mesh: Mesh, name: str = "iso", *, size: tuple[int, int] = (128
     """
     expect(mesh, "mesh", Mesh)
     size = checked_size(size)
-    if name not in DIRECTIONS:
-        raise UnknownName("view", name, DIRECTIONS)
+    expect_known(name, "view", DIRECTIONS)
     towards, up = DIRECTIONS[name]
     low, high = mesh.bounds
     middle, radius = (low + high) / 2, float(np.linalg.norm(high - low)) / 2

@@ -12,7 +12,7 @@ from cadcam.calibrate.points.held import Held
 from cadcam.camera import opengl
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
-from cadcam.camera.extended_pinhole import EXTERNALS, NAMES, ExtendedPinhole
+from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
 from cadcam.camera.fitted import freedom_words
 from cadcam.geometry.rigid import Rigid
 from cadcam.report.table import Table, matrix_rows, plain, with_sigma
@@ -120,7 +120,7 @@ def _noise_note(estimate: CameraEstimate) -> str:
 
 def _held_note(estimate: CameraEstimate) -> tuple[str, ...]:
     """Return what the sigmas of a pose leave out: the errors of the camera that was taken as it is."""
-    if not set(estimate.free) <= set(EXTERNALS):
+    if not estimate.pose_alone:
         return ()
     return (
         "sigmas of points and pixels alone, as if the camera's own numbers were exact: `cadcam measure --placed` "

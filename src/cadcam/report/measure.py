@@ -84,11 +84,10 @@ def _notes(measured: Measurement) -> tuple[str, ...]:
 
 def distance_table(measured: Measurement, pairs: Sequence[tuple[str, str]]) -> Table:
     """Return distances with sigmas that account for correlation, beside those of independent points."""
-    rows = []
-    for one, other in pairs:
-        length = measured.distance(one, other)
+    rows, covariance = [], measured.covariance
+    for (one, other), length in zip(pairs, measured.distances(pairs), strict=True):
         along = (measured.point(other) - measured.point(one)) / length.value
-        apart = [measured.covariance[measured.names.index(n)] for n in (one, other)]
+        apart = [covariance[measured.names.index(n)] for n in (one, other)]
         alone = float(np.sqrt(along @ (apart[0] + apart[1]) @ along))
         shown = _plus_minus(length.value, length.sigma)
         rows.append((one, other, shown, f"+- {length.half_width:.2g}", f"+- {alone:.2g}"))

@@ -8,7 +8,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cadcam.camera.measurement import Measurement
+from cadcam.camera.measurement import PIXELS, Measurement
 from cadcam.kinds import expect_positive
 
 
@@ -41,8 +41,10 @@ def budget_of(measured: Measurement, name: str) -> Budget:
         measured.point(name)  # refuses unknown names
     i = measured.names.index(name)
     worst = np.linalg.eigh(measured.covariance[i][:2, :2])[1][:, -1]
-    along = {"pixels": float(worst @ measured.from_pixels[i][:2, :2] @ worst)}
+    along = {PIXELS: 0.0}
     for source, effect in measured.effects:
         g = worst @ effect[i, :2]
         along[source.name] = along.get(source.name, 0.0) + float(g @ source.covariance @ g)
+    for part in measured.noise:
+        along[part.name] = along.get(part.name, 0.0) + float(worst @ part.covariance[i, :2, :2] @ worst)
     return Budget({cause: float(np.sqrt(max(v, 0.0))) for cause, v in along.items()})

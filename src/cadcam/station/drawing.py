@@ -92,7 +92,21 @@ def check_distances(
     chosen = list(combinations(names, 2)) if pairs is None else list(pairs)
     if not chosen:
         raise TooFewPoints("distances in the drawing", len(names), 2, of="marks")
-    return tuple(_check(measured, drawn, one, other) for one, other in chosen)
+    lengths = measured.distances(chosen)
+    seen = _differences(dict(zip(measured.names, measured.points, strict=True)), chosen)
+    on_drawing = _differences(drawn, chosen)
+    drawn_lengths = np.linalg.norm(on_drawing, axis=1)
+    if not drawn_lengths.all():
+        one, other = chosen[int(np.argmin(drawn_lengths))]
+        raise BadValue(f"distance of {one!r} and {other!r} on the drawing", 0, "two marks at different places")
+    cross = on_drawing[:, 0] * seen[:, 1] - on_drawing[:, 1] * seen[:, 0]
+    angles = np.arctan2(cross, np.sum(on_drawing * seen, axis=1))
+    return tuple(
+        DistanceCheck(one, other, length.value, length.sigma, length.half_width, on_it, angle)
+        for (one, other), length, on_it, angle in zip(
+            chosen, lengths, drawn_lengths.tolist(), angles.tolist(), strict=True
+        )
+    )
 
 
 def independent(checks: Sequence[DistanceCheck]) -> tuple[DistanceCheck, ...]:
@@ -148,16 +162,12 @@ def trend_of_log(log: Sequence[Mapping[str, Any]], drawn: Mapping[str, Floats]) 
     return trend([lengths[i] - seen[i] for i in chosen], [lengths[i] for i in chosen])
 
 
-def _check(measured: Measurement, drawn: Mapping[str, Floats], one: str, other: str) -> DistanceCheck:
-    a, b = (np.asarray(drawn[name], dtype=np.float64)[:2] for name in (one, other))
-    on_drawing, seen = b - a, (measured.point(other) - measured.point(one))[:2]
-    length = measured.distance(one, other)
-    if not on_drawing.any():
-        raise BadValue(f"distance of {one!r} and {other!r} on the drawing", 0, "two marks at different places")
-    cross, dot = on_drawing[0] * seen[1] - on_drawing[1] * seen[0], on_drawing @ seen
-    drawn_length = float(np.linalg.norm(on_drawing))
-    angle = float(np.arctan2(cross, dot))
-    return DistanceCheck(one, other, length.value, length.sigma, length.half_width, drawn_length, angle)
+def _differences(places: Mapping[str, Floats], pairs: Sequence[tuple[str, str]]) -> Array:
+    """Return second less first place, x and y (n, 2), of n pairs of marks."""
+    used = {name: i for i, name in enumerate(dict.fromkeys(name for pair in pairs for name in pair))}
+    at = np.stack([np.asarray(places[name], dtype=np.float64)[:2] for name in used])
+    ends = np.array([[used[one], used[other]] for one, other in pairs])
+    return np.asarray(at[ends[:, 1]] - at[ends[:, 0]])
 
 
 def _in_sigmas(value: float, sigma: float) -> float:

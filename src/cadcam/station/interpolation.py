@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue
+from cadcam.kinds import expect_known
 
 if TYPE_CHECKING:
     from scipy.spatial import Delaunay
@@ -33,8 +34,7 @@ def weights(positions: Floats, at: Floats, rule: Rule, *, extrapolate: bool = Fa
     with `extrapolate`, the nearest alone is used there.
     """
     grid, place = frozen(positions, "calibration positions", (None, 2)), frozen(at, "position", (2,))
-    if rule not in ("bilinear", "linear", "nearest", "b4"):
-        raise UnknownName("rule", rule, ("bilinear", "linear", "nearest", "b4"))
+    expect_known(rule, "rule", ("bilinear", "linear", "nearest", "b4"))
     check_inside(grid, place, extrapolate=extrapolate, near_mm=near_mm)
     distance = np.linalg.norm(grid - place, axis=1)
     alone = np.eye(len(grid))[int(np.argmin(distance))]

@@ -8,15 +8,15 @@ these shared effects, so that they cancel in distances where they should.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.measurement import Measurement, PixelNoise
-from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
-from cadcam.kinds import expect, expect_each, expect_positive
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
+from cadcam.kinds import expect, expect_each, expect_known, expect_positive
 from cadcam.station.cross_prediction import plate_effect
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting
 from cadcam.station.interpolation import NEAR_MM, RULES, Rule, check_inside, weights
@@ -57,21 +57,24 @@ def measure_marks(
     expect_each(known.values(), "stations", GantryCalibration)
     sightings = expect_each(sightings, "sightings", Sighting)
     expect_positive(near_mm, "near_mm", "a number of mm from 0 on", zero=True)
-    if rule not in RULES:
-        raise UnknownName("rule", rule, RULES)
+    expect_known(rule, "rule", RULES)
     if not sightings:
         raise TooFewPoints("measuring", 0, 1, of="marks")
     for sighting in sightings:
-        if sighting.camera not in known:
-            raise UnknownName("camera (it has no calibration):", sighting.camera, known)
+        expect_known(sighting.camera, "camera (it has no calibration):", known)
     index: list[int] = []
     parts: list[_CameraPoints] = []
+    visits: list[PixelNoise] = []
     for camera in dict.fromkeys(s.camera for s in sightings):
         own = [i for i, s in enumerate(sightings) if s.camera == camera]
         index += own
         seen = [sightings[i] for i in own]
-        parts.append(_measured(known[camera], seen, _Interpolation(rule, extrapolate, near_mm)))
-    return _joined(parts, index, sightings, rule)
+        found = _measured(known[camera], seen, _Interpolation(rule, extrapolate, near_mm))
+        part, visit = _with_visits(known[camera], found)
+        parts.append(part)
+        if visit is not None:
+            visits.append(replace(visit, covariance=_placed(visit.covariance, own, len(sightings))))
+    return _joined(parts, visits, index, sightings, rule)
 
 
 def estimates(
@@ -119,11 +122,15 @@ class _Interpolation:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _CameraPoints:
-    """Points (n, 2) of one camera, their pixels' covariance (n, 2, 2), and effects (n, 2, k) of the shared sources."""
+    """Points (n, 2) of one camera, their pixels' covariance (n, 2, 2), and effects (n, 2, k) of the shared sources.
+
+    visits (n, 2, m, 2): effects of the errors of m visits that points share; besides these each has one of its own.
+    """
 
     points: Array
     pixels: Array
     effects: list[tuple[ErrorSource, Array]]
+    visits: Array
 
 
 def _measured(station: GantryCalibration, seen: Sequence[Sighting], how: _Interpolation) -> _CameraPoints:
@@ -137,7 +144,10 @@ def _measured(station: GantryCalibration, seen: Sequence[Sighting], how: _Interp
     place = ErrorSource(KNOWN_MARK, mark.sigma_mm**2 * np.eye(2), mark)
     both = np.broadcast_to(np.eye(2), (len(seen), 2, 2))
     return _CameraPoints(
-        raw.points[1:] - (raw.points[0] - mark.known), raw.pixels[1:], [*effects, (pixels, -both), (place, both)]
+        raw.points[1:] - (raw.points[0] - mark.known),
+        raw.pixels[1:],
+        [*effects, (pixels, -both), (place, both)],
+        np.concatenate([raw.visits[1:] - raw.visits[:1], both[:, :, None]], axis=2),  # the mark's visit moves all
     )
 
 
@@ -159,7 +169,10 @@ def _raw(station: GantryCalibration, seen: Sequence[Sighting], how: _Interpolati
         effects += _of_position(one, share[:, :, None], by_entry, p)
         _add_plate(plates, one, share[:, :, None] * plate_effect(one, by_entry, p + one.position))
     noise = by_pixel @ np.stack([s.covariance for s in seen]) @ np.swapaxes(by_pixel, 1, 2)
-    return _CameraPoints(points, noise, [*effects, *plates.values(), *_of_gantry(station, at, W)])
+    visits = np.zeros((n, 2, W.shape[2], 2))
+    for axis in (0, 1):
+        visits[:, axis, :, axis] = W[axis]
+    return _CameraPoints(points, noise, [*effects, *plates.values(), *_of_mechanics(station, at, W)], visits)
 
 
 def _relative(one: PlaneCalibration, q: Array, seen: Sequence[Sighting]) -> Array:
@@ -196,24 +209,26 @@ def _add_plate(plates: dict[int, tuple[ErrorSource, Array]], one: PlaneCalibrati
         plates[id(plate)] = ErrorSource(PLATE, plate.sigma_mm**2 * np.eye(effect.shape[-1]), plate), effect
 
 
-def _of_gantry(station: GantryCalibration, at: Array, W: Array) -> list[tuple[ErrorSource, Array]]:
-    """Return the effects on the points of the visits, and of the mechanics between the positions."""
-    n, N = len(at), len(station.positions)
-    out: list[tuple[ErrorSource, Array]] = []
-    again = station.repeatability
-    if again.covariance.any():
-        visits = np.zeros((n, 2, N + n, 2))
-        for axis in (0, 1):
-            visits[:, axis, :N, axis] = W[axis]
-            visits[range(n), axis, range(N, N + n), axis] = -1.0
-        covariance = np.asarray(np.kron(np.eye(N + n), again.covariance), dtype=np.float64)
-        out.append((ErrorSource(REPEATABILITY, covariance, station.field, again.dof), visits.reshape(n, 2, -1)))
+def _of_mechanics(station: GantryCalibration, at: Array, W: Array) -> list[tuple[ErrorSource, Array]]:
+    """Return the effects on the points of the mechanics between the positions."""
+    n, out = len(at), []
     between = station.field.error_covariance(at, W)
     for axis in (0, 1):
         effect = np.zeros((n, 2, n))
         effect[range(n), axis, range(n)] = 1.0
         out.append((ErrorSource(MECHANICS, between[axis], station.field.hypotheses[axis]), effect))
     return out
+
+
+def _with_visits(station: GantryCalibration, found: _CameraPoints) -> tuple[_CameraPoints, PixelNoise | None]:
+    """Return the points with the effect of the visits that they share, and the error of each one's own visit."""
+    again, (n, _, m, _) = station.repeatability, found.visits.shape
+    if not again.covariance.any():
+        return found, None
+    covariance = np.asarray(np.kron(np.eye(m), again.covariance), dtype=np.float64)
+    shared = ErrorSource(REPEATABILITY, covariance, station.field, again.dof), found.visits.reshape(n, 2, -1)
+    own = PixelNoise(np.broadcast_to(again.covariance, (n, 2, 2)), station.field, again.dof, REPEATABILITY)
+    return replace(found, effects=[*found.effects, shared]), own
 
 
 def _weights(station: GantryCalibration, seen: Sequence[Sighting], how: _Interpolation) -> Array:
@@ -229,18 +244,22 @@ def _weights(station: GantryCalibration, seen: Sequence[Sighting], how: _Interpo
 
 
 def _joined(
-    parts: Sequence[_CameraPoints], index: Sequence[int], sightings: Sequence[Sighting], rule: Rule
+    parts: Sequence[_CameraPoints],
+    visits: Sequence[PixelNoise],
+    index: Sequence[int],
+    sightings: Sequence[Sighting],
+    rule: Rule,
 ) -> Measurement:
     """Return all cameras' points in the order of the sightings; index: the sighting of each point, part by part."""
     n = len(sightings)
-    points, pixels = np.zeros((n, 3)), np.zeros((n, 3, 3))
+    points = np.zeros((n, 3))
     points[list(index), :2] = np.concatenate([part.points for part in parts])
-    pixels[list(index), :2, :2] = np.concatenate([part.pixels for part in parts])
+    pixels = _placed(np.concatenate([part.pixels for part in parts]), index, n)
     nothing = np.full(n, np.nan)
     return Measurement(
         names=tuple(s.name for s in sightings),
         points=points,
-        noise=(PixelNoise(pixels),),
+        noise=(PixelNoise(pixels), *visits),
         effects=_merged_effects(parts, index),
         seen_by=tuple((s.camera,) for s in sightings),
         chi2=np.zeros(n),
@@ -250,6 +269,13 @@ def _joined(
         angle=nothing,
         method=f"gantry, {rule}",
     )
+
+
+def _placed(covariance: Array, rows: Sequence[int], n: int) -> Array:
+    """Return covariances (n, 3, 3) of all points from those (m, 2, 2) on the floor of some of them; else zero."""
+    out = np.zeros((n, 3, 3))
+    out[list(rows), :2, :2] = covariance
+    return out
 
 
 def _merged_effects(parts: Sequence[_CameraPoints], index: Sequence[int]) -> tuple[tuple[ErrorSource, Array], ...]:

@@ -139,16 +139,17 @@ def distances(
     Those longer than `longest_mm` are left out. Raises `TooFewPoints` where all are.
     """
     measured = measure_marks(stations, work.sightings, rule=rule)
-    rows = []
+    pairs, lengths = [], []
     for i in range(0, len(work.points) - 1, 2):  # no mark is in two distances: their errors are nearly independent
         true = float(np.linalg.norm(work.points[i + 1] - work.points[i]))
         if 0 < true <= longest_mm:
-            found = measured.distance(work.sightings[i].name, work.sightings[i + 1].name)
-            rows.append((true, found.value - true, found.half_width))
-    if not rows:
+            pairs.append((work.sightings[i].name, work.sightings[i + 1].name))
+            lengths.append(true)
+    if not pairs:
         raise TooFewPoints("a day's work", 0, 1, of=f"distances up to {longest_mm:g} mm")
-    columns = np.array(rows)
-    return DistanceErrors(columns[:, 0], columns[:, 1], columns[:, 2])
+    found, true_lengths = measured.distances(pairs), np.array(lengths)
+    errors = np.array([d.value for d in found]) - true_lengths
+    return DistanceErrors(true_lengths, errors, np.array([d.half_width for d in found]))
 
 
 def write_inputs(folder: Path, station: GantryCalibration) -> None:

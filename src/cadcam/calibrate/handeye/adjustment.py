@@ -22,7 +22,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import camera_of, internals_of
 from cadcam.camera.observations import Observations
-from cadcam.errors import BadValue, TooFewPoints, UnknownName
+from cadcam.errors import BadValue, TooFewPoints
 from cadcam.fit import hand_eye
 from cadcam.fit.block_least_squares import BlockSolution, minimise_blocks
 from cadcam.fit.hand_eye_pixels import HandEyePixels, HandEyeState, InternalsPrior
@@ -32,7 +32,7 @@ from cadcam.fit.square_root import factorise
 from cadcam.fit.variance_components import variance_components
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each
+from cadcam.kinds import expect, expect_each, expect_known
 
 LEAST_POSES = 3
 _POSE = ("x", "y", "z", "rx", "ry", "rz")
@@ -130,8 +130,7 @@ def target_poses(observations: Sequence[Observations], camera: Camera, *, names:
 
 
 def _checked(base_from_flange: Rigid, pictures: int, mounting: str, names: Sequence[str]) -> tuple[str, ...]:
-    if mounting not in MOUNTINGS:
-        raise UnknownName("mounting", mounting, MOUNTINGS)
+    expect_known(mounting, "mounting", MOUNTINGS)
     n = _count(base_from_flange, "base_from_flange")
     labels = tuple(str(name) for name in names) or tuple(str(i + 1) for i in range(n))
     if not n == pictures == len(labels):

@@ -27,9 +27,9 @@ from cadcam.calibrate.measure.suspects import refuse_if_explained
 from cadcam.camera.error_source import ErrorSource, distinct_sources, index_of
 from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.camera.viewpoint import Viewpoint
-from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
+from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.plane import Plane
-from cadcam.kinds import expect, expect_each
+from cadcam.kinds import expect, expect_each, expect_known
 
 Method = Literal["reprojection", "rays"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -82,8 +82,7 @@ def _job(
     plane_sigma_mm: float,
     method: Method,
 ) -> _Job:
-    if method not in METHODS:
-        raise UnknownName("measuring method", method, METHODS)
+    expect_known(method, "measuring method", METHODS)
     if method == "rays" and plane is not None:
         raise BadValue("method", "'rays' for points on a plane", "'reprojection'")
     pixels = frozen(q, "pixels (viewpoints, points, 2)", (None, None, 2), finite=False)

@@ -18,12 +18,12 @@ from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internal
 from cadcam.camera.lens import Ideal, Lens
 from cadcam.camera.observations import Observations, picture_size
 from cadcam.camera.sensitivity import rotation_by_angles
-from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints, UnknownName
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.extents import distinct, flatness, refuse_flat
 from cadcam.fit.global_search import Effort, minima, polished
 from cadcam.fit.least_squares import Solution, Stalled, cofactor
-from cadcam.kinds import expect, expect_names
+from cadcam.kinds import expect, expect_known, expect_names
 
 Method = Literal["reprojection", "dlt", "dlt-c23"]
 METHODS: tuple[Method, ...] = get_args(Method)
@@ -63,8 +63,7 @@ def calibrate_camera(
     free = estimated_names(fixed, lens, expect_names(free_lens, "free_lens"), of=NAMES, what="parameter")
     _refuse_few(observations, free)
     refuse_flat(observations.p_world, unknowns=len(free))
-    if method not in METHODS:
-        raise UnknownName("calibration method", method, METHODS)
+    expect_known(method, "calibration method", METHODS)
     if method != "reprojection":
         if free != NAMES or lens != Ideal():
             raise BadValue("method", repr(method), "'reprojection' where anything is fixed or a lens is asked for")

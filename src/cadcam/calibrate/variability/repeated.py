@@ -11,11 +11,12 @@ from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import Ideal
 from cadcam.camera.sensitivity import rotation_by_angles
-from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
+from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.dlt import Form
 from cadcam.fit.least_squares import cofactor
 from cadcam.fit.multistart import descend
+from cadcam.kinds import expect_known
 
 ANGULAR = ("a", "b", "c")
 _FORMS: dict[Method, Form] = {"dlt": "normalised", "dlt-c23": "c23"}
@@ -32,8 +33,7 @@ def model_of(estimate: CameraEstimate) -> tuple[CameraModel, Array]:
 
 def refuse_method(method: Method, estimate: CameraEstimate) -> None:
     """Raise `UnknownName`, or `BadValue` for a linear transform where anything is fixed or the lens is not ideal."""
-    if method not in METHODS:
-        raise UnknownName("calibration method", method, METHODS)
+    expect_known(method, "calibration method", METHODS)
     if method in _FORMS and (estimate.free != NAMES or estimate.camera.lens != Ideal()):
         raise BadValue("method", repr(method), "'reprojection' where anything is fixed or a lens is there")
 

@@ -7,6 +7,7 @@ import math
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, names, numbers, real, refuse, verb
+from cadcam.cli.cameras import CameraFiles
 from cadcam.cli.output import check_target, print_json, print_tables, say, say_written
 from cadcam.errors import BadValue, UnknownName
 
@@ -42,6 +43,7 @@ Measure points in space. Each camera comes from `cadcam calibrate`, with its cov
 calibrated, was moved from there by a known motion, or was placed anew. A point needs two views, or one and the plane it
 lies on. Every point gets its standard deviations from the noise of its pixels, from the calibrations and from the
 motions, including errors that they share: a distance between two points is usually known better than either point.
+Camera files of the same content are one calibration, also under two names.
 The gap between rays is compared with what these uncertainties allow; an input that must have been swapped, mirrored,
 inverted or wrongly scaled is named."""
 
@@ -164,9 +166,10 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _distances(measured: Measurement, pairs: Sequence[Sequence[str]]) -> list[dict[str, Any]]:
-    lengths = [(pair, measured.distance(*pair)) for pair in pairs]
+    lengths = measured.distances([(one, other) for one, other in pairs])
     return [
-        {"of": list(pair), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width} for pair, d in lengths
+        {"of": list(pair), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width}
+        for pair, d in zip(pairs, lengths, strict=True)
     ]
 
 
@@ -202,7 +205,8 @@ def _rig_viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list
 
 def _viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Viewpoint]:
     """Return the viewpoints in the order of the pixels file's views; each must be given."""
-    cameras = _cameras(arguments.camera)
+    files = CameraFiles()
+    cameras = _cameras(arguments.camera, files)
     known = {
         name: _fixed(name, path, file, arguments.sigma)
         for name, (path, file) in cameras.items()
@@ -215,7 +219,7 @@ def _viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Vie
                 raise BadValue(option, f"the view {view!r} a second time", "a name of its own for each view")
             if home not in cameras:
                 raise UnknownName(f"camera in {option} {text}:", home, cameras)
-            known[view] = make(view, _estimate(*cameras[home]), path, arguments)
+            known[view] = make(view, _estimate(*cameras[home]), path, arguments, files)
     for view in pixels.views:
         if view not in known:
             raise UnknownName(
@@ -224,24 +228,16 @@ def _viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Vie
     return [known[view] for view in pixels.views]
 
 
-def _cameras(given: Sequence[str] | None) -> dict[str, tuple[str, CameraFile]]:
-    """Return path and content of each view's camera file.
-
-    A file of several views is read once: they share the errors of one calibration.
-    """
-    from cadcam.cli.cameras import read_any_camera
-
+def _cameras(given: Sequence[str] | None, files: CameraFiles) -> dict[str, tuple[str, CameraFile]]:
+    """Return path and content of each view's camera file; views of one file share the errors of its calibration."""
     if not given:
         raise BadValue("--camera", "not given", "a camera file for each view, or --rig FILE")
     cameras: dict[str, tuple[str, CameraFile]] = {}
-    read: dict[str, CameraFile] = {}
     for text in given:
         name, path = _named(text)
         if name in cameras:
             raise BadValue("--camera", f"the view {name!r} twice", "one file for each view")
-        if path not in read:
-            read[path] = read_any_camera(path)
-        cameras[name] = path, read[path]
+        cameras[name] = path, files.read(path)
     return cameras
 
 
@@ -257,7 +253,7 @@ def _fixed(name: str, path: str, file: CameraFile, sigma: float | None) -> Viewp
     return Viewpoint.exact(name, file.camera, file.camera_from_world, sigma_px=sigma)
 
 
-def _moved(view: str, home: CameraEstimate, path: str, arguments: argparse.Namespace) -> Viewpoint:
+def _moved(view: str, home: CameraEstimate, path: str, arguments: argparse.Namespace, _files: CameraFiles) -> Viewpoint:
     from cadcam.camera.viewpoint import KnownMotion, Viewpoint
     from cadcam.files.matrix import read_motion
 
@@ -267,13 +263,14 @@ def _moved(view: str, home: CameraEstimate, path: str, arguments: argparse.Names
     return Viewpoint.moved(view, home, motion, sigma_px=arguments.sigma)
 
 
-def _placed(view: str, home: CameraEstimate, path: str, arguments: argparse.Namespace) -> Viewpoint:
+def _placed(view: str, home: CameraEstimate, path: str, arguments: argparse.Namespace, files: CameraFiles) -> Viewpoint:
     from cadcam.camera.viewpoint import KnownMotion, Viewpoint
-    from cadcam.files.camera import read_camera
     from cadcam.files.matrix import read_pose
 
     if path.lower().endswith(".json"):
-        found = read_camera(path).estimate
+        found = files.read(path).estimate
+        if found is home:  # where it was calibrated: the pose errs with the internals, not once more by itself
+            return Viewpoint.fixed(view, home, sigma_px=arguments.sigma)
         if found is not None:
             return Viewpoint.located(view, home, found, sigma_px=arguments.sigma)
     pose = read_pose(path)

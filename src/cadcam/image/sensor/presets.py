@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from cadcam.errors import UnknownName
 from cadcam.image.sensor.charge import Blooming, Noise, Smear
 from cadcam.image.sensor.light import Blur, Vignetting
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+from cadcam.kinds import expect_known
 
 # The thesis' cameras (section 5): JAI 1/2 inch CCD, CCIR, 768 x 576 by a frame grabber, signal to noise some 50 dB.
 CCIR_1996 = Sensor(
@@ -48,6 +48,5 @@ PRESETS: dict[str, Sensor] = {s.name: s for s in (CCIR_1996, GLOBAL_SHUTTER, PHO
 
 def preset(name: str) -> Sensor:
     """Return the preset of this name; `UnknownName` with the nearest otherwise."""
-    if name not in PRESETS:
-        raise UnknownName("sensor", name, PRESETS)
+    expect_known(name, "sensor", PRESETS)
     return PRESETS[name]

@@ -18,7 +18,7 @@ from cadcam.arrays import Array, Brief, Ids, frozen
 from cadcam.errors import BadValue
 from cadcam.image.edges import EdgePoints, canny
 from cadcam.image.picture import checked
-from cadcam.kinds import expect, expect_numbers
+from cadcam.kinds import expect, expect_numbers, expect_positive
 from cadcam.render.lines.wireframe import Wireframe
 
 _SHIFTED = (17.0, -17.0, 23.0, -23.0)  # px along the normal at which the chance level is measured
@@ -41,8 +41,12 @@ class ClosenessOptions:
 
     def __post_init__(self) -> None:
         expect_numbers(self)
-        if not (self.near > 0 and 0 < self.within <= math.pi / 2 and self.step > 0 and self.reach > self.cell > 0):
-            raise BadValue("closeness options", self, "positive numbers of px, within at most pi/2, reach above cell")
+        for name in ("near", "step", "reach", "cell"):
+            expect_positive(getattr(self, name), name, "a positive number of px")
+        if not 0 < self.within <= math.pi / 2:
+            raise BadValue("within", self.within, "rad, above 0, at most pi/2")
+        if not self.reach > self.cell:
+            raise BadValue("reach", self.reach, f"more px than those of a cell, {self.cell:g}")
 
 
 PLAIN_CLOSENESS = ClosenessOptions()
@@ -99,6 +103,7 @@ def edge_closeness(
     Samples outside the picture do not count.
     """
     expect(wireframe, "wireframe", Wireframe)
+    expect(options, "options", ClosenessOptions)
     edges = photo if isinstance(photo, EdgePoints) else canny(checked(photo))
     q, normal, line = wireframe.visible.points_along(options.step)
     seen = wireframe.camera.sees(q)

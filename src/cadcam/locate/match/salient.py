@@ -18,7 +18,7 @@ from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.correlate import CorrelateOptions, correlate
 from cadcam.image.template import LEAST_POINTS, Template
-from cadcam.kinds import expect_numbers
+from cadcam.kinds import expect_count, expect_numbers, expect_positive
 from cadcam.render.view import View
 
 _LEAST_STRENGTH = 0.05  # relative to the strongest window
@@ -43,8 +43,12 @@ class SalientOptions:
 
     def __post_init__(self) -> None:
         expect_numbers(self)
-        if not (self.side >= 9 and self.count >= 1 and self.spacing > 0 and self.reach >= 0):
-            raise BadValue("salient options", self, "side from 9 px on, count from 1 on, spacing above 0 px")
+        expect_count(self.side, "side", least=9, expected="a whole number of px from 9 on")
+        expect_count(self.count, "count")
+        expect_positive(self.spacing, "spacing", "a positive number of px")
+        expect_positive(self.reach, "reach", "a number of px from 0 on", zero=True)
+        if not 0 <= self.least_gap <= 1:
+            raise BadValue("least_gap", self.least_gap, "a difference of correlations, from 0 to 1")
 
 
 PLAIN_SALIENT = SalientOptions()

@@ -17,11 +17,11 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Brief, Ids, Picture, frozen
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
-from cadcam.kinds import expect, expect_each, expect_numbers
+from cadcam.kinds import expect, expect_count, expect_each, expect_known, expect_numbers, expect_positive
 from cadcam.locate.match.appearance import APPEARANCES, Appearance, counted, of_model, of_photo
 from cadcam.locate.match.closeness import edge_closeness
 from cadcam.locate.match.consensus import LEAST_AGREEING, PlaceCandidates, consensus, pose_of_matches
@@ -58,19 +58,16 @@ class TemplateOptions:
     def __post_init__(self) -> None:
         expect_numbers(self)
         expect(self.salient, "salient", SalientOptions)
-        if self.appearance not in APPEARANCES:
-            raise UnknownName("appearance", self.appearance, APPEARANCES)
+        expect_known(self.appearance, "appearance", APPEARANCES)
         if not 1 <= self.reach < math.inf:
             raise BadValue("reach", self.reach, "1 px or more")
         if not 0 <= self.turn <= math.pi:
             raise BadValue("turn", self.turn, "rad, from 0 to pi")
         for name, value in (("peaks", self.peaks), ("rounds", self.rounds)):
-            if value < 1:
-                raise BadValue(name, value, "1 or more")
+            expect_count(value, name, expected="a whole number, 1 or more")
         if not 0 < self.least_score <= 1:
             raise BadValue("least_score", self.least_score, "a number above 0, at most 1")
-        if not self.tolerance > 0:
-            raise BadValue("tolerance", self.tolerance, "px, a number above 0")
+        expect_positive(self.tolerance, "tolerance", "px, a number above 0")
 
 
 PLAIN_TEMPLATES = TemplateOptions()

@@ -4,10 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
-
-from cadcam.errors import BadValue
-from cadcam.kinds import expect_numbers
+from cadcam.kinds import expect_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,11 +24,8 @@ class EdgeOptions:
     group_px: float = 150.0
 
     def __post_init__(self) -> None:
-        expect_numbers(self)
         for name in self.__slots__:
-            value = getattr(self, name)
-            if not (np.isfinite(value) and value > 0):
-                raise BadValue(name, value, "a positive number of px")
+            expect_positive(getattr(self, name), name, "a positive number of px")
 
 
 EDGES = EdgeOptions()

@@ -263,7 +263,10 @@ def _eyes(place: Place) -> Array:
 
 def _aims(place: Place) -> Array:
     several = isinstance(place.value, list) and any(isinstance(v, list) for v in place.value)
-    return place.array((None, 3)) if several else place.array((3,))[None]
+    aims = place.array((None, 3)) if several else place.array((3,))[None]
+    if not len(aims):
+        raise place.error("names no place", "write [x, y, z], or a list of them")
+    return aims
 
 
 def _features(place: Place, part: Mesh) -> tuple[LayoutFeature, ...]:

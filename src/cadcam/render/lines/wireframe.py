@@ -137,5 +137,11 @@ class Wireframe:
 
 
 def _crosses_picture(wireframe: Wireframe) -> bool:
-    q, _, _ = wireframe.visible.points_along(4.0)
-    return bool(wireframe.camera.sees(q).any())
+    """Return whether a segment runs through the picture, however long: clipped to it (Liang and Barsky 1984)."""
+    line, q = wireframe.visible.line_of_point, wireframe.visible.q
+    first = np.flatnonzero(line[1:] == line[:-1])
+    d = q[first + 1] - q[first]
+    with np.errstate(divide="ignore", invalid="ignore"):  # along an axis: from -inf to inf, or nowhere
+        low, high = (-0.5 - q[first]) / d, (np.array(wireframe.camera.size) - 0.5 - q[first]) / d
+    enters, leaves = np.fmin(low, high).max(axis=1), np.fmax(low, high).min(axis=1)
+    return bool((np.maximum(enters, 0.0) <= np.minimum(leaves, 1.0)).any())

@@ -15,10 +15,10 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.camera.camera import Camera
-from cadcam.errors import BadValue, TooFewMarks, UnknownName
+from cadcam.errors import BadValue, TooFewMarks
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
-from cadcam.kinds import expect, expect_count, expect_numbers, expect_positive
+from cadcam.kinds import expect, expect_count, expect_known, expect_numbers, expect_positive
 from cadcam.target.marks.candidates import METHODS, MarkCandidates, approached, mark_candidates, screened
 from cadcam.target.marks.cross import surface, taps, template
 from cadcam.target.marks.fit import MarkFit, fit_marks
@@ -102,10 +102,8 @@ class MarkOptions:
 
     def __post_init__(self) -> None:
         expect_numbers(self)
-        if self.method not in METHODS:
-            raise UnknownName("method", self.method, METHODS)
-        if self.subpixel not in SUBPIXEL:
-            raise UnknownName("sub-pixel rule", self.subpixel, SUBPIXEL)
+        expect_known(self.method, "method", METHODS)
+        expect_known(self.subpixel, "sub-pixel rule", SUBPIXEL)
         if not 0 <= self.least_score <= 1:
             raise BadValue("least_score", self.least_score, "a correlation from 0 to 1")
         if not 0 < self.margin < np.inf:

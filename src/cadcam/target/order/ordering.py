@@ -16,9 +16,9 @@ from typing import Literal
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, Ids, frozen
-from cadcam.errors import BadValue, NoOrder, TooFewPoints, UnknownName
+from cadcam.errors import BadValue, NoOrder, TooFewPoints
 from cadcam.fit.plane_maps import mapped
-from cadcam.kinds import expect_number, expect_positive
+from cadcam.kinds import expect_known, expect_number, expect_positive
 from cadcam.target.order.grow import grown, without_strays
 from cadcam.target.order.judge import Judged, costs, judged, log_chance
 from cadcam.target.order.plan import FEWEST, MarkPlan
@@ -91,8 +91,7 @@ def order_marks(
     Raises `TooFewPoints` below four marks or places, `NoOrder` where nothing fits better than chance does: another
     plan, or too few of its marks.
     """
-    if side not in SIDES:
-        raise UnknownName("side", side, SIDES)
+    expect_known(side, "side", SIDES)
     expect_positive(sigma_px, "sigma_px", "a positive number of px")
     expect_number(odds, "odds")
     if not (np.isfinite(odds) and odds >= 1):
