@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array
+from cadcam.arrays import LARGEST, Array
 from cadcam.cad.mesh import Mesh, unique_names
 from cadcam.errors import UnreadableFile
 
@@ -107,12 +107,14 @@ def numbers(rows: Sequence[Sequence[bytes]], n: int, complaint: Callable[[int], 
 
 
 def check_finite(path: Path, vertices: npt.NDArray[np.floating], place: Place) -> None:
-    """Raise `UnreadableFile` naming the first vertex with a coordinate that is not a finite number."""
-    bad = ~np.isfinite(vertices).all(axis=1)
+    """Raise `UnreadableFile` naming the first vertex with a coordinate that is no finite number, or beyond all use."""
+    bad = ~(np.abs(vertices) <= LARGEST).all(axis=1)
     if bad.any():
         at = int(np.argmax(bad))
         values = ", ".join(f"{x:g}" for x in vertices[at])
-        raise UnreadableFile(path, f"{place(at)} is ({values})", "coordinates must be finite numbers")
+        raise UnreadableFile(
+            path, f"{place(at)} is ({values})", f"coordinates must be finite numbers, at most {LARGEST:g} in size"
+        )
 
 
 def check_indices(path: Path, faces: npt.NDArray[np.integer], n_vertices: int, place: Place) -> None:
