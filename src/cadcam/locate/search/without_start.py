@@ -58,7 +58,8 @@ _CLIMBS = (
     Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 70),
     Climb(2, 128, (2.5, 1.5, 1.0, 1.0), 20),
 )
-_BESIDE, _FEW = Climb(2, 64, (1.0,), 0), 4  # how displaced poses are judged, without climbing; every 4th of _ASIDE
+_BESIDE = Climb(2, 64, (1.0,), 0)  # how displaced poses are judged: without climbing
+_EVERY = 4  # in the sweep's climbs, by every so many-th of _ASIDE: 0.12 of its size to four sides
 _APPROACHED, _NEIGHBOURS = (16, 8), 0.25  # poses approached by either judgement; radii between them
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; shift_px by the part's size
 # Displacements at which lines are compared, as shares of the part's size in the picture.
@@ -230,7 +231,7 @@ def _promising(scales: _Scales, eye: int, distance: float, looks: tuple[Longs, A
     for climb in _CLIMBS:
         stage = scales.alike(eye, chosen[min(climb.level, len(chosen) - 1)], poses)
         poses, score = climbed(aspects, stage, poses, np.eye(6), climb)
-        moved = scales.beside(poses, _FEW)
+        moved = scales.beside(poses, _EVERY)
         beside = climbed(aspects, stage, np.concatenate(moved), np.eye(6), _BESIDE)[1]
         score = score - beside.reshape(len(moved), len(poses)).max(axis=0)
         poses = poses[distinct(aspects, poses, score, climb.kept)]
