@@ -214,6 +214,7 @@ def test_each_camera_has_a_picture_of_its_own_where_names_of_files_would_be_alik
 RING = "arc: {centre_mm: [50, 40, 500], radius_mm: 500}, count: 8"
 UNSEEN = "no candidate sees 1 of 2 features: 'mark' (seen too obliquely or from behind 100%)"
 RANGE = "poses: {a: {position_mm: [[0, 1], 0, 0], steps: 1}}\ncameras:\n"
+TWO_POSES = "poses: {a: {position_mm: [[0, 1], 0, 0]}, a 1: {position_mm: [0, 0, 0]}}\ncameras:\n"
 # what is written in the scene's place -> what the message says
 WRONG = {
     "an unknown key": ("noise: {sigma_px", "noise: {sigma_pix", "did you mean 'sigma_px'"),
@@ -238,6 +239,15 @@ WRONG = {
     "a range with one step": ("cameras:\n", RANGE, "at least 2"),
     "noise without numbers": ("{sigma_px: 0.05}", "{grey: 0.01}", "both, or neither"),
     "a model that is not there": ("box.obj", "bix.obj", "did you mean 'box.obj'"),
+    "a model in no unit": ("part: box.obj", "part: {model: box.obj, unit: furlong}", "part is refused: unknown unit"),
+    "two poses of one name": ("cameras:\n", TWO_POSES, "makes a second pose 'a 1'"),
+    "a normal of an edge": ("[100, 0, 20]]", "[100, 0, 20]], normal: [0, 0, 1]", "beside point_mm and circle_mm"),
+    "chains of a mark": ("diameter_mm: 10", "diameter_mm: 10, chains: [1]", "it has a meaning beside part"),
+    "half a pixel": ("f_number: 8", "f_number: 8, pixels: [2448.5, 2048]", "two whole numbers"),
+    "pixels of no sensor": ("sensor: IMX264", "pixels: [2448, 2048]", "pixels without a sensor"),
+    "hidden features that count as seen": ("choose: 3", "seen: {share: 0}", "share of what is seen is 0"),
+    "a slant from behind": ("choose: 3", "seen: {incidence_deg: 120}", "at most 90 deg"),
+    "no camera of a mount": ("count: 8", "count: 8, cameras: []", "cameras of mount 'ring' is none"),
 }
 
 

@@ -3,24 +3,27 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 
 import cadcam
+from cadcam.cad.mesh import Mesh
 from cadcam.errors import BadValue
 from cadcam.plan.assessment.assess import Outcome, assess, outcome
 from cadcam.plan.layout import CandidateSurvey, plan_layout, survey
 from cadcam.plan.scene.feature import Kind, LayoutFeature
-from cadcam.plan.scene.layout_scene import CalibratedFrom, Sigmas
+from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, Mount, Sigmas
 from cadcam.plan.sight.candidate import Candidate, calibrated, candidates
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.plan.uncertainty.predict import predict_points
 from cadcam.plan.what_if import rebuilt, what_if
+from cadcam.report.layout.words import assumptions
 from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule
 from cadcam.verify.tolerances.verdict import Verdict, decided
 
-from .scenes import features, position, ring, scene
+from .scenes import MIDDLE, features, position, ring, scene
 
 
 def points_only(**changes: object) -> CandidateSurvey:
@@ -220,6 +223,60 @@ def test_a_moved_camera_rebuilt_is_still_calibrated_at_the_first_place_of_its_mo
     again = rebuilt(seen.scene, chosen)
     found = assess(again, [seen.visibility[i] for i in (2, 4, 7)], seen.places, seen.poses, seen.asked)
     np.testing.assert_allclose(found.sigma, seen.assess((2, 4, 7)).sigma, rtol=1e-9)
+
+
+def test_what_one_camera_sees_is_not_measured_however_badly_it_is_calibrated() -> None:
+    """Calibration errors take most of the information away; what rounding leaves of it along the ray is nothing."""
+    calibrations = Sigmas(3.0, 3e-3, 10.0, 10.0), Sigmas(0.03, 3e-5, 0.2, 0.3), CalibratedFrom(8, 1.0, 1.0)
+    for calibration in calibrations:
+        seen = survey(scene(8, calibration=calibration))
+        lonely = 0
+        for pair in combinations(range(8), 2):
+            found = seen.assess(pair)
+            alone = found.cameras < 2
+            lonely += int(alone.sum())
+            assert (found.ratio[alone] == 0).all()
+            assert np.isnan(found.sigma[alone]).all()
+        assert lonely > 50
+
+
+def test_focal_length_is_not_known_from_points_in_one_plane() -> None:
+    """A sheet seen straight on: focal length and distance are known only together, so nearer poses are uncertain.
+
+    As for a camera that is hardly tilted; a pseudo-inverse would call the two known exactly, straight on alone.
+    """
+    flat = Mesh.single([[0.0, 0, 0], [400, 0, 0], [400, 300, 0], [0, 300, 0]], [[0, 1, 2], [0, 2, 3]])
+    mark = LayoutFeature("m", Kind.POINT, np.array([60.0, 80, 0]), position(1.0), normal=np.array([0.0, 0, 1]))
+    poses = {"flat": cadcam.Rigid(), "nearer": cadcam.Rigid(np.eye(3), [0.0, 0, 20])}
+
+    def sigma(tilt: float) -> np.ndarray:
+        eyes = np.array([[200.0, 150 - tilt, 1000], [300.0, 150 - tilt, 1000]])
+        mounts = (Mount("m", eyes, eyes * (1, 0, 0) + [0, 150, 0], ("cam",)),)
+        made = scene(part=flat, features=(mark,), poses=poses, mounts=mounts, calibration=CalibratedFrom(30, 0.1))
+        return survey(made).assess((0, 1)).sigma[:, 0]
+
+    straight, tilted = sigma(0.0), sigma(0.01)
+    np.testing.assert_allclose(straight, tilted, rtol=0.01)
+    assert straight[1] > 10 * straight[0]
+
+
+def test_what_if_of_a_calibrated_camera_changes_its_own_calibration() -> None:
+    """A perfect one leaves the pixels' noise alone; half as good is twice the share of its internals."""
+    rng = np.random.default_rng(3)
+    camera, pose = cadcam.Camera.from_focal((2448, 2048), 4600.0), cadcam.Rigid.look_at([0.0, -900, 700], MIDDLE)
+    p = rng.uniform([0, 0, 0], [400, 300, 120], (20, 3))
+    q = camera.project(pose @ p) + rng.normal(0, 0.1, (20, 2))
+    estimate = cadcam.calibrate_camera(cadcam.Observations(p, q, sigma_px=0.1), size=camera.size)
+    own = CameraType("cam", own=estimate.camera, estimate=estimate)
+    layout = plan_layout(scene(8, cameras={"cam": own}, calibration=Sigmas(), features=features()[:2]))
+    table = {w.change: w for w in what_if(layout)}
+    exact = replace(layout.survey.scene, cameras={"cam": CameraType("cam", own=own.own)})
+    assert table["a perfect calibration"].worst == pytest.approx(survey(exact).assess(layout.chosen).worst)
+    twice = replace(own, estimate=replace(estimate, cofactor=4 * estimate.cofactor))
+    worse = survey(replace(layout.survey.scene, cameras={"cam": twice}))
+    assert table["a calibration half as good"].worst == pytest.approx(worse.assess(layout.chosen).worst)
+    assert table["a perfect calibration"].worst > 1.1 * table["as planned"].worst
+    assert "internals err as the camera file states" in " ".join(assumptions(layout))
 
 
 def test_what_if_says_what_planning_anew_says() -> None:

@@ -8,13 +8,15 @@ import numpy as np
 import pytest
 
 from cadcam.plan import coverage as module
+from cadcam.plan import pictures
 from cadcam.plan.coverage import coverage, coverage_steps, divided
 from cadcam.plan.layout import plan_layout, survey
 from cadcam.plan.pictures import camera_pictures, coverage_pictures
 from cadcam.plan.scene.feature import Kind, LayoutFeature
+from cadcam.plan.scene.layout_scene import Mount
 from cadcam.plan.uncertainty.finding import Finder
 
-from .scenes import features, part, position, scene
+from .scenes import MIDDLE, features, part, position, scene
 
 
 def test_pieces_are_small_and_make_up_the_surface() -> None:
@@ -103,3 +105,15 @@ def test_pictures_show_the_part_and_its_features() -> None:
         assert painting is not None
         for _, picture in coverage_pictures(layout, painting):
             assert picture.std() > 0.05
+
+
+@pytest.mark.parametrize("up", [1.0, -1.0], ids=["above", "below"])
+@pytest.mark.parametrize("aside", [0.0, 300.0], ids=["straight", "aslant"])
+def test_coverage_is_shown_from_the_side_of_the_cameras(up: float, aside: float) -> None:
+    """Cameras below the part see its underside: a picture from above would show what none of them sees."""
+    eyes = MIDDLE + up * np.array([[-100.0, aside, 900], [100.0, aside, 900]])
+    mount = Mount("m", eyes, np.tile(MIDDLE, (2, 1)), ("cam",))
+    face = LayoutFeature("f", Kind.POINT, [60.0, 80, 5 + 5 * up], position(1.0), normal=[0, 0, up])
+    layout = plan_layout(scene(mounts=(mount,), features=(face,)), 2)
+    (_, _, first), _ = pictures._sides(layout, part())
+    assert np.sign(first.origin[2] - MIDDLE[2]) == up

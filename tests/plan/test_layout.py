@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import pairwise
 from typing import Any
 
@@ -10,6 +11,8 @@ import pytest
 
 from cadcam.plan.choice.problem import MEASURED, Score
 from cadcam.plan.layout import CandidateSurvey, next_cameras, plan_layout, survey
+from cadcam.plan.scene.layout_scene import Sigmas
+from cadcam.plan.what_if import what_if
 
 from .scenes import ring, scene
 
@@ -32,7 +35,8 @@ def test_growth_is_told_for_one_camera_less_and_one_more_where_there_can_be(
     layout = plan_layout(seen, k)
     assert tuple(n for n, _ in layout.growth) == numbers
     growth = dict(layout.growth)
-    assert growth[k].value == layout.found.score.value == same(seen.problem.score(layout.chosen))
+    assert growth[k].value == same(layout.found.score)
+    assert growth[k].value == same(seen.problem.score(layout.chosen))
     scores = [score for _, score in layout.growth]
     assert not any(fewer.beats(more) for fewer, more in pairwise(scores))
     assert layout.all_of_them.value == same(seen.problem.score(range(8)))
@@ -53,6 +57,22 @@ def test_a_role_is_what_is_lost_without_the_camera(seen: CandidateSurvey) -> Non
         assert role.sees == int(seen.visibility[camera].seen.all(axis=0).sum())
     assert max(role.only_it for role in layout.roles) > 0
     assert {role.sees for role in layout.roles} != {0}
+
+
+def test_of_a_camera_that_is_moved_every_table_states_the_errors_as_shared() -> None:
+    """The search adds up each place's information; what is said beside the set is what is stated of such a set."""
+    moved = survey(scene(8, mounts=(replace(ring(8), one_camera=True),), calibration=Sigmas(0.1, 1e-4, 0.5, 0.5)))
+    layout = plan_layout(moved, 5)
+    assert dict(layout.growth)[5].worst == pytest.approx(layout.assessment.worst, rel=1e-12)
+    assert layout.assessment.worst != pytest.approx(layout.found.score.worst, rel=1e-3)  # sharing matters here
+    table = {w.change: w.worst for w in what_if(layout)}
+    for camera, role in zip(layout.cameras, layout.roles, strict=True):
+        assert role.without.unmeasured == 0
+        assert role.without.worst == pytest.approx(table[f"without {camera.name}"], rel=1e-12)
+    (_, best), *others = next_cameras(moved, layout.chosen)
+    stated = [moved.assess((*layout.chosen, i)).worst for i in range(8) if i not in layout.chosen]
+    assert best.worst == pytest.approx(max(stated), rel=1e-12)
+    assert sorted(score.worst for _, score in others) == pytest.approx(sorted(stated)[:-1], rel=1e-12)
 
 
 def test_the_next_view_is_one_more_camera(seen: CandidateSurvey) -> None:

@@ -141,6 +141,9 @@ def test_a_box_and_an_arc_hold_what_was_asked_for() -> None:
         assert (places >= box[0]).all()
         assert (places <= box[1]).all()
         assert len(places) > count / 3 or len(places) == 1
+    for start, end in ((0.0, 720.0), (90.0, 90.0)):  # places one upon the other
+        with pytest.raises(cadcam.CadcamError, match="at most 360 deg apart"):
+            arc(np.zeros(3), 10.0, start, end, 5, axis=np.array([0.0, 0, 1]))
     places = arc(np.array([1.0, 2, 3]), 10.0, 0.0, 360.0, 8, axis=np.array([0.0, 0, 2]))
     np.testing.assert_allclose(np.linalg.norm(places - [1, 2, 3], axis=1), 10)
     assert len(np.unique(np.round(places, 6), axis=0)) == 8

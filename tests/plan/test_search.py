@@ -114,7 +114,9 @@ def test_the_next_view_is_the_best_of_all_single_additions() -> None:
 def test_a_camera_more_never_hurts_and_one_less_never_helps() -> None:
     problem = random_problem(8)
     found = best_set(problem, 3)
-    assert one_more(problem, found.chosen).value >= found.score.value >= one_fewer(problem, found.chosen).value
+    more, fewer = one_more(problem, found.chosen), one_fewer(problem, found.chosen)
+    assert (len(more), len(fewer)) == (4, 2)
+    assert problem.score(more).value >= found.score.value >= problem.score(fewer).value
 
 
 def test_fixed_cameras_stay_and_count_apart() -> None:

@@ -82,6 +82,17 @@ def test_the_reason_for_not_seeing_is_named() -> None:
     assert one((900.0, 150.0, 300.0), behind_wall, Seeing(incidence=np.radians(85))).why.tolist() == [[Why.HIDDEN]]
 
 
+@pytest.mark.parametrize("slant", [0.0, 0.9])
+def test_a_mark_is_too_small_by_the_width_of_its_picture(slant: float) -> None:
+    """Its picture's least width: the diameter where it faces the camera, else that times the cosine of the slant."""
+    up, eye = np.array([0.0, 0, 1]), MIDDLE + 1000 * np.array([0.0, -np.sin(slant), np.cos(slant)])
+    mark = LayoutFeature("m", Kind.CIRCLE, MIDDLE, position(1.0), normal=up, diameter_mm=10.0)
+    seen = one(tuple(eye), mark, Seeing(blur_px=1e9))
+    width = 10.0 * np.cos(slant) / seen.mm_per_px[0, 0]
+    assert one(tuple(eye), mark, Seeing(blur_px=1e9, least_px=0.99 * width)).why.tolist() == [[Why.SEEN]]
+    assert one(tuple(eye), mark, Seeing(blur_px=1e9, least_px=1.01 * width)).why.tolist() == [[Why.SMALL]]
+
+
 def test_scale_slant_and_blur_are_those_of_geometry() -> None:
     up = np.array([0.0, 0, 1])
     feature = LayoutFeature("m", Kind.POINT, MIDDLE, position(1.0), normal=up)
@@ -127,3 +138,44 @@ def test_places_of_a_zone_inside_of_something_are_left_out_and_said() -> None:
 def test_a_camera_type_needs_a_lens_or_a_calibration() -> None:
     with pytest.raises(cadcam.CadcamError, match="sensor or focal_mm"):
         CameraType("x")
+
+
+def test_a_part_of_a_lens_beside_a_calibration_is_refused() -> None:
+    """Its blur would silently be taken as none."""
+    own = cadcam.Camera.from_focal((2448, 2048), 4600.0)
+    with pytest.raises(cadcam.CadcamError, match="given in part"):
+        CameraType("x", focal_mm=16.0, f_number=8.0, own=own)
+    assert CameraType("x", own=own).optics(1000.0) is None
+    assert CameraType("x", scene().cameras["cam"].sensor, 16.0, 8.0, own=own).optics(1000.0) is not None
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [{"share": 0.0}, {"share": 1.2}, {"blur_px": -1.0}, {"border_px": -1.0}, {"least_px": np.nan}, {"incidence": 1.6}],
+    ids=str,
+)
+def test_what_cannot_decide_whether_a_feature_is_seen_is_refused(changed: dict[str, float]) -> None:
+    """A share of 0 counted hidden features as seen."""
+    with pytest.raises(cadcam.CadcamError, match=f"{next(iter(changed))} of what is seen"):
+        Seeing(**changed)
+
+
+def test_mounts_that_hold_no_camera_are_refused() -> None:
+    """They used to be left out without a word."""
+    place = np.array([[0.0, -700, 500]])
+    with pytest.raises(cadcam.CadcamError, match="positions of mount 'm' is none"):
+        Mount("m", np.zeros((0, 3)), np.zeros((0, 3)), ("cam",))
+    for cameras in ((), ("cam", "cam")):
+        with pytest.raises(cadcam.CadcamError, match="at least one, each once"):
+            Mount("m", place, MIDDLE[None], cameras)
+    with pytest.raises(cadcam.CadcamError, match="up of mount 'm'"):
+        Mount("m", place, MIDDLE[None], ("cam",), up=(0.0, 0.0, 0.0))
+    with pytest.raises(cadcam.CadcamError, match="camera of mount 'm' 'cem'; did you mean 'cam'"):
+        scene(mounts=(Mount("m", place, MIDDLE[None], ("cem",)),))
+
+
+def test_candidates_have_different_names() -> None:
+    """By these they are kept: the second place of `ring` and a mount `ring 2` would both be."""
+    other = Mount("ring 2", np.array([[0.0, -700, 500]]), MIDDLE[None], ("cam",))
+    with pytest.raises(cadcam.CadcamError, match="'ring 2', 2 times"):
+        candidates(scene(mounts=(ring(3), other)))

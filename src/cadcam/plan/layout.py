@@ -14,7 +14,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect, expect_each, expect_names
 from cadcam.plan.assessment.asked import Asked, asked_of
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informations
-from cadcam.plan.choice.problem import MEASURED, Score, SelectionProblem, as_targets
+from cadcam.plan.choice.problem import MEASURED, Score, SelectionProblem, score_of
 from cadcam.plan.choice.search import BestSet, best_set, one_fewer, one_more, ranked
 from cadcam.plan.scene.layout_scene import LayoutScene
 from cadcam.plan.sight.candidate import Candidate, candidates
@@ -68,6 +68,16 @@ class CandidateSurvey(Brief):
             self.asked,
         )
 
+    def ratios(self, chosen: Sequence[int]) -> Array:
+        """Return the ratios limit/U (P, L) of some candidates as `assess` states them: shared errors are shared."""
+        if any(self.candidates[i].shared for i in chosen):
+            return self.assess(chosen).ratio
+        return self.problem.ratios(chosen).reshape(len(self.poses), -1)  # the same, at a fraction of the cost
+
+    def score(self, chosen: Sequence[int]) -> Score:
+        """Return how good some candidates are, by these ratios."""
+        return score_of(self.ratios(chosen).ravel())
+
 
 @dataclass(frozen=True, slots=True)
 class Role:
@@ -86,7 +96,8 @@ class Layout(Brief):
     """The chosen cameras of a scene, what they measure, and how they were found.
 
     chosen: indices of candidates, the fixed ones first. all_of_them: the score with every candidate at once, an upper
-    bound of any choice. growth: the score by number of cameras, around the number chosen.
+    bound of any choice where no errors are shared: as in the search, each errs by itself. growth: the score by number
+    of cameras, around the number chosen; there, and in `roles`, shared errors are shared.
     """
 
     survey: CandidateSurvey
@@ -168,11 +179,11 @@ def plan_layout(
         raise BadValue("number of cameras", 0, "at least 1, where none is fixed")
     found = best_set(problem, k, fixed=fixed, step=step)
     chosen = (*fixed, *found.chosen)
-    growth = {len(chosen): found.score}
+    growth = {len(chosen): seen.score(chosen)}
     if len(chosen) > 2 and found.chosen:
-        growth[len(chosen) - 1] = one_fewer(problem, found.chosen, fixed=fixed)
+        growth[len(chosen) - 1] = seen.score((*fixed, *one_fewer(problem, found.chosen, fixed=fixed)))
     if len(chosen) < problem.candidates:
-        growth[len(chosen) + 1] = one_more(problem, found.chosen, fixed=fixed)
+        growth[len(chosen) + 1] = seen.score((*fixed, *one_more(problem, found.chosen, fixed=fixed)))
     step()
     return Layout(
         seen,
@@ -189,21 +200,24 @@ def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candi
     """Return the other candidates with the score that each would bring when added to the cameras `have`, best first."""
     expect(seen, "seen", CandidateSurvey)
     have = expect_each(have, "have", int, np.integer)
-    order = ranked(seen.problem, have, range(len(seen.candidates)))
+    every = range(len(seen.candidates))
+    if any(camera.shared for camera in seen.candidates):
+        scored = [(i, seen.score((*have, i))) for i in every if i not in set(have)]
+        order = sorted(scored, key=lambda item: item[1].value, reverse=True)
+    else:
+        order = ranked(seen.problem, have, every)
     return [(seen.candidates[i], score) for i, score in order]
 
 
 def _role(seen: CandidateSurvey, chosen: Sequence[int], i: int) -> Role:
     sees = seen.visibility[i].seen
     without = [c for c in chosen if c != i]
-    poses = len(seen.poses)
-    measured = _measured(seen, chosen, poses)
-    left = _measured(seen, without, poses)
-    return Role(int(sees.all(axis=0).sum()), seen.problem.score(without), int((measured & ~left).sum()))
+    measured, left = _measured(seen, chosen), _measured(seen, without)
+    return Role(int(sees.all(axis=0).sum()), seen.score(without), int((measured & ~left).sum()))
 
 
-def _measured(seen: CandidateSurvey, chosen: Sequence[int], poses: int) -> Mask:
-    return np.asarray((as_targets(seen.problem.ratios(chosen), poses) > MEASURED).all(axis=0))
+def _measured(seen: CandidateSurvey, chosen: Sequence[int]) -> Mask:
+    return np.asarray((seen.ratios(chosen) > MEASURED).all(axis=0))
 
 
 def _outside(

@@ -86,7 +86,9 @@ def _sides(layout: Layout, part: Mesh) -> list[tuple[str, Camera, Rigid]]:
     towards = (eyes - middle) / np.linalg.norm(eyes - middle, axis=1, keepdims=True)
     mean = towards.mean(axis=0)
     flat = np.linalg.norm(mean[:2])
-    mean = np.array([1.0, -1.3, 0.9]) if flat < 0.15 else np.array([*mean[:2] / flat, max(mean[2] / flat, 0.5)])
+    below = mean[2] < -0.5 * flat
+    aside, rise = (np.array([1.0, -1.3]), 0.9) if flat < 0.15 else (mean[:2] / flat, max(abs(mean[2]) / flat, 0.5))
+    mean = np.array([*aside, -rise if below else rise])
     camera, _ = standard_view(part, size=(_WIDE, 720))
     radius = float(np.linalg.norm(part.size_mm)) / 2
     out = []

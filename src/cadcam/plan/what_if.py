@@ -5,8 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
-import numpy as np
-
 from cadcam.arrays import Array
 from cadcam.camera.optics import STANDARD_MM
 from cadcam.errors import CadcamError
@@ -27,7 +25,6 @@ class WhatIf:
 
     change: str
     worst: float = 0.0
-    mean_log: float = 0.0
     suitable: int = 0
     marginal: int = 0
     failed: int = 0
@@ -67,9 +64,12 @@ def _changes(scene: LayoutScene, cameras: Sequence[Candidate]) -> Iterator[tuple
     yield f"{_FARTHER:g} times the distance", scene, _FARTHER
     yield "half the noise", replace(scene, finder=_noisier(scene.finder, 0.5)), 1.0
     yield "twice the noise", replace(scene, finder=_noisier(scene.finder, 2.0)), 1.0
-    if scene.calibration != Sigmas():
-        yield "a perfect calibration", replace(scene, calibration=Sigmas()), 1.0
-        yield "a calibration half as good", replace(scene, calibration=_worse_calibrated(scene.calibration)), 1.0
+    if scene.calibration != Sigmas() or any(c.type.estimate is not None for c in cameras):
+        perfect = {name: replace(kind, estimate=None) for name, kind in scene.cameras.items()}
+        yield "a perfect calibration", replace(scene, calibration=Sigmas(), cameras=perfect), 1.0
+        worse = {name: _worse_known(kind) for name, kind in scene.cameras.items()}
+        assumed = _worse_calibrated(scene.calibration)
+        yield "a calibration half as good", replace(scene, calibration=assumed, cameras=worse), 1.0
     if scene.motion != Sigmas() and any(c.shared for c in cameras):
         yield "motions known half as well", replace(scene, motion=_worse(scene.motion)), 1.0
 
@@ -108,8 +108,7 @@ def _assessed(layout: Layout, scene: LayoutScene, cameras: Sequence[Candidate]) 
 def _said(layout: Layout, change: str, found: Assessment) -> WhatIf:
     outcomes = found.outcomes(layout.survey.scene.tur)
     suitable, marginal = (outcomes.count(o) for o in (Outcome.SUITABLE, Outcome.MARGINAL))
-    mean = float(np.log(np.maximum(found.ratio, 1e-3)).mean())
-    return WhatIf(change, found.worst, mean, suitable, marginal, len(outcomes) - suitable - marginal)
+    return WhatIf(change, found.worst, suitable, marginal, len(outcomes) - suitable - marginal)
 
 
 def _other_lens(kind: CameraType, index: int) -> CameraType:
@@ -131,6 +130,13 @@ def _noisier(finder: Finder, times: float) -> Finder:
 
 def _worse(sigmas: Sigmas) -> Sigmas:
     return Sigmas(*(2 * getattr(sigmas, name) for name in Sigmas.__slots__))
+
+
+def _worse_known(kind: CameraType) -> CameraType:
+    """Return the type with its own calibration, if it has one, half as good."""
+    if kind.estimate is None:
+        return kind
+    return replace(kind, estimate=replace(kind.estimate, cofactor=4 * kind.estimate.cofactor))
 
 
 def _worse_calibrated(assumed: Sigmas | CalibratedFrom) -> Sigmas | CalibratedFrom:

@@ -178,7 +178,7 @@ def _next(arguments: argparse.Namespace, seen: CandidateSurvey, have: tuple[int,
     order = next_cameras(seen, have)
     if arguments.json:
         names = [seen.candidates[i].name for i in have]
-        print_json({"have": names, "now": score_as_json(seen.problem.score(have)), "next": next_as_json(order)})
+        print_json({"have": names, "now": score_as_json(seen.score(have)), "next": next_as_json(order)})
     else:
         print_tables([next_table(seen, have, order)])
 

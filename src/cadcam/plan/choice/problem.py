@@ -6,7 +6,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
 from cadcam.arrays import Array, Mask
 from cadcam.plan.assessment.asked import Asked
@@ -77,7 +76,7 @@ class SelectionProblem:
 
     def score(self, chosen: Sequence[int]) -> Score:
         """Return how good a set is."""
-        return _scores(self.ratios(chosen)[None])[0]
+        return score_of(self.ratios(chosen))
 
     def with_each(self, before: Array, added: Sequence[int], judge: Callable[[Array, Array], Array]) -> Array:
         """Return judge(information (n, 6, T), ratios (n, T)) for each candidate added to a sum `before`."""
@@ -103,6 +102,11 @@ class SelectionProblem:
         return out
 
 
+def score_of(ratios: Array) -> Score:
+    """Return how good a set with these ratios (T,) is."""
+    return _scores(ratios[None])[0]
+
+
 def _scores(ratios: Array) -> list[Score]:
     measured: Mask = ratios > MEASURED
     worst = np.where(measured, ratios, np.inf).min(axis=-1)
@@ -110,8 +114,3 @@ def _scores(ratios: Array) -> list[Score]:
     mean = np.log(np.maximum(ratios, 1e-9)).mean(axis=-1)
     unmeasured = (~measured).sum(axis=-1)
     return [Score(int(u), float(w), float(m)) for u, w, m in zip(unmeasured, worst, mean, strict=True)]
-
-
-def as_targets(array: npt.NDArray[np.float64], poses: int) -> Array:
-    """Return ratios (T,) as (poses, limits)."""
-    return array.reshape(poses, -1)

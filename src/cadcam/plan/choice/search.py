@@ -94,18 +94,18 @@ def exhausted(problem: SelectionProblem, k: int, *, fixed: Sequence[int] = ()) -
     return BestSet(best[1], best[0], True, tried, 0)
 
 
-def one_fewer(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
-    """Return the score of a good set with one camera fewer: `chosen` without the least useful, then exchanged."""
+def one_fewer(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Choice:
+    """Return a good set with one camera fewer: `chosen` without the least useful, then exchanged."""
     search = _Search.of(problem, fixed)
     kept = max((tuple(c for c in chosen if c != gone) for gone in chosen), key=lambda s: search.score(s).value)
-    return search.score(search.exchanged(kept)[0])
+    return search.exchanged(kept)[0]
 
 
-def one_more(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Score:
-    """Return the score of a good set with one camera more: `chosen` with the most useful added, then exchanged."""
+def one_more(problem: SelectionProblem, chosen: Sequence[int], *, fixed: Sequence[int] = ()) -> Choice:
+    """Return a good set with one camera more: `chosen` with the most useful added, then exchanged."""
     search = _Search.of(problem, fixed)
     first = ranked(problem, (*fixed, *chosen), search.free)[0][0]
-    return search.score(search.exchanged((*chosen, first))[0])
+    return search.exchanged((*chosen, first))[0]
 
 
 def ranked(problem: SelectionProblem, chosen: Sequence[int], among: Iterable[int]) -> list[tuple[int, Score]]:

@@ -33,7 +33,6 @@ choose: 4                           # cameras to choose beside the fixed ones
 from __future__ import annotations
 
 import os
-from dataclasses import replace
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -66,9 +65,9 @@ _CAMERA = ("file", "sensor", "pixels", "focal_mm", "f_number", "focus_mm", "imag
 _PLACES = ("positions_mm", "box_mm", "arc")
 _MOUNT = (*_PLACES, "count", "aim_mm", "up", "cameras", "fixed", "one_camera")
 _ARC = ("centre_mm", "radius_mm", "from_deg", "to_deg", "axis")
-_WHAT = ("point_mm", "circle_mm", "edge_mm", "part")
-_SELECTION = ("part", "chains", "box_mm", "kinds")
-_FEATURE = (*_WHAT, *_SELECTION[1:], "normal", "diameter_mm", "known_plane_mm", "k", "rule", "direction")
+_OF_MARKS, _OF_PARTS = ("normal", "diameter_mm", "known_plane_mm"), ("chains", "box_mm", "kinds")
+_HAS = {"point_mm": _OF_MARKS, "circle_mm": _OF_MARKS, "edge_mm": (), "part": _OF_PARTS}  # keys, beside those of limits
+_FEATURE = (*_HAS, *_OF_PARTS, *_OF_MARKS, "k", "rule", "direction")
 _SIGMAS = ("position_mm", "rotation_deg", "focal_px", "principal_point_px")
 _MOST_POSES = 400
 Sources = list[tuple[str, str, str]]
@@ -122,7 +121,7 @@ def _model(place: Place, folder: Path, sources: Sources, role: str, *more: str) 
     unit = place.at("unit").text() if "unit" in given else None
     chordal = place.at("tolerance_mm").number() if "tolerance_mm" in given else None
     path = folder / place.at("model").text()
-    mesh, report = read_model_with_report(path, unit=unit, chordal_tolerance_mm=chordal)
+    mesh, report = place.build(lambda: read_model_with_report(path, unit=unit, chordal_tolerance_mm=chordal))
     sources.append((role, str(path), report.sha256))
     return mesh
 
@@ -142,7 +141,10 @@ def _poses(place: Place) -> dict[str, Rigid]:
         entry.only(*_POSE, "steps")
         sets = _combinations(entry)
         for i, (position, turn) in enumerate(sets, 1):
-            out[name if len(sets) == 1 else f"{name} {i}"] = Rigid(_turned(turn), position)
+            one = name if len(sets) == 1 else f"{name} {i}"
+            if one in out:
+                raise entry.error(f"makes a second pose {one!r}", "rename one: ranges make numbered poses")
+            out[one] = Rigid(_turned(turn), position)
     if not out:
         raise place.error(
             "names no pose", "write name: {position_mm: [x, y, z], rotation_deg: [a, b, c]}, or leave it out"
@@ -197,9 +199,10 @@ def _camera(place: Place, folder: Path, name: str, sources: Sources) -> CameraTy
     given = place.object
     numbers: dict[str, Any] = {key: place.at(key).number() for key in _CAMERA[3:] if key in given}
     sensor = place.build(lambda: sensor_format(_word(place.at("sensor")))) if "sensor" in given else None
-    if "pixels" in given and sensor is not None:
-        width, height = (int(n) for n in place.at("pixels").array((2,)))
-        sensor = sensor.with_pixels((width, height))
+    if "pixels" in given:
+        if sensor is None:
+            raise place.error("has pixels without a sensor", "give sensor too, or leave pixels out")
+        sensor = sensor.with_pixels(_pixels(place.at("pixels")))
     if "file" not in given:
         return place.build(lambda: CameraType(name, sensor, **numbers))
     path = folder / place.at("file").text()
@@ -208,6 +211,13 @@ def _camera(place: Place, folder: Path, name: str, sources: Sources) -> CameraTy
     if sensor is not None and sensor.pixels is None:
         sensor = sensor.with_pixels(file.camera.size)
     return place.build(lambda: CameraType(name, sensor, own=file.camera, estimate=file.estimate, **numbers))
+
+
+def _pixels(place: Place) -> tuple[int, int]:
+    given = place.array((2,))
+    if (given != np.floor(given)).any():
+        raise place.error(f"is {given.tolist()}", "two whole numbers, columns and rows, are expected")
+    return int(given[0]), int(given[1])
 
 
 def _word(place: Place) -> str:
@@ -282,9 +292,13 @@ def _features(place: Place, part: Mesh) -> tuple[LayoutFeature, ...]:
 def _feature(place: Place, name: str, k: float, rule: Rule, scene: Scene | None) -> LayoutFeature:
     place.only(*_FEATURE, *(q.value for q in (Quantity.POSITION, Quantity.ANGLE)))
     given = place.object
-    what = [key for key in _WHAT if key in given]
+    what = [key for key in _HAS if key in given]
     if len(what) != 1:
-        raise place.error(f"is {' and '.join(what) or 'nothing'}", f"give one of {', '.join(_WHAT)}")
+        raise place.error(f"is {' and '.join(what) or 'nothing'}", f"give one of {', '.join(_HAS)}")
+    for key in (*_OF_PARTS, *_OF_MARKS):
+        if key in given and key not in _HAS[what[0]]:
+            of = " and ".join(kind for kind, keys in _HAS.items() if key in keys)
+            raise place.error(f"has {key} beside {what[0]}", f"leave it out: it has a meaning beside {of}")
     limits = limits_at(place, k, rule)
     if scene is not None and what[0] == "part":
         selection: Selection = selection_at(place)
@@ -340,9 +354,9 @@ def _seeing(place: Place) -> Seeing:
     at = place.at("seen")
     at.only("incidence_deg", "blur_px", "border_px", "least_px", "share")
     numbers = {name: at.at(name).number() for name in at.object}
-    turn = numbers.pop("incidence_deg", None)
-    out = Seeing(**numbers)
-    return out if turn is None else replace(out, incidence=float(np.radians(turn)))
+    if "incidence_deg" in numbers:
+        numbers["incidence"] = float(np.radians(numbers.pop("incidence_deg")))
+    return at.build(lambda: Seeing(**numbers))
 
 
 def _number(place: Place, key: str, default: float) -> float:

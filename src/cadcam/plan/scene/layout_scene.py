@@ -14,7 +14,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.optics import Optics
 from cadcam.camera.sensor_format import SensorFormat
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect_count, expect_positive
 from cadcam.plan.scene.feature import LayoutFeature
@@ -45,7 +45,18 @@ class CameraType:
             )
         if self.sensor is not None and self.own is None and self.sensor.pixels is None:
             raise BadValue(f"pixels of camera {self.name!r}", "not known", "pixels: [columns, rows]")
+        if self.own is not None and (self.sensor is None or self.focal_mm is None) and any(self._lens):
+            raise BadValue(
+                f"lens of calibrated camera {self.name!r}",
+                "given in part",
+                "sensor, focal_mm and f_number, by which its blur is known, or none of them",
+            )
         self.optics(self.focus_mm if self.focus_mm is not None else 1e9)  # refuses impossible lenses
+
+    @property
+    def _lens(self) -> tuple[object, ...]:
+        """Return what is said of the lens, None for what is not."""
+        return self.sensor, self.focal_mm, self.f_number, self.focus_mm, self.image_circle_mm
 
     def optics(self, distance_mm: float) -> Optics | None:
         """Return the optics focused at its own distance, or else at this one; None where the lens is not known."""
@@ -84,6 +95,14 @@ class Mount(Brief):
     def __post_init__(self) -> None:
         object.__setattr__(self, "eyes", frozen(self.eyes, f"positions of mount {self.name!r}", (None, 3)))
         object.__setattr__(self, "aims", frozen(self.aims, f"aims of mount {self.name!r}", (len(self.eyes), 3)))
+        if not len(self.eyes):
+            raise BadValue(f"positions of mount {self.name!r}", "none", "at least one")
+        if not self.cameras or len(set(self.cameras)) != len(self.cameras):
+            raise BadValue(
+                f"cameras of mount {self.name!r}", ", ".join(self.cameras) or "none", "at least one, each once"
+            )
+        if not np.linalg.norm(self.up) > 0:
+            raise BadValue(f"up of mount {self.name!r}", list(self.up), "a vector that is not zero")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +157,17 @@ class Seeing:
     least_px: float = 6.0
     share: float = 0.6
 
+    def __post_init__(self) -> None:
+        for name in ("blur_px", "border_px", "least_px"):
+            expect_positive(getattr(self, name), f"{name} of what is seen", "a number of px from 0 on", zero=True)
+        expect_positive(self.incidence, "incidence of what is seen", "an angle above 0")
+        if self.incidence > np.radians(90) * (1 + 1e-12):
+            said = f"{np.degrees(self.incidence):g} deg"
+            raise BadValue("incidence of what is seen", said, "at most 90 deg: beyond, a surface is seen from behind")
+        expect_positive(self.share, "share of what is seen")
+        if self.share > 1:
+            raise BadValue("share of what is seen", self.share, "at most 1: all of a rim or an edge")
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class LayoutScene(Brief):
@@ -177,5 +207,9 @@ class LayoutScene(Brief):
                 raise BadValue(f"{what} of the scene", "none", "at least one")
             if len(set(names)) != len(names):
                 raise BadValue(f"{what} of the scene", ", ".join(names), "each name once")
+        for mount in self.mounts:
+            for kind in mount.cameras:
+                if kind not in self.cameras:
+                    raise UnknownName(f"camera of mount {mount.name!r}", kind, self.cameras)
         expect_positive(self.tur, "tur", "a positive number: limit/U that every limit should reach")
         expect_count(self.choose, "choose", expected="at least 1 camera")

@@ -49,7 +49,10 @@ def arc(centre: Array, radius: float, start_deg: float, end_deg: float, count: i
     z = axis / length
     x = np.array([1.0, 0, 0]) - z[0] * z
     x = x / np.linalg.norm(x) if np.linalg.norm(x) > 1e-6 else axes_across(z)[0]
-    whole = abs(abs(end_deg - start_deg) - 360) < 1e-9
+    over = abs(end_deg - start_deg)
+    if over > 360 + 1e-9 or (over == 0 and count > 1):
+        raise BadValue("from_deg and to_deg", f"{start_deg:g} and {end_deg:g}", "two angles at most 360 deg apart")
+    whole = abs(over - 360) < 1e-9
     angle = np.radians(np.linspace(start_deg, end_deg, count, endpoint=not whole))
     return np.asarray(centre + radius * (np.cos(angle)[:, None] * x + np.sin(angle)[:, None] * np.cross(z, x)))
 

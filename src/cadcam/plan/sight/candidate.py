@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,12 +13,13 @@ from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.optics import Optics
 from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.camera.viewpoint import KnownMotion, Viewpoint
-from cadcam.errors import DegenerateGeometry
+from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount, Sigmas
 
 _FOUND = list(range(6))  # local coordinates estimated by a calibration of the pose alone: position and angles
 _FOUND_WITH_INTERNALS = [*range(6), 7, 9, 10]  # with focal length and principal point
+_THINNEST = 1e-4  # of its distance: least depth of the points of a calibration
 _ALONG = 1e-6  # sine of the angle to "up" below which a view counts as vertical
 
 
@@ -51,7 +53,10 @@ class Candidate(Brief):
 
 
 def candidates(scene: LayoutScene) -> tuple[Candidate, ...]:
-    """Return all candidates of a scene, in the order of its mounts, numbered within each mount."""
+    """Return all candidates of a scene, in the order of its mounts, numbered within each mount.
+
+    Raises `BadValue` where two have one name, by which they are kept and asked for.
+    """
     out: list[Candidate] = []
     placing = Placing(scene)
     for mount in scene.mounts:
@@ -61,6 +66,9 @@ def candidates(scene: LayoutScene) -> tuple[Candidate, ...]:
                 name = f"{mount.name} {i}" if len(mount.eyes) > 1 else mount.name
                 name += f" ({kind})" if several else ""
                 out.append(placing.candidate(name, mount, scene.cameras[kind], eye, aim))
+    for name, times in Counter(c.name for c in out).items():
+        if times > 1:
+            raise BadValue("name of a candidate", f"{name!r}, {times} times", "mounts whose numbered places differ")
     return tuple(out)
 
 
@@ -153,11 +161,19 @@ def calibrated(scene: LayoutScene, assumed: CalibratedFrom, camera: Camera, pose
 
 
 def _depths(scene: LayoutScene, pose: Rigid) -> tuple[float, float]:
-    """Return the least and the largest depth of the part, mm; any, if the camera looks away from it."""
+    """Return the least and the largest depth of the part, mm; any, if the camera looks away from it.
+
+    They differ by `_THINNEST` at least: from points in one plane across the view, focal length and distance are not
+    known but together, and a pseudo-inverse would call them known exactly.
+    """
     world = next(iter(scene.poses.values()))
     depth = (pose @ (world @ scene.part.box_corners))[:, 2]
     far = float(depth.max())
-    return (max(float(depth.min()), 0.05 * far), far) if far > 0 else (1000.0, 2000.0)
+    if far <= 0:
+        return 1000.0, 2000.0
+    near = max(float(depth.min()), 0.05 * far)
+    middle, half = (near + far) / 2, max((far - near) / 2, _THINNEST / 2 * far)
+    return middle - half, middle + half
 
 
 def _spread_in_view(camera: Camera, n: int, near: float, far: float) -> Array:

@@ -20,16 +20,15 @@ _MOST_STATIONS = 48  # on the edges of a selection
 class Places:
     """The S places of F features in one list.
 
-    Of each place: p (S, 3) mm; feature (S,): whose it is; sighted, measured (S,): whether it has to be visible, and
-    whether it is measured; on edges, tangent (S, 3), length (mm) of edge that it stands for and from_middle (mm), its
-    place along the edge; elsewhere NaN, 0 and 0. Of each feature: centre (F, 3); normal (F, 3; NaN: none) and axes (F,
-    3, 2) across it; diameter (F,; NaN: none); ends (F, 2, 3) of a straight edge, of others the centre twice.
+    Of each place: p (S, 3) mm; feature (S,): whose it is; sighted (S,): whether it has to be visible; on edges, tangent
+    (S, 3), length (mm) of edge that it stands for and from_middle (mm), its place along the edge; elsewhere NaN, 0, 0.
+    Of each feature: centre (F, 3); normal (F, 3; NaN: none) and axes (F, 3, 2) across it; diameter (F,; NaN: none);
+    ends (F, 2, 3) of a straight edge, of others the centre twice.
     """
 
     p: Array
     feature: Longs
     sighted: Mask
-    measured: Mask
     tangent: Array
     length: Array
     from_middle: Array
@@ -52,7 +51,6 @@ class Places:
             p=p,
             feature=np.arange(n),
             sighted=every,
-            measured=every,
             tangent=np.full((n, 3), np.nan),
             length=zero,
             from_middle=zero,
@@ -78,7 +76,6 @@ class Places:
             p=p,
             feature=owner,
             sighted=np.concatenate([places.sighted for places in of_each]),
-            measured=np.concatenate([places.measured for places in of_each]),
             tangent=tangent,
             length=np.concatenate([places.lengths for places in of_each]),
             from_middle=np.einsum("ij,ij->i", p - centre[owner], np.nan_to_num(tangent)),
@@ -95,11 +92,10 @@ class Places:
 
 @dataclass(slots=True, eq=False)
 class _FeaturePlaces:
-    """p (n, 3); which must be visible, which are measured; on edges the unit tangent, length and position, mm."""
+    """p (n, 3); which must be visible; on edges the unit tangent, and the length, mm, that each stands for."""
 
     p: Array
     sighted: Mask
-    measured: Mask
     tangent: Array | None = None
     length: Array | None = None
 
@@ -129,11 +125,8 @@ def _places(feature: LayoutFeature) -> _FeaturePlaces:
         u, v = axes_across(feature.normal)
         t = 2 * np.pi * np.arange(_RIM) / _RIM
         rim = feature.p + feature.diameter_mm / 2 * (np.cos(t)[:, None] * u + np.sin(t)[:, None] * v)
-        return _FeaturePlaces(
-            np.concatenate([rim, feature.p[None]]), np.arange(_RIM + 1) < _RIM, np.arange(_RIM + 1) == _RIM
-        )
-    one = np.ones(1, bool)
-    return _FeaturePlaces(feature.p[None], one, one)
+        return _FeaturePlaces(np.concatenate([rim, feature.p[None]]), np.arange(_RIM + 1) < _RIM)
+    return _FeaturePlaces(feature.p[None], np.ones(1, bool))
 
 
 def _on_edges(feature: LayoutFeature) -> _FeaturePlaces:
@@ -147,5 +140,4 @@ def _on_edges(feature: LayoutFeature) -> _FeaturePlaces:
     segment = np.searchsorted(total, at, side="right").clip(max=len(a) - 1)
     fraction = (at - (total - length)[segment]) / length[segment]
     p = a[segment] + fraction[:, None] * d[segment]
-    every = np.ones(most, bool)
-    return _FeaturePlaces(p, every, every, d[segment] / length[segment, None], np.full(most, total[-1] / most))
+    return _FeaturePlaces(p, np.ones(most, bool), d[segment] / length[segment, None], np.full(most, total[-1] / most))

@@ -29,6 +29,7 @@ from cadcam.plan.uncertainty.finding import (
     circle_covariance,
     defocus,
     edge_variance,
+    half_axes,
     point_covariance,
 )
 
@@ -236,8 +237,8 @@ def _why(view: _View, share: _Share, seeing: Seeing) -> Codes:
     needed = np.where(places.is_edge | places.is_circle, seeing.share, 1.0)
     inside_needed = np.where(places.is_edge, seeing.share, 1.0)
     small = np.zeros(share.seen.shape, bool)
-    minor = np.abs(np.linalg.det(view.A)) / np.maximum(np.linalg.norm(view.A, axis=(-2, -1)), 1e-300)
-    small[:, places.is_circle] = 2 * minor[:, places.is_circle] < seeing.least_px
+    _, short = half_axes(view.A[:, places.is_circle])
+    small[:, places.is_circle] = 2 * short < seeing.least_px
     length = view.sums(np.nan_to_num(np.linalg.norm(_along(view), axis=-1)) * share.visible)
     small[:, places.is_edge] = (length < seeing.least_px)[:, places.is_edge]
     tests: tuple[tuple[Why, Any], ...] = (

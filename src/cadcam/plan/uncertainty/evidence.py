@@ -63,16 +63,17 @@ def together(evidence: Evidence, E: Array, prior: Array, *, basis: Array | None 
     YE = (np.swapaxes(E, -1, -2) @ WE).sum(axis=0)
     weight = np.linalg.solve(np.eye(E.shape[-1]) + YE, np.swapaxes(XE, -1, -2))  # (n, P, 3)
     B = np.eye(3) if basis is None else basis
-    C = B @ inverse(symmetric(B.T @ (total + prior - XE @ weight) @ B)) @ B.T
+    rounded = np.trace(total + prior, axis1=-2, axis2=-1)  # what is left of it after the errors is rounded by its size
+    C = B @ inverse(symmetric(B.T @ (total + prior - XE @ weight) @ B), rounded) @ B.T
     # a camera's gain is C (J^T - weight^T E^T) W: squared and summed over cameras for pixels, for each error times E
     bound = np.swapaxes(weight, -1, -2)
     pixels = C @ (total - XE @ weight - bound @ np.swapaxes(XE, -1, -2) + bound @ YE @ weight) @ C
     return Together(C, symmetric(pixels), C @ (XE - bound @ YE))
 
 
-def inverse(information: Array) -> Array:
-    """Return the inverse (..., m, m), NaN where it is singular for its size."""
-    size = np.trace(information, axis1=-2, axis2=-1)[..., None, None]
+def inverse(information: Array, size: Array) -> Array:
+    """Return the inverse (..., m, m), NaN where it is singular for the size (...) of what it was computed from."""
+    size = size[..., None, None]
     scaled = information / np.where(size > 0, size, 1.0)
     w = np.linalg.eigvalsh(np.where(np.isfinite(scaled), scaled, 0.0))[..., 0]
     good = (w > 1e-13)[..., None, None] & (size > 0)

@@ -94,6 +94,15 @@ def defocus(optics: Optics | None, z_mm: Floats) -> Array:
         return np.asarray(times * np.abs(1 / optics.distance_mm - 1 / z))
 
 
+def half_axes(A: Array) -> tuple[Array, Array]:
+    """Return the long and the short half axis (...) px of the ellipse to which A (..., 2, 2) maps the unit circle."""
+    S = A @ np.swapaxes(A, -1, -2)
+    mean = (S[..., 0, 0] + S[..., 1, 1]) / 2
+    long = np.sqrt(mean + np.hypot((S[..., 0, 0] - S[..., 1, 1]) / 2, S[..., 0, 1]))
+    det = np.abs(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] * A[..., 1, 0])
+    return np.asarray(long), np.asarray(det / np.maximum(long, 1e-300))
+
+
 def outline(A: Array) -> tuple[Array, Array]:
     """Return the sum of n n^T (..., 2, 2) px over an ellipse's outline, and its long half axis (...) px.
 
@@ -102,11 +111,8 @@ def outline(A: Array) -> tuple[Array, Array]:
     from scipy.special import ellipe, ellipkm1
 
     S = A @ np.swapaxes(A, -1, -2)
-    mean = (S[..., 0, 0] + S[..., 1, 1]) / 2
-    half = np.hypot((S[..., 0, 0] - S[..., 1, 1]) / 2, S[..., 0, 1])
-    a = np.sqrt(mean + half)
-    det = np.abs(A[..., 0, 0] * A[..., 1, 1] - A[..., 0, 1] * A[..., 1, 0])
-    ratio = np.clip(det / np.maximum(a**2, 1e-300), _THIN, 1.0)  # b/a
+    a, b = half_axes(A)
+    ratio = np.clip(b / np.maximum(a, 1e-300), _THIN, 1.0)
     q = ratio**2
     m = 1 - q
     K, E = ellipkm1(q), ellipe(m)

@@ -89,14 +89,16 @@ def search_words(layout: Layout) -> str:
     if not found.chosen:
         return "nothing was chosen: the cameras are those that are there"
     if found.complete and found.sets == 1:
-        return f"all candidates are taken; the worst TUR is {tur_words(all_of_them.worst)}"
+        return "all candidates are taken"
     how = (
         f"all {found.sets} sets were tried: no other is better"
         if found.complete
         else f"{found.sets} starts, {found.exchanges} exchanges; not every set was tried"
     )
     unmeasured = f", {all_of_them.unmeasured} not measured even then" if all_of_them.unmeasured else ""
-    return f"{how}; with every candidate at once the worst TUR would be {tur_words(all_of_them.worst)}{unmeasured}"
+    alone = ", if each place erred by itself" * any(c.shared for c in layout.survey.candidates)
+    worst = f"with every candidate at once the worst TUR would be {tur_words(all_of_them.worst)}"
+    return f"{how}; {worst}{alone}{unmeasured}"
 
 
 def growth_words(layout: Layout) -> str:
@@ -185,11 +187,10 @@ def next_table(
     seen: CandidateSurvey, have: Sequence[int], order: Sequence[tuple[Candidate, Score]], *, most: int = 10
 ) -> Table:
     """Return the candidates that add most to the existing cameras."""
-    problem = seen.problem
-    now = problem.score(have)
+    now = seen.score(have)
     rows = [("(as it is)", "", "", _worst(now), str(now.unmeasured), "")]
     for camera, score in list(order)[:most]:
-        less = less_uncertain(problem.ratios(have), problem.ratios([*have, seen.candidates.index(camera)]))
+        less = less_uncertain(seen.ratios(have), seen.ratios([*have, seen.candidates.index(camera)]))
         smaller = "" if less is None else f"{100 * less:.0f} % smaller"
         rows.append((camera.name, lens_words(camera), _xyz(camera.eye), _worst(score), str(score.unmeasured), smaller))
     names = ", ".join(seen.candidates[i].name for i in have)
@@ -232,6 +233,8 @@ def assumptions(layout: Layout) -> list[str]:
     if finder.floor_px:
         out.append(f"No feature is found better than to {finder.floor_px:g} px.")
     out.append(calibration_words(scene.calibration))
+    if own := sorted({c.type.name for c in layout.cameras if c.type.estimate is not None}):
+        out.append(f"Of {', '.join(own)} the internals err as the camera file states instead.")
     if any(c.shared for c in layout.cameras):
         out.append(
             f"Each motion of the camera is known to {_sigmas(scene.motion)}; its calibration errs alike everywhere."
