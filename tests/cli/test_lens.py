@@ -21,6 +21,22 @@ def test_which_lens_for_two_metres_at_six_on_half_an_inch(cadcam: Cadcam) -> Non
     assert "25 mm lens at 6000 mm" in ran.out
 
 
+def test_an_f_number_without_pixels_says_what_is_missing(cadcam: Cadcam) -> None:
+    ran = cadcam("lens", "--sensor", "1/2", "--width", 2000, "--distance", 6000, "--f-number", 8)
+    assert "not known without the sensor's pixels" in ran.out
+
+
+def test_nine_tenths_of_a_chip_need_their_pixels(cadcam: Cadcam) -> None:
+    """All its pixels on nine tenths of its width would be smaller than they are."""
+    words = ("lens", "--sensor", "IMX264", "--effective", "--focal", 16, "--distance", 1500)
+    ran = cadcam(*words)
+    assert ran.code == 2
+    assert "--effective is given with IMX264" in ran.err
+    assert cadcam(*words, "--pixels", "2203x1843", "--json").json["mm_per_pixel"][0] == pytest.approx(
+        3.45e-3 * (1500 / 16 - 1), rel=3e-4
+    )
+
+
 def test_json_has_the_same_numbers(cadcam: Cadcam) -> None:
     words = ("lens", "--sensor", "IMX264", "--focal", 16, "--distance", 1500, "--f-number", 8, "--speed", 100, "--json")
     document = json.loads(cadcam(*words).out)

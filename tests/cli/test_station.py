@@ -149,6 +149,10 @@ def test_the_map_is_printed_and_drawn(cadcam: Cadcam, folder: Path) -> None:
     assert "feComposite" not in drawn  # shaded triangles, which viewers mix to other colours than the scale's
     said = cadcam("station", "map", "station_6.json", "--reference", "plate_6_03.pgm", "--json").json
     assert said["maps"][0]["positions"][2]["deviation_mm"] == pytest.approx([0, 0])
+    for plot, relative in (("mean.svg", ()), ("third.svg", ("--reference", "plate_6_03.pgm"))):
+        assert cadcam("station", "map", "station_6.json", "--plot", plot, *relative).code == 0
+    scales = [re.findall(r"<!-- (\S+) -->", (folder / plot).read_text()) for plot in ("mean.svg", "third.svg")]
+    assert scales[0] != scales[1]  # the plot's scale is that of what the table says
 
 
 def test_a_known_mark_recalibrates(cadcam: Cadcam, folder: Path) -> None:
@@ -256,6 +260,11 @@ CASES = {
     "a drawing without the mark": ((*MEASURE, *BOTH, "--drawing", "day_truth.csv", "--distance", "A,B"), None, "'A'"),
     "a distance without a drawing": ((*MEASURE, *BOTH, "--distance", "A,B"), None, "--distance"),
     "an unknown reference": (("station", "map", "station_6.json", "--reference", "x"), None, "unknown position 'x'"),
+    "a reference for two stations": (
+        ("station", "map", "station_6.json", "station_12.json", "--reference", "plate_6_01.pgm"),
+        None,
+        "--reference is given with 2 stations",
+    ),
     "too few marks to simulate": (("station", "simulate", "--marks", "1"), None, "--marks is 1"),
     "no robot": (("station", "simulate", "--robots", ","), None, "robots of the hall is none"),
     "a survey of negative noise": (("station", "simulate", "--survey-sigma", "-1"), None, "-sigma is -1.0; exp"),

@@ -144,6 +144,23 @@ def test_a_log_grows_and_is_never_rewritten(tmp_path, stations, work):
         read_log(tmp_path / "log.jsonl")
 
 
+@pytest.mark.parametrize(
+    "line",
+    [
+        '{"mark": "A", "point_mm": "abc"}',
+        '{"mark": "A", "point_mm": [1, null]}',
+        '{"mark": "A", "point_mm": [NaN, 3]}',
+        '{"mark": 3, "point_mm": [1, 3]}',
+        '{"mark": "A", "point_mm": [1, 3], "half_width_95_mm": "x"}',
+    ],
+)
+def test_a_line_of_the_log_that_is_no_measurement_is_named(tmp_path, line):
+    """A place that is none crashed the report, or made its statistics NaN."""
+    (tmp_path / "log.jsonl").write_text('{"mark": "B", "point_mm": [0, 1]}\n' + line + "\n")
+    with pytest.raises(UnreadableFile, match="line 2"):
+        read_log(tmp_path / "log.jsonl")
+
+
 def test_records_keep_the_place_with_its_covariance_and_the_deviation_from_the_drawing(tmp_path, stations, work):
     found = measure_marks(stations, work.sightings)
     kept = records(found, work.sightings, drawn={"mark01": work.points[0]}, serial="B1")

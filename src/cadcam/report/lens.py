@@ -44,6 +44,11 @@ def lens_table(optics: Optics) -> Table:
             ("sharp to a pixel", f"from {near:.5g} mm to {_distance(far)}"),
             ("diffraction", f"Airy disc of {optics.diffraction_px():.3g} px"),
         ]
+    elif optics.f_number is not None:
+        rows += [
+            ("opening", f"f/{optics.f_number:g}, {optics.aperture_mm:.3g} mm wide"),
+            ("sharp to a pixel", "not known without the sensor's pixels"),
+        ]
     return Table(
         f"{optics.focal_mm:.4g} mm lens at {optics.distance_mm:.5g} mm",
         ("what", "value"),

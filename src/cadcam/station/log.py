@@ -90,9 +90,14 @@ def read_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     for number, line in enumerate(split_lines(read_text(path).text), start=1):
         if not line.strip():
             continue
-        entry = parsed_line(path, number, line).object
+        place = parsed_line(path, number, line)
+        entry = place.object
         if "point_mm" not in entry or "mark" not in entry:
             raise UnreadableFile(path, f"line {number} is no measurement of a station", "is it the right log?")
+        place.at("mark").text()
+        for key in ("point_mm", "half_width_95_mm"):
+            if key in entry:
+                place.at(key).array((2,))
         out.append(entry)
     return out
 

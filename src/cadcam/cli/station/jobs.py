@@ -62,12 +62,15 @@ def map_deviations(arguments: argparse.Namespace) -> None:
 
     check_target(arguments.plot, (".svg", ".png", ".pdf"))
     stations = read_stations(arguments.stations)
+    if arguments.reference and len(stations) > 1:
+        raise BadValue("--reference", f"given with {len(stations)} stations", "one: a position is of one station")
     documents = []
     for camera, station in stations.items():
         names = [one.name for one in station.positions]
         if arguments.reference and arguments.reference not in names:
             raise UnknownName("position", arguments.reference, names)
-        seen = station.map(reference=names.index(arguments.reference) if arguments.reference else None)
+        reference = names.index(arguments.reference) if arguments.reference else None
+        seen = station.map(reference=reference)
         documents.append(map_as_json(camera, names, seen))
         if not arguments.json:
             if len(stations) > 1:
@@ -79,7 +82,7 @@ def map_deviations(arguments: argparse.Namespace) -> None:
         from cadcam.report.figures import write_figure
         from cadcam.report.station.plots import deviation_figure
 
-        write_figure(arguments.plot, deviation_figure(stations))
+        write_figure(arguments.plot, deviation_figure(stations, reference=reference))
         say_written(arguments.plot)
 
 

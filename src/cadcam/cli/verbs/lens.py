@@ -91,6 +91,9 @@ def _sensor(arguments: argparse.Namespace) -> SensorFormat:
     if arguments.sensor is None:
         raise BadValue("--sensor", "not given", "one: a format such as 1/2, a chip such as IMX264, or its size in mm")
     sensor = sensor_format(arguments.sensor)
+    if arguments.effective and sensor.pixels is not None and arguments.pixels is None:
+        chip = f"given with {sensor.name}, all of whose pixels are used"
+        raise BadValue("--effective", chip, "a format such as 1/2, or --pixels WxH: those of the part that is used")
     if arguments.pixels is not None:
         sensor = sensor.with_pixels(arguments.pixels)
     return sensor.effective() if arguments.effective else sensor

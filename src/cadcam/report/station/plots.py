@@ -19,9 +19,12 @@ _LONGEST_M = 1.5  # of an arrow in the plot: the largest deviation along an axis
 _FINE = 41  # places along each side, between the calibrated positions
 
 
-def deviation_figure(stations: Mapping[str, GantryCalibration]) -> Figure:
-    """Return heat maps of the deviation in x and in y, with arrows, for every camera on one floor plan."""
-    fields = {name: _between(station) for name, station in stations.items()}
+def deviation_figure(stations: Mapping[str, GantryCalibration], *, reference: int | None = None) -> Figure:
+    """Return heat maps of the deviation in x and in y, with arrows, for every camera on one floor plan.
+
+    reference: the index of the position that deviations are relative to; None: the mean of all.
+    """
+    fields = {name: _between(station, reference) for name, station in stations.items()}
     most = max(float(np.abs(values).max()) for _, _, values in fields.values()) or 1.0
     with figure(9.0, 4.2) as drawn:
         panels = drawn.subplots(1, 2, sharex=True, sharey=True)
@@ -37,7 +40,7 @@ def deviation_figure(stations: Mapping[str, GantryCalibration]) -> Figure:
                     vmax=most,
                     interpolation="bilinear",
                 )
-                _positions(panel, name, stations[name], most)
+                _positions(panel, name, stations[name], reference, most)
             panel.set_xlim(*_reach([xs for xs, _, _ in fields.values()]))
             panel.set_ylim(*_reach([ys for _, ys, _ in fields.values()]))
             panel.set_aspect("equal")
@@ -53,8 +56,8 @@ def _reach(sides: Sequence[Array]) -> tuple[float, float]:
     return min(float(s[0]) for s in sides) - _LONGEST_M, max(float(s[-1]) for s in sides) + _LONGEST_M
 
 
-def _positions(panel: Axes, name: str, station: GantryCalibration, most: float) -> None:
-    seen = station.map()
+def _positions(panel: Axes, name: str, station: GantryCalibration, reference: int | None, most: float) -> None:
+    seen = station.map(reference=reference)
     x, y = (seen.positions / 1000).T
     panel.plot(x, y, ".", color=INK, markersize=3)
     long = _LONGEST_M / most
@@ -65,12 +68,12 @@ def _positions(panel: Axes, name: str, station: GantryCalibration, most: float) 
     panel.annotate(f"camera {name}", place, xytext=(4, -12), textcoords="offset points", bbox=white)
 
 
-def _between(station: GantryCalibration) -> tuple[Array, Array, Array]:
+def _between(station: GantryCalibration, reference: int | None) -> tuple[Array, Array, Array]:
     """Return places x, y in m and the deviation (ny, nx, 2) mm there, by the field's best weights."""
     low, high = station.grid.min(axis=0), station.grid.max(axis=0)
     xs, ys = (np.linspace(low[i], high[i], _FINE) for i in (0, 1))
     x, y = np.meshgrid(xs, ys)
     W = station.field.weights(np.column_stack([x.ravel(), y.ravel()]))
-    m = station.map().deviation
+    m = station.map(reference=reference).deviation
     values = np.stack([(W[axis] @ m[:, axis]).reshape(x.shape) for axis in (0, 1)], axis=-1)
     return xs / 1000, ys / 1000, values
