@@ -277,6 +277,14 @@ def test_a_prior_pulls_by_its_weight(rng):
     assert loose.value("V0") == pytest.approx(value + sigma / 101, abs=0.005 * sigma)
 
 
+def test_noise_stated_for_some_views_only_is_refused(rng):
+    """The stated one would have no effect: nothing tells how much the others weigh beside it."""
+    views = scene(rng, SKEWED, [board() for _ in range(3)]).seen(rng, 0.3, stated=True)
+    half = [views[0], replace(views[1], sigma_px=None), views[2]]
+    with pytest.raises(BadValue, match=r"sigma_px of view 2 .* 2 of 3 views state theirs"):
+        calibrate_jointly(half, SIZE)
+
+
 def test_a_robust_loss_bears_wrong_points_and_names_the_bad_view(rng):
     """One point in fifteen 20 px off: with Tukey's loss the camera is as good as without them."""
     world = scene(rng, SKEWED, [board() for _ in range(8)])
