@@ -144,7 +144,8 @@ def fit_of(
 
 
 def estimate_of(fit: JointFit) -> JointEstimate:
-    """Return the estimate of a raw fit."""
+    """Return the estimate of a raw fit; `TooFewPoints` where nothing tells the noise, and so no covariance."""
+    _refuse_unknown_noise(fit)
     state, model, known, variance = fit.solution.state, fit.model, fit.known, fit.variance
     n, by_view = len(model.free), covariance_by_view(known)
     R = so3.nearest(state.R)
@@ -294,6 +295,16 @@ def _refuse_few(views: Sequence[Observations], free: tuple[str, ...]) -> None:
     rows, need = 2 * sum(len(v) for v in views), len(free) + 6 * len(views)
     if rows < need:
         raise TooFewPoints(f"{len(free)} shared parameters and {len(views)} poses", rows // 2, -(-need // 2))
+
+
+def _refuse_unknown_noise(fit: JointFit) -> None:
+    """Raise `TooFewPoints` for as many equations as unknowns, none of whose residuals tell an unstated noise."""
+    if np.isfinite(fit.variance):
+        return
+    rows, dof = fit.solution.blocks.rows, fit.solution.blocks.dof
+    task = f"the noise of {len(fit.model.shared)} shared parameters and {len(fit.views)} poses"
+    state = "with as many equations as unknowns no residual tells it; add points, or state sigma_px"
+    raise TooFewPoints(task, rows // 2, -(-(rows - dof + 1) // 2), why=state)
 
 
 def _refuse_copies(views: Sequence[Observations]) -> None:
