@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Picture, frozen
+from cadcam.arrays import Array, Brief, Mask, Picture, frozen
 from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_of
@@ -122,7 +122,7 @@ def direction_sigma(estimate: JointEstimate) -> Array:
 def sigma_of(camera: Camera, free: list[str], covariance: Array) -> Array:
     """Return `direction_sigma` for any covariance of free internals and lens coefficients."""
     J = internal_sensitivity(camera, free)
-    seen = np.isfinite(J).all(axis=(1, 2))
+    seen: Mask = np.asarray(np.isfinite(J).all(axis=(1, 2)))
     return np.where(seen, worst_sigmas(np.where(seen[:, None, None], J, 0.0), covariance), np.nan)
 
 
