@@ -31,10 +31,11 @@ from cadcam.calibrate.boards.pictures import (
 from cadcam.calibrate.joint.adjustment import calibrate_jointly
 from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
-from cadcam.camera.lens import BrownConrady
+from cadcam.camera.lens import BrownConrady, Fisheye
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, NoBoard, TooFewPoints
 from cadcam.geometry.rotation import exp
+from cadcam.report.boards import boards_as_json, coverage_table
 from cadcam.target.boards.detect import detect
 from cadcam.target.boards.pattern import parse_pattern
 
@@ -213,6 +214,22 @@ def test_what_the_views_lack_is_said() -> None:
     assert seen.seen_share == pytest.approx(1 - 6 / 48)
 
 
+def test_where_the_lens_images_nothing_there_is_no_sigma(calibration: BoardCalibration) -> None:
+    """A fisheye whose image circle leaves the corners black: no direction is known there, least of all exactly."""
+    fisheye = Camera.from_focal(CAMERA.size, 130.0, cx=239.5, cy=179.5, lens=Fisheye(k1=-0.05))
+    blind = np.isnan(fisheye.unproject(cell_centres(fisheye))).any(axis=1)
+    assert 0 < blind.sum() < 24
+    sigma = sigma_of(fisheye, ["focal", "U0", "V0"], np.diag([0.3, 0.5, 0.5]) ** 2)
+    assert np.array_equal(np.isnan(sigma), blind)
+    assert (sigma[~blind] > 0).all()
+    seen = replace(coverage(calibration), sigma_px=sigma.reshape(6, 8))
+    table = coverage_table(replace(seen, counts=np.where(blind.reshape(6, 8), 0, 7)))
+    assert {cell for row in table.rows for cell in row if "(" not in cell} == {"-"}
+    assert "without a sigma: the lens images nothing there" in table.notes
+    assert "without a sigma" not in " ".join(coverage_table(coverage(calibration)).notes)
+    assert boards_as_json(calibration, seen, [])["coverage"]["direction_sigma_px"][0][0] is None
+
+
 def test_the_sensitivity_of_directions_is_what_is_left_after_the_best_turn() -> None:
     """Against the real thing: a changed camera, turned until its pixels agree best, to second order in the change."""
     free = ["aspect", "focal", "U0", "V0", "k1"]
@@ -296,6 +313,8 @@ def test_pictures_in_memory_calibrate_as_those_in_files_do(chess: list[BoardPict
         assert np.array_equal(one.observations.q, other.observations.q)
     again = calibrate_boards([*found, find_board(shots[0], parse_pattern(CHESS))])
     assert again.left_out == {6: "is a copy of view0"}
+    unnamed = [find_board(picture, parse_pattern(CHESS)) for picture in (*shots, shots[0])]
+    assert calibrate_boards(unnamed).left_out == {6: "is a copy of picture"}
     bytes_ = (255 * np.clip(shots[0], 0, 1) + 0.5).astype(np.uint8)
     near = find_board(bytes_, parse_pattern(CHESS)).observations.q - found[0].observations.q
     assert np.abs(near).max() < 0.05  # px: the steps of bytes are 0.1 of the pictures' noise

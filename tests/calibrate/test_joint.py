@@ -8,7 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from cadcam.calibrate.joint.adjustment import calibrate_jointly
+from cadcam.calibrate.joint.adjustment import calibrate_jointly, fit_jointly
+from cadcam.calibrate.joint.nested import nested_advice
 from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Division, Fisheye, Ideal, OddRadial
@@ -275,6 +276,29 @@ def test_a_prior_pulls_by_its_weight(rng):
     assert firm.sigma("V0") == pytest.approx(sigma / np.sqrt(101), rel=0.02)
     loose = calibrate_jointly(views, SIZE, priors={"V0": (value + sigma, 10 * sigma)})
     assert loose.value("V0") == pytest.approx(value + sigma / 101, abs=0.005 * sigma)
+
+
+def test_as_many_equations_as_unknowns_need_a_stated_noise(rng):
+    """Two views of four points, four internals: they fit exactly, so nothing but the user tells the noise."""
+    plain = Camera.from_focal(SIZE, 1100, fy=1080, cx=655, cy=470)
+    world = scene(rng, plain, [board(2, 2, 100.0)] * 2)
+    with pytest.raises(TooFewPoints, match=r"at least 9 points; 8 given: .* state sigma_px"):
+        calibrate_jointly(world.seen(rng, 0.01), SIZE, fixed={"skew": 0.0})
+    views = world.seen(rng, 0.01, stated=True)
+    found = calibrate_jointly(views, SIZE, fixed={"skew": 0.0})
+    assert found.dof == 0
+    assert abs(found.value("focal") - 1080) < 4 * found.sigma("focal")
+    advice = nested_advice(fit_jointly(views, SIZE, fixed={"skew": 0.0}))
+    assert not advice.questions
+    assert "add points" in advice.recommendation
+
+
+def test_noise_stated_for_some_views_only_is_refused(rng):
+    """The stated one would have no effect: nothing tells how much the others weigh beside it."""
+    views = scene(rng, SKEWED, [board() for _ in range(3)]).seen(rng, 0.3, stated=True)
+    half = [views[0], replace(views[1], sigma_px=None), views[2]]
+    with pytest.raises(BadValue, match=r"sigma_px of view 2 .* 2 of 3 views state theirs"):
+        calibrate_jointly(half, SIZE)
 
 
 def test_a_robust_loss_bears_wrong_points_and_names_the_bad_view(rng):

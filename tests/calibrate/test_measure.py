@@ -49,6 +49,28 @@ def test_pixels_without_error_give_the_points(views: list[Viewpoint], method: st
     assert set(measured.dof) == {2 * count - 3}
 
 
+@pytest.mark.parametrize("plane", [None, Plane(np.array([0.0, 0.0, 1.0]), np.array(70.0))])
+def test_points_in_the_coordinates_of_a_map_are_those_near_the_origin(
+    views: list[Viewpoint], plane: Plane | None, rng: np.random.Generator
+) -> None:
+    """Northings of 5000 km in mm: a coordinate is rounded to a micrometre, and the points move by some of those."""
+    there = np.array([5e8, 5e9, 1e6])
+    p = CLOUD if plane is None else np.column_stack([CLOUD[:, :2], np.full(len(CLOUD), 70.0)])
+    q = seen(views, p) + 0.2 * rng.normal(size=(len(views), len(p), 2))
+    poses = [v.camera_from_world for v in views]
+    moved = [
+        dataclasses.replace(v, camera_from_world=T @ Rigid(translation=-there))
+        for v, T in zip(views, poses, strict=True)
+    ]
+    far = None if plane is None else Plane(plane.normal, plane.offset + plane.normal @ there)
+    for sigma in (0.0, 0.1) if plane is not None else (0.0,):
+        near = measure_points(views, q, plane=plane, plane_sigma_mm=sigma)
+        found = measure_points(moved, q, plane=far, plane_sigma_mm=sigma)
+        assert not found.refused
+        assert found.points - there == pytest.approx(near.points, abs=20 * np.finfo(float).eps * 5e9)
+        assert found.sigma == pytest.approx(near.sigma, rel=1e-6)
+
+
 def test_a_moved_camera_measures_like_two_cameras(estimates: list[CameraEstimate]) -> None:
     home = Viewpoint.fixed("home", estimates[0])
     away = Viewpoint.moved("away", estimates[0], KnownMotion(STEP))

@@ -39,6 +39,19 @@ def test_missing_distortion_is_asked_for_and_skew_that_is_none_is_let_go(rng):
     assert advice.recommendation == "the model fits the views: nothing to add, nothing to leave out"
 
 
+def test_parameters_with_a_prior_are_asked_about_as_well(rng):
+    """Held, the value is tested against its prior too: a skew known to be 1 deg cannot be left out."""
+    views = scene(rng, PLAIN, [board()] * 8).seen(rng, 0.2, stated=True)
+    options = {"lens": BrownConrady(), "free_lens": ("k1",)}
+    plain, near, far = (
+        asked(nested_advice(fit_jointly(views, SIZE, priors=priors, **options)), "skew")
+        for priors in (None, {"skew": (0.0, 1e-4)}, {"skew": (np.radians(1.0), 1e-4)})
+    )
+    assert near.sigmas[0] < 1e-4 < plain.sigmas[0]
+    assert near.chance > 0.01
+    assert far.chance < 1e-12
+
+
 def test_a_skewed_camera_keeps_its_skew(rng):
     skewed = replace(PLAIN, K=PLAIN.K + np.array([[0, 6.0, 0], [0, 0, 0], [0, 0, 0]]))
     views = scene(rng, skewed, [board()] * 8).seen(rng, 0.2)

@@ -192,6 +192,11 @@ def test_internals_are_adjusted_only_within_a_known_covariance(cadcam: Cadcam, c
     ran = cadcam(*words(cell, "--convention", "kuka", "--adjust-internals", "--json"))
     assert ran.code == 0, ran.err
     np.testing.assert_allclose(ran.json["flange_from_camera"]["translation_mm"], HELD.translation, atol=1.0)
+    posed = ("calibrate", cell / "points.csv", "--internals", cell / "camera.json", "-o", cell / "posed.json")
+    assert cadcam(*posed).code == 0
+    ran = cadcam(*words(cell, "--convention", "kuka", "--adjust-internals", "--camera", cell / "posed.json"))
+    assert ran.code == 2
+    assert "only the pose was estimated" in ran.err
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -135,6 +136,18 @@ def test_cameras_without_a_pair_of_files_are_refused(cadcam: Cadcam, points: Pat
     ran = cadcam("rig", "--camera", f"left={points}/nowhere", "--camera", f"right={points}/right", *POINTS)
     assert ran.code == 2
     assert "a folder of points files" in ran.err
+
+
+def test_two_files_of_one_name_are_refused_where_names_make_the_frames(
+    cadcam: Cadcam, points: Path, tmp_path: Path
+) -> None:
+    """One of them would be dropped without a word."""
+    shutil.copytree(points / "left", tmp_path / "left")
+    shutil.copy(tmp_path / "left" / "01.csv", tmp_path / "left" / "01.txt")
+    ran = cadcam("rig", "--camera", f"left={tmp_path}/left", "--camera", f"right={points}/right", *POINTS)
+    assert ran.code == 2
+    assert "01.txt" in ran.err
+    assert "has the name of" in ran.err
 
 
 def test_measuring_with_a_rig_needs_its_own_names(cadcam: Cadcam, points: Path, tmp_path: Path) -> None:

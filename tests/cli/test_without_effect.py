@@ -51,6 +51,7 @@ CASES = [
     (("match", "photo.png", "photo.png", "--full-scale", "4095"), "--full-scale"),
     (("targets", "find", "photo.png", "--mark", "dot:30mm", "--full-scale", "4095"), "--full-scale"),
     (("track", *ON_PHOTO, "-o", "a.jsonl", "--full-scale", "4095"), "--full-scale"),
+    (("targets", "find", "photo.png", "--mark", "ring:20mm:30mm", *CAMERA, "--perspective"), "--perspective"),
     (("targets", "print", "coded:5:20mm:30mm:40mm", "a.svg", "--numbers", "1"), "--numbers"),
 ]
 

@@ -151,6 +151,10 @@ def test_bad_pictures_and_wishes_are_refused_with_a_reason(rng: np.random.Genera
         MarkOptions(subpixel="magic")
     with pytest.raises(BadValue, match="no number"):
         find_marks(noise, mark, options=MarkOptions(any_number=True))
+    with pytest.raises(BadValue, match="one ellipse of dot:20mm does not show where its centre is"):
+        find_marks(noise, mark, options=MarkOptions(perspective=True))
+    with pytest.raises(BadValue, match="not a crossing of edges"):
+        find_marks(noise, mark, radius_px=8.0, options=MarkOptions(method="saddles"))
     with pytest.raises(BadValue, match="least, largest"):
         find_marks(noise, mark, radius_px=0.2)
     for radius in (161.0, np.nan, (5.0, np.inf)):

@@ -10,7 +10,9 @@ import numpy as np
 import pytest
 
 from cadcam.errors import BadValue, UnknownName
+from cadcam.target.boards.board import Pattern
 from cadcam.target.boards.pattern import parse_pattern
+from cadcam.target.marks.mark import MarkSheet, parse_mark
 from cadcam.target.sheet import write_sheet
 
 POINT = 25.4 / 72
@@ -57,6 +59,43 @@ def test_a_pdf_s_table_points_at_its_objects(tmp_path: Path) -> None:
 
 def test_a_page_is_turned_if_the_board_fits_only_so(tmp_path: Path) -> None:
     assert write_sheet(tmp_path / "b.pdf", parse_pattern("chessboard:9x6:25mm"), page="A4") == (297, 210)
+
+
+@pytest.mark.parametrize(
+    ("sheet", "page"),
+    [
+        (MarkSheet((parse_mark("dot:5mm"),), np.zeros((1, 2))), None),
+        (MarkSheet.grid((parse_mark("dot-ring:12mm:18mm:24mm"),), 3, 5, 30.0), "a5"),
+        (parse_pattern("charuco:8x11:15mm:11mm:5X5_100"), "a5"),
+        (parse_pattern("chessboard:9x6:25mm"), "a4"),
+    ],
+)
+def test_what_the_print_must_measure_is_written_within_the_sheet(
+    sheet: Pattern | MarkSheet, page: str | None, tmp_path: Path
+) -> None:
+    """By the widths of Helvetica's own metrics, which PDF's viewers use; as large as there is room for."""
+    pytest.importorskip("matplotlib")
+    pytest.importorskip("cv2")
+    width, _ = write_sheet(tmp_path / "b.pdf", sheet, page=page)
+    write_sheet(tmp_path / "b.svg", sheet, page=page)
+    text = (tmp_path / "b.pdf").read_bytes().decode("latin-1")
+    ((points, left, label),) = re.findall(r"/F1 ([\d.]+) Tf ([\d.]+) [\d.]+ Td \((.*)\) Tj", text)
+    assert "measures" in label
+    drawn = sum(_helvetica()[c] for c in label) / 1000 * float(points) * POINT
+    assert float(left) * POINT + drawn < width - 5
+    assert float(points) * POINT > 2.0
+    svg = ET.parse(tmp_path / "b.svg").getroot().find("{*}text")
+    assert svg is not None
+    assert float(svg.get("font-size", "")) == pytest.approx(float(points) * POINT, abs=0.001)
+
+
+def _helvetica() -> dict[str, float]:
+    """Return the widths of Helvetica's letters, in thousandths of its height."""
+    import matplotlib
+
+    path = Path(matplotlib.get_data_path()) / "fonts" / "pdfcorefonts" / "Helvetica.afm"
+    found = re.findall(r"^C (\d+) ; WX (\d+) ;", path.read_text(encoding="latin-1"), re.MULTILINE)
+    return {chr(int(code)): float(width) for code, width in found}
 
 
 def test_what_does_not_fit_or_is_not_known_is_refused(tmp_path: Path) -> None:

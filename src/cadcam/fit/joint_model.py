@@ -188,7 +188,9 @@ class JointModel(Brief):
         A = np.zeros((len(self.priors), n))
         r = np.zeros(len(self.priors))
         for row, (name, value, sigma) in enumerate(self.priors):
-            r[row], A[row, self.free.index(name)] = (values[name] - value) / sigma, 1 / sigma
+            r[row] = (values[name] - value) / sigma
+            if name in self.free:  # a nested model may hold it: its prior still counts, as an observation
+                A[row, self.free.index(name)] = 1 / sigma
         if self.control is None:
             return r, A
         W = self.control.whitener.ravel()

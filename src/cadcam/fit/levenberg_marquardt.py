@@ -64,7 +64,7 @@ class Minimum(Generic[State, Model]):
 
 
 class Stalled(NotConverged):
-    """The iterations ran out on a slope: often towards a limit that is not a state. Carries the last state."""
+    """The iterations ran out on a slope: often towards a limit that is not a state."""
 
     def __init__(self, iterations: int, sum_of_squares: float, promised: float) -> None:
         super().__init__(

@@ -14,6 +14,7 @@ from cadcam.calibrate.boards.next_view import NextView
 from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.calibrate.joint.nested import Advice
 from cadcam.files.joint import joint_as_json
+from cadcam.files.jsontext import or_nulls
 from cadcam.files.matrix import pose_as_json
 from cadcam.report.camera import camera_table
 from cadcam.report.joint import advice_table, parameter_table
@@ -111,7 +112,7 @@ def coverage_table(seen: BoardCoverage) -> Table:
     """Return the number of points in each part of the picture, and its uncertainty."""
     columns = tuple(f"{k + 1}" for k in range(seen.counts.shape[1]))
     rows = [
-        tuple(f"{int(n)} ({s:.2f})" if n else f"- ({s:.2f})" for n, s in zip(counts, sigmas, strict=True))
+        tuple(_cell(int(n), s) for n, s in zip(counts, sigmas, strict=True))
         for counts, sigmas in zip(seen.counts.tolist(), seen.sigma_px.tolist(), strict=True)
     ]
     tilt = ", ".join(
@@ -119,13 +120,19 @@ def coverage_table(seen: BoardCoverage) -> Table:
         for low, high, word in zip(seen.tilt_deg.min(0), seen.tilt_deg.max(0), ("sideways", "up and down"), strict=True)
     )
     distance = f"{seen.distance_mm.min():.4g} to {seen.distance_mm.max():.4g} mm"
+    blind = ("without a sigma: the lens images nothing there",) if np.isnan(seen.sigma_px).any() else ()
     return Table(
         "Coverage: points in each part of the picture (and sigma of a direction there, px)",
         columns,
         tuple(rows),
         (),
-        (f"tilts {tilt}; distances {distance}", *(f"missing: {doubt}" for doubt in seen.doubts())),
+        (f"tilts {tilt}; distances {distance}", *blind, *(f"missing: {doubt}" for doubt in seen.doubts())),
     )
+
+
+def _cell(points: int, sigma_px: float) -> str:
+    """Return a cell of the coverage; without a sigma where the lens images nothing."""
+    return (f"{points}" if points else "-") + (f" ({sigma_px:.2f})" if np.isfinite(sigma_px) else "")
 
 
 def next_view_table(seen: BoardCoverage, views: Sequence[NextView]) -> Table:
@@ -137,7 +144,7 @@ def next_view_table(seen: BoardCoverage, views: Sequence[NextView]) -> Table:
         "the one that lowers it most is named"
     )
     if not rows:
-        rows = (("", "no single further picture lowers the worst sigma by a tenth", f"{seen.sigma_px.max():.3f}"),)
+        rows = (("", "no single further picture lowers the worst sigma by a tenth", f"{np.nanmax(seen.sigma_px):.3f}"),)
     return Table("Take next", ("", "picture", "worst sigma px"), rows, ("picture",), (note,))
 
 
@@ -148,7 +155,7 @@ def boards_as_json(calibration: BoardCalibration, seen: BoardCoverage, views: Se
         "pictures": [_picture_json(calibration, i) for i in range(len(calibration.pictures))],
         "coverage": {
             "points": seen.counts.astype(int).tolist(),
-            "direction_sigma_px": seen.sigma_px.tolist(),
+            "direction_sigma_px": [or_nulls(row) for row in seen.sigma_px],
             "missing": seen.doubts(),
         },
         "take_next": [

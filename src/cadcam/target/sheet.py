@@ -23,8 +23,9 @@ PAGES: dict[str, tuple[float, float]] = {
     "a0": (841, 1189),
 }
 PAGES |= {"letter": (215.9, 279.4), "tabloid": (279.4, 431.8)}
-_TEXT_MM = 3.0
+_TEXT_MM = 3.0  # height of the text; less where a page is too narrow for it
 _LEAST_MARGIN_MM = 8.0  # room for the text, and for the margin that printers cannot reach
+_NARROW, _BROAD = "fijlrt .,:;|()[]'", "mwMW"  # letters of 0.28 to 0.33 and 0.72 to 0.94 of the height of the text
 _POINTS_PER_MM = 72 / 25.4
 _ARC = 4 / 3 * (np.sqrt(2) - 1)  # of the radius: handles of a quarter circle as a Bezier curve, 0.03 % off
 
@@ -52,7 +53,8 @@ def write_sheet(path: str | os.PathLike[str], pattern: Sheet, *, page: str | Non
     """Write a board, or a plate with marks, as .svg or .pdf at true scale and return the sheet's (width, height) in mm.
 
     page: a paper size (a4, letter ...), rotated if need be, with the board in its middle; None: the board with a white
-    margin of one cell. Raises `UnknownName` for another suffix or page, `BadValue` if the board does not fit.
+    margin of one cell, wider if the text below it is. Raises `UnknownName` for another suffix or page, `BadValue` if
+    the board does not fit.
     """
     writers: dict[str, Callable[[Sheet, tuple[float, float]], bytes]] = {".svg": _svg, ".pdf": _pdf}
     suffix = Path(path).suffix.lower()
@@ -68,7 +70,8 @@ def sheet_size(pattern: Sheet, page: str | None) -> tuple[float, float]:
     width, height = (float(n) for n in pattern.size_mm)
     if page is None:
         margin = max(pattern.cell_mm, _LEAST_MARGIN_MM)
-        return width + 2 * margin, height + 2 * margin
+        text = _TEXT_MM * _text_width(_label(pattern)) + 2 * _LEAST_MARGIN_MM
+        return max(width + 2 * margin, text), height + 2 * margin
     if page.lower() not in PAGES:
         raise UnknownName("page", page, PAGES)
     short, long = PAGES[page.lower()]
@@ -85,6 +88,16 @@ def _label(pattern: Sheet) -> str:
     return f"{pattern}   the black area measures {width:.2f} x {height:.2f} mm: check it with a ruler"
 
 
+def _text_width(text: str) -> float:
+    """Return the width of a text over its height, no less than Helvetica and Arial need for it."""
+    return sum(0.34 if c in _NARROW else 0.95 if c in _BROAD else 0.78 if c.isupper() else 0.56 for c in text)
+
+
+def _text_mm(text: str, width: float) -> float:
+    """Return the height at which a text fits on a sheet of this width, mm."""
+    return min(_TEXT_MM, (width - 2 * _LEAST_MARGIN_MM) / _text_width(text))
+
+
 def _shift(pattern: Sheet, size: tuple[float, float]) -> Array:
     """Return the board's origin on the sheet, mm from its upper left."""
     left, top, right, bottom = pattern.outline
@@ -99,8 +112,9 @@ def _svg(pattern: Sheet, size: tuple[float, float]) -> bytes:
     holes = "".join(f"M{a:.6g} {b:.6g}H{c:.6g}V{d:.6g}H{a:.6g}Z" for a, b, c, d in ink.ground.tolist())
     holes += "".join(_svg_path(path) for sector in ink.sectors.tolist() for path in _borders(*sector))
     width, height = size
-    text = f'<text x="{width / 2:g}" y="{height - 2:g}" font-size="{_TEXT_MM:g}" text-anchor="middle" '
-    text += f'font-family="sans-serif">{_label(pattern)}</text>'
+    label = _label(pattern)
+    text = f'<text x="{width / 2:g}" y="{height - 2:g}" font-size="{_text_mm(label, width):.4g}" text-anchor="middle" '
+    text += f'font-family="Helvetica, Arial, sans-serif">{label}</text>'
     shapes = (f'<path d="{path}"/>' if path else "") + discs
     shapes += f'<path fill-rule="evenodd" d="{holes}"/>' if holes else ""
     return (
@@ -121,7 +135,9 @@ def _pdf(pattern: Sheet, size: tuple[float, float]) -> bytes:
     lines += [_circle(*disc) for disc in ink.discs.tolist()]
     lines += [f"{a:.6f} {b:.6f} {c - a:.6f} {d - b:.6f} re" for a, b, c, d in ink.ground.tolist()]
     lines += [_pdf_path(path) for sector in ink.sectors.tolist() for path in _borders(*sector)]
-    lines += ["f* Q", f"BT /F1 {k * _TEXT_MM:.3f} Tf {k * 8:.3f} {k * 2:.3f} Td ({_label(pattern)}) Tj ET"]
+    label = _label(pattern)
+    place = f"{k * _LEAST_MARGIN_MM:.3f} {k * 2:.3f}"
+    lines += ["f* Q", f"BT /F1 {k * _text_mm(label, size[0]):.3f} Tf {place} Td ({label}) Tj ET"]
     stream = "\n".join(lines).encode()
     objects = [
         b"<< /Type /Catalog /Pages 2 0 R >>",

@@ -7,7 +7,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Picture, frozen
+from cadcam.arrays import Array, Brief, Mask, Picture, frozen
 from cadcam.calibrate.boards.pictures import BoardCalibration
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, internals_of
@@ -29,7 +29,7 @@ class BoardCoverage(Brief):
 
     tilt_deg (k, 2): how far the right side of the board, as seen, is turned away from the camera, and its lower side.
     distance_mm (k,). sigma_px (6, 8): standard deviation of a pixel coordinate for a known direction at the middle of
-    each cell, see `direction_sigma`.
+    each cell, see `direction_sigma`; NaN where the lens images nothing.
     """
 
     counts: Array
@@ -39,7 +39,8 @@ class BoardCoverage(Brief):
 
     def __post_init__(self) -> None:
         for name in ("counts", "tilt_deg", "distance_mm", "sigma_px"):
-            object.__setattr__(self, name, frozen(getattr(self, name), name, (None,) * np.ndim(getattr(self, name))))
+            shape = (None,) * np.ndim(getattr(self, name))
+            object.__setattr__(self, name, frozen(getattr(self, name), name, shape, finite=name != "sigma_px"))
 
     @property
     def seen_share(self) -> float:
@@ -111,7 +112,8 @@ def direction_sigma(estimate: JointEstimate) -> Array:
     """Return the standard deviation (48,) px of a coordinate for directions through the cells' middles, worst axis.
 
     A rotation of the camera as a whole is not an error of its internals, and is projected out: what is left is how well
-    the camera measures angles between pixels (as in mrcal's projection uncertainty). Classical covariance.
+    the camera measures angles between pixels (as in mrcal's projection uncertainty). Classical covariance. NaN where
+    the lens images nothing.
     """
     index = [i for i, name in enumerate(estimate.free) if not name.startswith("bend")]
     return sigma_of(estimate.camera, [estimate.free[i] for i in index], estimate.covariance[np.ix_(index, index)])
@@ -120,7 +122,8 @@ def direction_sigma(estimate: JointEstimate) -> Array:
 def sigma_of(camera: Camera, free: list[str], covariance: Array) -> Array:
     """Return `direction_sigma` for any covariance of free internals and lens coefficients."""
     J = internal_sensitivity(camera, free)
-    return worst_sigmas(np.where(np.isfinite(J), J, 0.0), covariance)
+    seen: Mask = np.asarray(np.isfinite(J).all(axis=(1, 2)))
+    return np.where(seen, worst_sigmas(np.where(seen[:, None, None], J, 0.0), covariance), np.nan)
 
 
 def worst_sigmas(J: Array, covariance: Array) -> Array:

@@ -219,12 +219,12 @@ def _unshifted(views: Sequence[Observations], camera: Camera, radius: float) -> 
 
 def _without_copies(pictures: Sequence[BoardPicture]) -> list[BoardPicture]:
     """Return the pictures; those that are copies of another one without their detection."""
-    first: dict[str, str] = {}
+    first: dict[str, int] = {}
     out = []
-    for p in pictures:
-        original = first.setdefault(p.sha256, p.name) if p.sha256 else p.name
-        copy = original != p.name
-        out.append(replace(p, detection=None, problem=f"is a copy of {original}") if copy else p)
+    for i, p in enumerate(pictures):
+        original = first.setdefault(p.sha256, i) if p.sha256 else i
+        copy = replace(p, detection=None, problem=f"is a copy of {pictures[original].name}")
+        out.append(p if original == i else copy)
     return out
 
 

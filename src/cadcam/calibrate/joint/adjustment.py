@@ -83,8 +83,9 @@ def calibrate_jointly(
 ) -> JointEstimate:
     """Return the camera of `size` (width, height) px from the points of all views, and its pose in each.
 
-    Minimises the sum of squared pixel residuals (over their stated sigma_px) over shared internals and all poses,
-    without a guess. options: fixed, lens, free_lens, bend, priors, control_sigma, guess, loss; see `JointOptions`.
+    Minimises the sum of squared pixel residuals (over their sigma_px, stated for all views or for none) over shared
+    internals and all poses, without a guess. options: fixed, lens, free_lens, bend, priors, control_sigma, guess, loss;
+    see `JointOptions`.
 
     Raises `TooFewPoints`, `DegenerateGeometry` naming what the views do not determine together, `MirroredPoints`,
     `NotConverged`, `BadValue` and `UnknownName`.
@@ -115,6 +116,7 @@ def fit_jointly(
     free = estimated_names(fixed, lens, names, of=INTERNALS, what="shared parameter") + (BEND if bend else ())
     _refuse_few(views, free)
     _refuse_copies(views)
+    _refuse_half_stated(views)
     model, origin = _model(views, free, lens, bend=bend)
     _refuse_lines(model, views)
     model = _with_knowledge(model, views, priors or {}, control_sigma)
@@ -142,7 +144,8 @@ def fit_of(
 
 
 def estimate_of(fit: JointFit) -> JointEstimate:
-    """Return the estimate of a raw fit."""
+    """Return the estimate of a raw fit; `TooFewPoints` where nothing tells the noise, and so no covariance."""
+    _refuse_unknown_noise(fit)
     state, model, known, variance = fit.solution.state, fit.model, fit.known, fit.variance
     n, by_view = len(model.free), covariance_by_view(known)
     R = so3.nearest(state.R)
@@ -267,6 +270,18 @@ def _stated(views: Sequence[Observations]) -> bool:
     return all(v.sigma_px is not None for v in views)
 
 
+def _refuse_half_stated(views: Sequence[Observations]) -> None:
+    """Raise `BadValue` where the noise of some views is stated: nothing tells their weight beside the others."""
+    without = [j for j, v in enumerate(views) if v.sigma_px is None]
+    if 0 < len(without) < len(views):
+        j = without[0]
+        raise BadValue(
+            f"sigma_px of view {_label(views[j], j)}",
+            None,
+            f"a number, as {len(views) - len(without)} of {len(views)} views state theirs; or None for all",
+        )
+
+
 def _label(view: Observations, j: int) -> str:
     return f"{j + 1} ({view.source})"
 
@@ -280,6 +295,16 @@ def _refuse_few(views: Sequence[Observations], free: tuple[str, ...]) -> None:
     rows, need = 2 * sum(len(v) for v in views), len(free) + 6 * len(views)
     if rows < need:
         raise TooFewPoints(f"{len(free)} shared parameters and {len(views)} poses", rows // 2, -(-need // 2))
+
+
+def _refuse_unknown_noise(fit: JointFit) -> None:
+    """Raise `TooFewPoints` for as many equations as unknowns, none of whose residuals tell an unstated noise."""
+    if np.isfinite(fit.variance):
+        return
+    rows, dof = fit.solution.blocks.rows, fit.solution.blocks.dof
+    task = f"the noise of {len(fit.model.shared)} shared parameters and {len(fit.views)} poses"
+    state = "with as many equations as unknowns no residual tells it; add points, or state sigma_px"
+    raise TooFewPoints(task, rows // 2, -(-(rows - dof + 1) // 2), why=state)
 
 
 def _refuse_copies(views: Sequence[Observations]) -> None:

@@ -29,6 +29,7 @@ _WORSE = 1.01  # ratio of held-out errors that is not an improvement
 _TANGENTIAL: tuple[str, ...] = ("p1", "p2")
 _BROWN: tuple[tuple[str, ...], ...] = (("k1",), ("k2",), _TANGENTIAL, ("k3",), ("k4", "k5", "k6"))
 _VIEWS = 4  # with fewer, the scatter between views is not used
+_ROUNDING = 1e-9  # of the noise, or px: smaller residuals count as zero
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,8 @@ class Advice:
     @property
     def recommendation(self) -> str:
         """Return what to change, the most important first, in words."""
+        if not self.questions:
+            return "none: the points leave no residual to compare models by; add points or views"
         free = [q for q in self.questions if not q.included and q.needed]
         hold = [q for q in self.questions if q.included and not q.needed]
         parts = []
@@ -155,8 +158,10 @@ def _compared(
     from scipy.stats import f
 
     q, dof = len(names), more.solution.blocks.dof
+    if dof < 1:
+        raise TooFewPoints("a comparison of models", len(more.views), len(more.views) + 1, of="views")
     fine, coarse = more.solution.blocks.sum_of_squares, less.solution.blocks.sum_of_squares
-    F = max(coarse - fine, 0.0) / q / (fine / dof)
+    F = max(coarse - fine, 0.0) / q / max(fine / dof, _ROUNDING**2)
     place = [more.model.free.index(n) for n in names]
     values = _shared_values(more.model, more.solution.state)[place]
     sigmas = np.sqrt(more.variance * np.diag(more.known.shared)[place])

@@ -28,6 +28,7 @@ from cadcam.kinds import expect_positive
 _USELESS = 1 / 3  # standard deviation over distance beyond which first-order propagation is meaningless
 _ONE_PLACE = 1e-9  # distance of viewpoints over their distance from the world's origin: rounding
 _SETTLED = 1e-10  # step over distance at convergence
+_ROUNDING = 1e-14  # of the coordinates: how far rounding alone moves a point; far from the origin it decides
 _ITERATIONS = 50
 _FARTHEST = 1e6  # displacement over distance beyond which a point has diverged
 
@@ -258,21 +259,24 @@ def _optimum(group: SharedView, p: Array) -> tuple[Array, Mask]:
         r, J, L = group.seen(p).whitened()
         Q, R = np.linalg.qr(J @ basis)
         step = (basis @ np.linalg.solve(R, np.swapaxes(Q, -1, -2) @ r[..., None]))[..., 0]
+        rounding = _ROUNDING * np.linalg.norm(p, axis=1)
+        cost = np.sum(r**2, axis=-1)
         with np.errstate(over="ignore", invalid="ignore"):  # next to a focal plane a step may overflow
-            p = p + _shortened(group, p, step, np.sum(r**2, axis=-1), L)
-            stuck = ~(np.linalg.norm(step, axis=1) <= _SETTLED * reach)
+            allowed = cost * (1 + 1e-9) + 1e-18 + 2 * np.sqrt(cost) * np.linalg.norm(J, axis=(1, 2)) * rounding
+            p = p + _shortened(group, p, step, allowed, L)
+            stuck = ~(np.linalg.norm(step, axis=1) <= _SETTLED * reach + rounding)
         if not stuck.any():
             break
     stuck |= ~(np.linalg.norm(p - start, axis=1) <= _FARTHEST * reach)
     return np.where(stuck[:, None], start, p), stuck
 
 
-def _shortened(group: SharedView, p: Array, step: Array, cost: Array, L: Array) -> Array:
-    """Return the steps (n, 3), each quartered until the misfit does not rise and all cameras see the point."""
+def _shortened(group: SharedView, p: Array, step: Array, allowed: Array, L: Array) -> Array:
+    """Return the steps (n, 3), each quartered until the misfit is at most `allowed` and all cameras see the point."""
     share = np.ones((len(p), 1))
     for _ in range(12):
         r = np.linalg.solve(L, group.residuals(p + share * step)[..., None])[..., 0]
-        worse = ~(np.sum(r**2, axis=-1) <= cost * (1 + 1e-9) + 1e-18)
+        worse = ~(np.sum(r**2, axis=-1) <= allowed)
         if not worse.any():
             break
         share = np.where(worse[:, None], share / 4, share)

@@ -213,6 +213,8 @@ def _held(camera: Camera | CameraEstimate) -> Camera:
 
 
 def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
+    from cadcam.camera.extended_pinhole import EXTERNALS
+
     if not arguments.camera:
         raise BadValue("--camera", "not given", "the camera file of the camera that took the views")
     file = read_any_camera(arguments.camera)
@@ -220,6 +222,12 @@ def _camera(arguments: argparse.Namespace) -> Camera | CameraEstimate:
         return file.camera
     if file.estimate is None:
         raise UnreadableFile(arguments.camera, "has no estimate, so no covariance to adjust internals within")
+    if not set(file.estimate.free) - set(EXTERNALS):
+        raise BadValue(
+            "--adjust-internals",
+            f"beside {arguments.camera}, of which only the pose was estimated",
+            "the camera file of a calibration, or left out: its internals have no covariance to move within",
+        )
     return file.estimate
 
 

@@ -215,6 +215,8 @@ def _frames(files: Mapping[str, Sequence[str]]) -> tuple[list[str], dict[str, li
     stems = {name: {Path(file).stem: file for file in row} for name, row in files.items()}
     every = sorted(set().union(*stems.values()))
     if len(every) < sum(len(row) for row in stems.values()):
+        for row in files.values():
+            _refuse_second(row)
         return every, {name: [row.get(stem) for stem in every] for name, row in stems.items()}
     counts = {name: len(row) for name, row in files.items()}
     if len(set(counts.values())) > 1:
@@ -227,6 +229,15 @@ def _frames(files: Mapping[str, Sequence[str]]) -> tuple[list[str], dict[str, li
         )
     rows: dict[str, list[str | None]] = {name: list(row) for name, row in files.items()}
     return [" ".join(Path(f).stem for f in column) for column in zip(*files.values(), strict=True)], rows
+
+
+def _refuse_second(row: Sequence[str]) -> None:
+    """Raise `UnreadableFile` where two files of a camera have one name: only one of them could be the frame's."""
+    first: dict[str, str] = {}
+    for file in row:
+        if (other := first.setdefault(Path(file).stem, file)) != file:
+            remedy = "frames are told by the names of files: give each its own"
+            raise UnreadableFile(file, f"has the name of {other}", remedy)
 
 
 def _files(path: str, board: str | None) -> list[str]:

@@ -172,6 +172,9 @@ def run_find(arguments: argparse.Namespace) -> int:
 
     check_target(arguments.csv, (".csv",))
     check_target(arguments.output, WRITABLE)
+    if arguments.camera:
+        either = "one of the two: through a camera the perspective is fitted anyway"
+        refuse(arguments, "--perspective", why="beside --camera", expected=either)
     mark, files = parse_mark(arguments.mark), picture_files(arguments.pictures)
     if arguments.output and len(files) > 1:
         raise BadValue("--output", arguments.output, "left out for several pictures")

@@ -61,6 +61,8 @@ def mark_candidates(gray: Picture, mark: Mark, method: str, radii: tuple[float, 
             "radius_px", None, f"the radius of {mark} in the picture, or (least, largest), for method {method!r}"
         )
     if method == "saddles":
+        if mark.core is not None:
+            raise BadValue("method", method, f"another one: {mark} has a disc in its middle, not a crossing of edges")
         return _saddles(gray, mark, float(np.sqrt(radii[0] * radii[1])))
     count = 1 + int(np.ceil(np.log(radii[1] / radii[0]) / np.log(_STEP) - 1e-9))
     sizes = np.geomspace(*radii, count) if count > 1 else np.array([np.sqrt(radii[0] * radii[1])])

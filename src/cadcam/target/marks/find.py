@@ -192,6 +192,9 @@ def _search(gray: Picture, mark: Mark, options: MarkOptions, known: bool) -> str
         raise BadValue("subpixel", options.subpixel, f"'photometric' for {mark}, which differs from turn to turn")
     if options.any_number and mark.number is None:
         raise BadValue("any_number", options.any_number, f"a coded mark; {mark} has no number")
+    if options.perspective and len(mark.sectors) == 1 and mark.core == (mark.radius, True):
+        one_ellipse = f"a mark of several borders: the one ellipse of {mark} does not show where its centre is"
+        raise BadValue("perspective", True, f"{one_ellipse}; or a camera")
     if float(np.ptp(gray)) < _FLAT:
         raise BadValue("picture", f"one grey value ({float(gray.flat[0]):.3g}) everywhere", "a picture of marks")
     if options.method == "auto":

@@ -44,7 +44,7 @@ def clear_fit(
     every, weight = _Windows(mark, geometry, window, q, noise), window.weight
     odd, seen = every.odd(fit)
     suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
-    plain = _also_plain(odd, seen, window)
+    plain = _also_plain(odd, seen)
     suspects = np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist()
 
     def treated(i: int) -> tuple[int, tuple[Fit, Array] | None]:
@@ -168,7 +168,7 @@ def _one_sided(odd: Mask, window: Window) -> Mask:
     return np.asarray(resultant > np.maximum(_ONE_SIDED, _CHANCE / np.sqrt(count)))
 
 
-def _also_plain(odd: Mask, seen: Array, window: Window) -> Mask:
+def _also_plain(odd: Mask, seen: Array) -> Mask:
     """Return for which marks (B,) plain pixels disagree too, not only those on borders."""
     low, high = (np.nanquantile(seen, q, axis=1, keepdims=True) for q in (0.05, 0.95))
     plain = np.abs(seen - (low + high) / 2) > _MIDDLE * (high - low)
