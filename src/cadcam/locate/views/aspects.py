@@ -34,24 +34,18 @@ class Aspect:
     """Samples of the edges that are visible from one viewpoint, ordered so that any first n are spread as all are.
 
     direction (3,): unit vector from the part's centre to the eye, and distance (mm), in the part frame. places (N,),
-    structured (`native.fields.PLACE`), spread evenly: p (3,) mm and unit tangent (3,) in the part frame, weight. chain
-    (N,): feature chain (edge), -1 on contours; line (N,): consecutive numbers, from 0, of the edges and contours that
-    the samples lie on. telling (N,): as places, but most of them where they tell the pose best. length: of all visible
-    edges as seen from there, in units of the part's diameter.
+    structured (`native.fields.PLACE`), spread evenly: p (3,) mm and unit tangent (3,) in the part frame, weight. line
+    (N,): consecutive numbers, from 0, of the edges and contours that the samples lie on. telling (N,): as places, but
+    most of them where they tell the pose best. length: of all visible edges as seen from there, in units of the part's
+    diameter.
     """
 
     direction: Array
     distance: float
     places: npt.NDArray[np.void]
-    chain: Ids
     line: Ids
     telling: npt.NDArray[np.void]
     length: float
-
-    def recoverable(self, n_chains: int) -> Array:
-        """Return the share (n_chains,) of this aspect's visible length that each edge of the part has."""
-        own = self.chain[self.chain >= 0]
-        return np.bincount(own, minlength=n_chains) / max(len(self.chain), 1)
 
 
 class Aspects:
@@ -110,7 +104,7 @@ class Aspects:
             distance = self.radius * _NEAREST * _STEP**step
             for number, shown in zip(numbers, self._drawer.draw(self.net[numbers], distance), strict=True):
                 length = shown.length / (FILLED * SIZE)
-                self._made[number, step] = Aspect(self.net[number], distance, *shown[:4], length)
+                self._made[number, step] = Aspect(self.net[number], distance, *shown[:3], length)
                 made()
 
     @cached_property
