@@ -17,6 +17,7 @@ from cadcam.camera.sensitivity import twist_by_local
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect_known
 
 MOUNT = ("tx", "ty", "tz", "rx", "ry", "rz")  # xi of camera_from_rig @ Rigid.exp(xi)
 
@@ -86,8 +87,7 @@ class RigEstimate:
         _refuse_without_views(self.frames, tuple(zip(*self.views, strict=True)))
         for name, free in zip(self.names, self.free, strict=True):
             for parameter in free:
-                if parameter not in self.values(name):
-                    raise UnknownName(f"parameter of camera {name!r}", parameter, self.values(name))
+                expect_known(parameter, f"parameter of camera {name!r}", self.values(name))
         object.__setattr__(self, "covariance", frozen(self.covariance, "covariance", (n, n)))
         if self.by_frame is not None:
             object.__setattr__(self, "by_frame", frozen(self.by_frame, "covariance by frame", (n, n)))
@@ -226,8 +226,7 @@ class RigEstimate:
         return stand_out(np.array([_residual(r) for r in weighed]), [len(r) for r in weighed])
 
     def _index(self, name: str) -> int:
-        if name not in self.names:
-            raise UnknownName("camera of the rig", name, self.names)
+        expect_known(name, "camera of the rig", self.names)
         return self.names.index(name)
 
     def _mount(self, c: int) -> Rigid:
