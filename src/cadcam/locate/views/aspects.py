@@ -18,11 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids
-from cadcam.locate.views.drawing import FILLED, SIZE, Drawer
+from cadcam.locate.views.drawing import FILLED, GOLDEN, SIZE, Drawer
 from cadcam.render.view import Scene
 
 DIRECTIONS = 400
-_GOLDEN = 0.6180339887498949
 # Distances, in radii of the part, at which aspects are made: a geometric series. Beyond the last one perspective hardly
 # changes what is visible.
 _NEAREST, _FARTHEST, _STEP = 1.3, 5.2, 2.0
@@ -115,7 +114,7 @@ class Aspects:
 def sphere_net(n: int) -> Array:
     """Return n unit vectors (n, 3) spread evenly: a Fibonacci spiral (A. Gonzalez, Math. Geosciences 42, 2010)."""
     k = np.arange(n) + 0.5
-    z, turn = 1 - 2 * k / n, 2 * math.pi * _GOLDEN * k
+    z, turn = 1 - 2 * k / n, 2 * math.pi * GOLDEN * k
     across = np.sqrt(1 - z * z)
     return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
 

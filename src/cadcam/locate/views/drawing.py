@@ -33,8 +33,8 @@ _BATCH = 16  # pictures for which samples are chosen at once
 _SHORTEST = 0.004  # of the picture size: lines with a shorter visible length get no sample
 _CHOSEN = 0.6  # share of the telling samples that lie where they tell the pose best, not evenly
 _BEND_PX = 0.1  # tolerance to which a polyline may be simplified
-_GOLDEN = 0.6180339887498949
-_RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * _GOLDEN)[0]))  # any first n are spread evenly
+GOLDEN = (math.sqrt(5) - 1) / 2  # the fractional parts of its first n multiples are spread evenly, whatever n is
+_RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * GOLDEN)[0]))  # any first n are spread evenly
 
 
 class ShownEdges(NamedTuple):
