@@ -194,10 +194,10 @@ def expect_names(values: Iterable[str], what: str) -> tuple[str, ...]:
     return expect_each(values, what, str)
 
 
-def expect_each(values: Iterable[_Value], what: str, *kinds: type, optional: bool = False) -> tuple[_Value, ...]:
+def expect_each(values: Iterable[_Value], what: str, *kinds: type) -> tuple[_Value, ...]:
     """Return the values as a tuple; raise `BadValue` naming the first that is of none of these classes.
 
-    optional: values may be None. One value in place of several is refused, too.
+    One value in place of several is refused, too.
     """
     single = isinstance(values, (*kinds, str, Mapping)) or getattr(values, "shape", None) == ()
     if single or not isinstance(values, Iterable):
@@ -206,7 +206,7 @@ def expect_each(values: Iterable[_Value], what: str, *kinds: type, optional: boo
         raise BadValue(what, said(values), f"a list of them: [{what}]" if one else f"a list, each {wanted}")
     several = tuple(values)
     for i, value in enumerate(several):
-        expect(value, f"{what}[{i}]", *kinds, optional=optional)
+        expect(value, f"{what}[{i}]", *kinds)
     return several
 
 

@@ -27,7 +27,7 @@ def test_what_was_kept_is_what_was_made(tmp_path: Path) -> None:
     for key, aspect in made.items():
         again = other.aspects.made[key]
         assert np.array_equal(again.places, aspect.places)
-        assert np.array_equal(again.chain, aspect.chain)
+        assert np.array_equal(again.telling, aspect.telling)
         assert np.array_equal(again.line, aspect.line)
         assert np.array_equal(again.direction, aspect.direction)
         assert (again.distance, again.length) == (aspect.distance, aspect.length)

@@ -10,8 +10,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, frozen
-from cadcam.errors import BadValue, DegenerateGeometry, UnknownName
-from cadcam.kinds import expect_positive, said
+from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.kinds import expect_known, expect_positive, said
 
 if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
@@ -188,8 +188,7 @@ class Mesh:
 
     def _part_index(self, part: str | int) -> int:
         if isinstance(part, str):
-            if part not in self.part_names:
-                raise UnknownName("part", part, self.part_names)
+            expect_known(part, "part", self.part_names)
             return self.part_names.index(part)
         if not 0 <= part < len(self.part_names):
             raise BadValue("part number", part, f"0 to {len(self.part_names) - 1}")

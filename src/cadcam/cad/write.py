@@ -14,8 +14,7 @@ import numpy.typing as npt
 
 from cadcam.cad.formats.gltf import SURFACES
 from cadcam.cad.mesh import Mesh, compacted
-from cadcam.errors import UnknownName
-from cadcam.kinds import expect, expect_path
+from cadcam.kinds import expect, expect_known, expect_path
 from cadcam.whole import write_whole
 
 
@@ -29,8 +28,7 @@ def write_model(path: str | PathLike[str], mesh: Mesh) -> None:
     expect_path(path)
     expect(mesh, "mesh", Mesh)
     suffix = Path(path).suffix.lower()
-    if suffix not in _WRITERS:
-        raise UnknownName("format to write", suffix, _WRITERS)
+    expect_known(suffix, "format to write", _WRITERS)
     write_whole(path, _WRITERS[suffix](compacted(mesh)))
 
 

@@ -15,6 +15,7 @@ from cadcam.camera.observations import Observations
 from cadcam.camera.sensitivity import project_with_sensitivity, rotation_by_angles, twist_by_local
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect_known
 
 WEAK = 2.0  # factor by which the noise may exceed its estimate: 5 degrees of freedom and fewer
 SMALL_MM = 1.0  # points with a smaller extent are hardly in mm
@@ -49,8 +50,7 @@ class CameraEstimate(Fitted):
         errors = tuple((s, frozen(D, f"effect of {s.name}", (n, len(s.covariance)))) for s, D in self.errors)
         object.__setattr__(self, "errors", errors)
         for name in self.free:
-            if name not in self.parameters:
-                raise UnknownName("parameter", name, self.parameters)
+            expect_known(name, "parameter", self.parameters)
         if len(set(self.free)) != len(self.free):
             raise BadValue("free parameters", self.free, "each name once")
 

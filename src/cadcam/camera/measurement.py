@@ -10,7 +10,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Ids, Longs, frozen
 from cadcam.camera.error_source import ErrorSource
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue
+from cadcam.kinds import expect_known
 
 PIXELS = "pixels"
 _NORMAL = 1e9  # degrees of freedom from which Student's distribution is taken as normal
@@ -182,8 +183,7 @@ class Measurement:
     def _index(self, name: str) -> int:
         if name in self.refused:
             raise BadValue(f"point {name!r}", f"not measured: {self.refused[name]}", "a measured point")
-        if name not in self.names:
-            raise UnknownName("point", name, self.names)
+        expect_known(name, "point", self.names)
         return self.names.index(name)
 
     def __repr__(self) -> str:

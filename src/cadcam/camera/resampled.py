@@ -17,7 +17,8 @@ from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.observations import Observations
 from cadcam.camera.rig_estimate import RigEstimate
 from cadcam.camera.viewpoint import Viewpoint
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue
+from cadcam.kinds import expect_known
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,8 +120,7 @@ def resampled_rig(rig: RigEstimate, maps: Mapping[str, PictureMap]) -> RigEstima
     `UnknownName`.
     """
     for name in maps:
-        if name not in rig.names:
-            raise UnknownName("camera of the rig", name, rig.names)
+        expect_known(name, "camera of the rig", rig.names)
     by = {name: maps.get(name, PictureMap(rig.camera(name).size)) for name in rig.names}
     D = np.concatenate([by[name].factors(_of_camera(rig, name)) for name in rig.names])
     views = tuple(

@@ -17,6 +17,7 @@ from cadcam.camera.sensitivity import twist_by_local
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect_known
 
 MOUNT = ("tx", "ty", "tz", "rx", "ry", "rz")  # xi of camera_from_rig @ Rigid.exp(xi)
 
@@ -86,8 +87,7 @@ class RigEstimate:
         _refuse_without_views(self.frames, tuple(zip(*self.views, strict=True)))
         for name, free in zip(self.names, self.free, strict=True):
             for parameter in free:
-                if parameter not in self.values(name):
-                    raise UnknownName(f"parameter of camera {name!r}", parameter, self.values(name))
+                expect_known(parameter, f"parameter of camera {name!r}", self.values(name))
         object.__setattr__(self, "covariance", frozen(self.covariance, "covariance", (n, n)))
         if self.by_frame is not None:
             object.__setattr__(self, "by_frame", frozen(self.by_frame, "covariance by frame", (n, n)))
@@ -109,7 +109,7 @@ class RigEstimate:
 
     def mount(self, name: str) -> Rigid:
         """Return camera_from_rig of one camera."""
-        return self._mount(self._index(name))
+        return self.camera_from_rig[self._index(name)]
 
     def frame(self, j: int) -> Rigid:
         """Return rig_from_world of one frame."""
@@ -142,7 +142,7 @@ class RigEstimate:
         i, j = self._index(a), self._index(b)
         if i == j:
             raise BadValue("the relative pose", f"of camera {a!r} and itself", "two cameras")
-        one, other = self._mount(i), self._mount(j)
+        one, other = self.camera_from_rig[i], self.camera_from_rig[j]
         n = len(self.parameters)
         J = np.zeros((6, n))  # other exp(y) exp(-x) one^-1 = other one^-1 exp(Ad(one) (y - x)) to first order
         J[:, self._mount_columns(j)] = one.adjoint()[:, : 6 if j else 0]
@@ -168,7 +168,7 @@ class RigEstimate:
             Viewpoint(
                 name,
                 self.cameras[c],
-                self._mount(c),
+                self.camera_from_rig[c],
                 float(self.noise_px[c]) if sigma_px is None else sigma_px,
                 ((source, self._effect(c)),),
                 noise_from=self if sigma_px is None else None,
@@ -196,7 +196,7 @@ class RigEstimate:
     @property
     def camera_residuals(self) -> Array:
         """Return the thesis' residual of each camera (c,) over all frames, px."""
-        return np.array([_residual(np.concatenate([r for r in row if r is not None])) for row in self.residuals])
+        return np.array([_residual(_joined(row)) for row in self.residuals])
 
     @property
     def frame_residuals(self) -> Array:
@@ -226,12 +226,8 @@ class RigEstimate:
         return stand_out(np.array([_residual(r) for r in weighed]), [len(r) for r in weighed])
 
     def _index(self, name: str) -> int:
-        if name not in self.names:
-            raise UnknownName("camera of the rig", name, self.names)
+        expect_known(name, "camera of the rig", self.names)
         return self.names.index(name)
-
-    def _mount(self, c: int) -> Rigid:
-        return self.camera_from_rig[c]
 
     def _columns(self, c: int) -> slice:
         start = sum(len(f) + len(MOUNT) for f in self.free[:c]) - (len(MOUNT) if c else 0)
@@ -246,7 +242,7 @@ class RigEstimate:
         names = (*INTERNALS, *self.cameras[c].lens.parameters)
         out = np.zeros((6 + len(names), len(self.parameters)))
         if c:
-            out[:6, self._mount_columns(c)] = twist_by_local(self._mount(c).origin)  # an involution
+            out[:6, self._mount_columns(c)] = twist_by_local(self.camera_from_rig[c].origin)  # an involution
         for i, parameter in enumerate(self.free[c]):
             out[6 + names.index(parameter), self._columns(c).start + i] = 1.0
         return out
@@ -255,7 +251,7 @@ class RigEstimate:
         view = self.views[c][j]
         if view is None:
             return None
-        return np.asarray(view.q - self.cameras[c].project(self._mount(c) @ self.frame(j) @ view.p_world))
+        return np.asarray(view.q - self.cameras[c].project(self.camera_from_rig[c] @ self.frame(j) @ view.p_world))
 
     def __repr__(self) -> str:
         base = ", ".join(f"{n} {self.relative(self.names[0], n).baseline:.6g} mm" for n in self.names[1:])

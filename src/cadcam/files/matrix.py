@@ -43,7 +43,7 @@ def read_pose(path: str | os.PathLike[str]) -> Rigid:
     JSON: {"camera_from_world": {"rotation": [[...], ...], "translation_mm": [...]}}, as in a camera file; the name may
     be world_from_camera and the unit any of translation_m, translation_in ... A camera file with a pose serves, too.
     """
-    return _rigid(path, _DIRECTIONS)
+    return rigid_in(read_text(path), _DIRECTIONS)
 
 
 def read_motion(path: str | os.PathLike[str]) -> Rigid:
@@ -51,11 +51,7 @@ def read_motion(path: str | os.PathLike[str]) -> Rigid:
 
     As a pose file, with '# new_from_old, mm' (or old_from_new) on its first line, or the same as a key in JSON.
     """
-    return _rigid(path, _MOTIONS)
-
-
-def _rigid(path: str | os.PathLike[str], directions: tuple[str, str]) -> Rigid:
-    return rigid_in(read_text(path), directions)
+    return rigid_in(read_text(path), _MOTIONS)
 
 
 def rigid_in(file: TextFile, directions: tuple[str, str]) -> Rigid:

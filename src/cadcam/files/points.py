@@ -26,7 +26,7 @@ from cadcam.cad.units import MM, unit_name
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text, rows_of_cells
-from cadcam.kinds import expect, expect_path
+from cadcam.kinds import expect, expect_known, expect_path
 from cadcam.whole import write_whole
 
 _WORLD = re.compile(r"([XYZxyz])(?:[_ ]?[\[(]?([A-Za-z]+)[\])]?)?")
@@ -202,8 +202,7 @@ def _chosen_pair(
     pairs: dict[tuple[str, str], tuple[int, int]], header: tuple[str, ...], columns: Sequence[str]
 ) -> tuple[int, int]:
     for name in columns:
-        if name not in header:
-            raise UnknownName("column", name, header)
+        expect_known(name, "column", header)
     for pair, indices in pairs.items():
         if set(pair) == set(columns):
             return indices

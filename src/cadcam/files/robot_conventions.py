@@ -15,10 +15,10 @@ import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
 from cadcam.cad.units import MM, unit_name
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_known
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,8 +82,7 @@ def robot_numbers(poses: Rigid, *, convention: str, unit: str | None = None) -> 
 
 
 def _rule(convention: str) -> Convention:
-    if convention not in CONVENTIONS:
-        raise UnknownName("robot pose convention", convention, CONVENTIONS)
+    expect_known(convention, "robot pose convention", CONVENTIONS)
     return CONVENTIONS[convention]
 
 

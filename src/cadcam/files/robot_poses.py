@@ -29,6 +29,7 @@ from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.robot_conventions import CONVENTIONS
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import expect_known
 
 _SUFFIXES = (".txt", ".csv", ".json", ".yaml", ".yml")
 _NAME_COLUMNS = ("name", "id", "pose", "image", "label")
@@ -61,8 +62,7 @@ class RobotNumbers(Brief):
 
     def poses(self, convention: str, *, unit: str | None = None) -> Rigid:
         """Return base_from_flange (n), mm, of a convention; `UnreadableFile` where the file does not match it."""
-        if convention not in CONVENTIONS:
-            raise UnknownName("robot pose convention", convention, CONVENTIONS)
+        expect_known(convention, "robot pose convention", CONVENTIONS)
         rule, numbers = CONVENTIONS[convention], self.numbers
         if self.columns and set(rule.columns) == set(self.columns):
             numbers = numbers[:, [self.columns.index(c) for c in rule.columns]]

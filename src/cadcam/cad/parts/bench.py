@@ -7,7 +7,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts.shape import between, box, circle, extruded, filled, joined, level, moved
-from cadcam.errors import UnknownName
+from cadcam.kinds import expect_known
 
 # Table 2.3: X, Y, Z in mm, eight targets at each of two distances; the camera stands near (8, 416, -210).
 BENCH_POINTS: Array = np.array(
@@ -38,8 +38,7 @@ def calibration_bench(*, targets: str = "both", sides: int = 48) -> Mesh:
     Table 2.3). `sides` is the number of sides of each circle. Raises `UnknownName`.
     """
     chosen = {"near": range(8), "far": range(8, 16), "both": range(16)}
-    if targets not in chosen:
-        raise UnknownName("targets", targets, chosen)
+    expect_known(targets, "targets", chosen)
     parts = [part for k in chosen[targets] for part in _target(k, sides)]
     if targets != "far":
         parts += _near_frame()

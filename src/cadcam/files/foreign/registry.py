@@ -15,12 +15,12 @@ import numpy as np
 from cadcam.cad.units import MM, unit_name
 from cadcam.camera.camera import Camera
 from cadcam.camera.difference import largest_difference
-from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.files.foreign.losses import prepared, refuse
 from cadcam.files.foreign.model import ConversionLoss, Foreign, Format, NamedCamera, WriteOptions
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.geometry.rigid import Rigid, expect_motion
-from cadcam.kinds import expect, expect_positive
+from cadcam.kinds import expect, expect_known, expect_positive
 from cadcam.whole import write_whole
 
 # name: module and the format in it; in the order in which a file is tested for them
@@ -73,8 +73,7 @@ class Written:
 
 def format_named(name: str) -> Format:
     """Return a format by its name; raises `UnknownName`."""
-    if name not in _HOME:
-        raise UnknownName("camera format", name, NAMES)
+    expect_known(name, "camera format", NAMES)
     module, attribute = _HOME[name]
     found: Format = getattr(import_module(f"cadcam.files.foreign.{module}"), attribute)
     return found

@@ -16,13 +16,12 @@ import numpy as np
 from cadcam.cad.units import MM, unit_name
 from cadcam.camera.camera import Camera
 from cadcam.camera.opengl import projection_matrix
-from cadcam.errors import UnknownName
 from cadcam.files.foreign.blender import blender_values
 from cadcam.files.foreign.losses import prepared, refuse
 from cadcam.files.foreign.model import ConversionLoss, Holds, NamedCamera
 from cadcam.files.foreign.pose import numbers, world_from_eye
 from cadcam.geometry.rigid import Rigid, expect_motion
-from cadcam.kinds import expect, expect_number
+from cadcam.kinds import expect, expect_known, expect_number
 
 CORNER = 0.5  # from our pixel centres to pixels counted from the picture's corner
 
@@ -54,8 +53,7 @@ def viewer_parameters(
     expect_motion(camera_from_world, "camera_from_world")
     expect_number(near_mm, "near_mm")
     expect_number(far_mm, "far_mm")
-    if package not in VIEWERS:
-        raise UnknownName("viewer", package, VIEWERS)
+    expect_known(package, "viewer", VIEWERS)
     viewer = VIEWERS[package]
     ready, losses = prepared(NamedCamera("camera", camera, camera_from_world), viewer, fit=False)
     refuse(losses, allow_loss, viewer.title, can_fit=False)

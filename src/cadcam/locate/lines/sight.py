@@ -35,18 +35,18 @@ class Sight:
         cls, part: Part, photo: Photo, world_from_part: Rigid, *, step_px: float, reach_px: float, noise: float = np.nan
     ) -> Sight:
         """Return the sight of the part at a pose, with lines that are hidden there removed."""
-        camera_from_part = photo.viewpoint.camera_from_world @ world_from_part
+        camera_from_part = photo.camera_from_world @ world_from_part
         lines = part.lines.draw(photo.camera, camera_from_part, options=_LINES).visible
         samples = sample_lines(lines, photo.camera, step_px=step_px, reach_px=reach_px, bulges=part.lines.bulges)
         return cls(photo, noise_of(photo.gray) if np.isnan(noise) else noise, world_from_part, samples)
 
     def project(self, world_from_part: Rigid) -> Projected:
         """Return the samples in the photo."""
-        return project(self.samples, self.photo.camera, self.photo.viewpoint.camera_from_world @ world_from_part)
+        return project(self.samples, self.photo.camera, self.photo.camera_from_world @ world_from_part)
 
     def towards(self, point: Array, world_from_part: Rigid) -> Array:
         """Return the vector (3,) mm from the camera to a point (3,) of the part at a pose, in the part's frame."""
-        return point - (self.photo.viewpoint.camera_from_world @ world_from_part).origin
+        return point - (self.photo.camera_from_world @ world_from_part).origin
 
     def moved_px(self, one: Rigid, other: Rigid) -> float:
         """Return how far (px) the lines move between two poses: the 90th percentile over the samples."""

@@ -22,7 +22,7 @@ from cadcam.native.fields import PLACE
 from cadcam.whole import write_whole
 
 _VERSION = 3  # of the format of aspects: files of other versions have other names
-_NAMES = ("key", "distance", "length", "count", "places", "chain", "line", "telling")
+_NAMES = ("key", "distance", "length", "count", "places", "line", "telling")
 _MOST_BYTES = 256 * 2**20  # of all files together; the oldest are removed
 
 
@@ -41,13 +41,13 @@ def read_aspects(part: Part, folder: Path) -> int:
         with np.load(io.BytesIO(file_of(part, folder).read_bytes()), allow_pickle=False) as kept:
             rows = {name: kept[name] for name in _NAMES}
         ends = np.cumsum(rows["count"])[:-1]
-        runs = zip(*(np.split(rows[name], ends) for name in ("places", "chain", "line", "telling")), strict=True)
+        runs = zip(*(np.split(rows[name], ends) for name in ("places", "line", "telling")), strict=True)
         of_each = zip(rows["key"], rows["distance"], rows["length"], runs, strict=True)
         made = {
             (int(d), int(s)): Aspect(
-                aspects.net[d], float(far), places.astype(PLACE), chain, line, telling.astype(PLACE), float(length)
+                aspects.net[d], float(far), places.astype(PLACE), line, telling.astype(PLACE), float(length)
             )
-            for (d, s), far, length, (places, chain, line, telling) in of_each
+            for (d, s), far, length, (places, line, telling) in of_each
         }
     except (OSError, EOFError, ValueError, KeyError, IndexError, TypeError, zipfile.BadZipFile, zlib.error):
         return 0
@@ -69,7 +69,6 @@ def write_aspects(part: Part, folder: Path) -> None:
         length=np.array([a.length for a in every]),
         count=np.array([len(a.places) for a in every]),
         places=np.concatenate([a.places for a in every]),
-        chain=np.concatenate([a.chain for a in every]),
         line=np.concatenate([a.line for a in every]),
         telling=np.concatenate([a.telling for a in every]),
     )

@@ -180,14 +180,15 @@ class _Scales:
         middle = self._middles(poses)
         depth = np.stack([(T @ middle)[:, 2] for T in self.places])
         eye = np.argmax(np.where(depth > 0, self.sizes(poses), 0.0), axis=0)
-        out = [np.empty_like(poses) for _ in _ASIDE[::every]]
+        out = [poses.copy() for _ in _ASIDE[::every]]
         for e, (T, fields) in enumerate(zip(self.places, self._fields, strict=True)):
             own = np.flatnonzero(eye == e)
             seen, camera = composed(T, poses[own]), fields[0].camera
             size = self.sizes(poses[own])[e] / fields[0].reduction
             for moved, aside in zip(out, _ASIDE[::every], strict=True):
                 there = composed(T.inv, turned(self.aspects, camera, seen, size[:, None] * aside))
-                moved[own] = np.where(np.isfinite(there).all(axis=1, keepdims=True), there, poses[own])
+                seen_there = np.isfinite(there).all(axis=1)
+                moved[own[seen_there]] = there[seen_there]
         return out
 
     def sizes(self, poses: Array) -> Array:

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self, TypedDict
+from typing import Any, Self
 
 import numpy as np
 
@@ -53,12 +53,6 @@ _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_d
 COLUMNS = ("frame", "files", "found", "quality", "how", *_POSE, *_SIGMAS)
 
 
-class _How(TypedDict):
-    freedom: Freedom
-    velocity: bool
-    texture: bool
-
-
 def track_part_to_log(
     log: TrackLog | str | os.PathLike[str],
     part: Part,
@@ -77,14 +71,19 @@ def track_part_to_log(
     white, as where brighter pictures were added to those it is found from.
     """
     expect(frames, "frames", Frames)
-    if not isinstance(log, TrackLog):
-        expect_path(log, "log")
-        how: _How = {"freedom": freedom, "velocity": velocity, "texture": texture}
-        with TrackLog.open(log, head_of(part, frames.viewpoints, start, **how)) as opened:
-            yield from track_part_to_log(opened, part, frames, start, **how)
-        return
-    rest, there, steps = iter(frames), list(log.entries), log.steps()
     tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
+    if isinstance(log, TrackLog):
+        yield from _tracked(log, tracker, frames)
+        return
+    expect_path(log, "log")
+    head = head_of(part, frames.viewpoints, start, freedom=freedom, velocity=velocity, texture=texture)
+    with TrackLog.open(log, head) as opened:
+        yield from _tracked(opened, tracker, frames)
+
+
+def _tracked(log: TrackLog, tracker: Tracker, frames: Frames) -> Iterator[tuple[Frame, dict[str, Any]]]:
+    """Yield each frame with its line in an open log, as `track_part_to_log`."""
+    rest, there, steps = iter(frames), list(log.entries), log.steps()
     for entry, step in zip(there, steps, strict=True):
         frame = next(rest, None)
         if frame is None:

@@ -109,15 +109,7 @@ def track_part(
 class Tracker:
     """Tracks a part frame by frame; arguments as for `track_part`."""
 
-    def __init__(
-        self,
-        part: Part,
-        start: Rigid | None = None,
-        *,
-        freedom: Freedom = FREE,
-        velocity: bool = True,
-        texture: bool = True,
-    ) -> None:
+    def __init__(self, part: Part, start: Rigid | None, *, freedom: Freedom, velocity: bool, texture: bool) -> None:
         expect(part, "part", Part)
         expect_motion(start, "start", optional=True)
         if freedom is not FREE and start is None:

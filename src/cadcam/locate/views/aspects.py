@@ -18,11 +18,10 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids
-from cadcam.locate.views.drawing import FILLED, SIZE, Drawer
+from cadcam.locate.views.drawing import FILLED, GOLDEN, SIZE, Drawer
 from cadcam.render.view import Scene
 
 DIRECTIONS = 400
-_GOLDEN = 0.6180339887498949
 # Distances, in radii of the part, at which aspects are made: a geometric series. Beyond the last one perspective hardly
 # changes what is visible.
 _NEAREST, _FARTHEST, _STEP = 1.3, 5.2, 2.0
@@ -34,24 +33,18 @@ class Aspect:
     """Samples of the edges that are visible from one viewpoint, ordered so that any first n are spread as all are.
 
     direction (3,): unit vector from the part's centre to the eye, and distance (mm), in the part frame. places (N,),
-    structured (`native.fields.PLACE`), spread evenly: p (3,) mm and unit tangent (3,) in the part frame, weight. chain
-    (N,): feature chain (edge), -1 on contours; line (N,): consecutive numbers, from 0, of the edges and contours that
-    the samples lie on. telling (N,): as places, but most of them where they tell the pose best. length: of all visible
-    edges as seen from there, in units of the part's diameter.
+    structured (`native.fields.PLACE`), spread evenly: p (3,) mm and unit tangent (3,) in the part frame, weight. line
+    (N,): consecutive numbers, from 0, of the edges and contours that the samples lie on. telling (N,): as places, but
+    most of them where they tell the pose best. length: of all visible edges as seen from there, in units of the part's
+    diameter.
     """
 
     direction: Array
     distance: float
     places: npt.NDArray[np.void]
-    chain: Ids
     line: Ids
     telling: npt.NDArray[np.void]
     length: float
-
-    def recoverable(self, n_chains: int) -> Array:
-        """Return the share (n_chains,) of this aspect's visible length that each edge of the part has."""
-        own = self.chain[self.chain >= 0]
-        return np.bincount(own, minlength=n_chains) / max(len(self.chain), 1)
 
 
 class Aspects:
@@ -110,7 +103,7 @@ class Aspects:
             distance = self.radius * _NEAREST * _STEP**step
             for number, shown in zip(numbers, self._drawer.draw(self.net[numbers], distance), strict=True):
                 length = shown.length / (FILLED * SIZE)
-                self._made[number, step] = Aspect(self.net[number], distance, *shown[:4], length)
+                self._made[number, step] = Aspect(self.net[number], distance, *shown[:3], length)
                 made()
 
     @cached_property
@@ -121,7 +114,7 @@ class Aspects:
 def sphere_net(n: int) -> Array:
     """Return n unit vectors (n, 3) spread evenly: a Fibonacci spiral (A. Gonzalez, Math. Geosciences 42, 2010)."""
     k = np.arange(n) + 0.5
-    z, turn = 1 - 2 * k / n, 2 * math.pi * _GOLDEN * k
+    z, turn = 1 - 2 * k / n, 2 * math.pi * GOLDEN * k
     across = np.sqrt(1 - z * z)
     return np.stack([across * np.cos(turn), across * np.sin(turn), z], axis=1)
 

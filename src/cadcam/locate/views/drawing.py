@@ -33,15 +33,14 @@ _BATCH = 16  # pictures for which samples are chosen at once
 _SHORTEST = 0.004  # of the picture size: lines with a shorter visible length get no sample
 _CHOSEN = 0.6  # share of the telling samples that lie where they tell the pose best, not evenly
 _BEND_PX = 0.1  # tolerance to which a polyline may be simplified
-_GOLDEN = 0.6180339887498949
-_RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * _GOLDEN)[0]))  # any first n are spread evenly
+GOLDEN = (math.sqrt(5) - 1) / 2  # the fractional parts of its first n multiples are spread evenly, whatever n is
+_RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * GOLDEN)[0]))  # any first n are spread evenly
 
 
 class ShownEdges(NamedTuple):
-    """The edges visible in one view: places, chain, line, telling (N,) as in `Aspect`, and the total length in px."""
+    """The edges visible in one view: places, line, telling (N,) as in `Aspect`, and the total length in px."""
 
     places: npt.NDArray[np.void]
-    chain: Ids
     line: Ids
     telling: npt.NDArray[np.void]
     length: float
@@ -99,12 +98,11 @@ class Drawer:
         """Return samples of the lines of one picture; the pieces of a line must be consecutive."""
         if not len(line):
             none = np.zeros(0, PLACE)
-            return ShownEdges(none, np.zeros(0, np.int32), np.zeros(0, np.int32), none, 0.0)
+            return ShownEdges(none, np.zeros(0, np.int32), none, 0.0)
         places, k = steps.sampled(steps.length, depth)
         telling, _ = steps.sampled(self._design(steps, depth), depth)
-        chain = np.where(line < self._contours, line, -1)[k].astype(np.int32)
         numbers = np.unique(line[k], return_inverse=True)[1].ravel().astype(np.int32)
-        return ShownEdges(places, chain, numbers, telling, float(steps.length.sum()))
+        return ShownEdges(places, numbers, telling, float(steps.length.sum()))
 
     def _design(self, steps: _Steps, depth: Array) -> Array:
         """Return the share (N,) of samples that each piece gets, most of them by what it tells of the pose.
