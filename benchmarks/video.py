@@ -38,9 +38,12 @@ LIMIT = (4.0, 2.0)  # tea box: its sides bulge, left and right reference poses d
 _AGREEMENT = """\
 ## Agreement with the reference
 
-Distance of the part's centre, and angle, from the reference (ViSP's pose polished by an edge fit); *within*: share of
-frames inside the limit. First the poses of single frames, by edges and by print learned in earlier frames; in the row
-below the filtered ones, by all frames so far. *edges*: the same without print (`--no-print`). CPU ms: a frame.
+Distance of the part's centre, and angle, from the reference (ViSP's pose polished by an edge fit).
+
+- *within*: share of frames inside the limit. *CPU ms*: a frame.
+- First row: the poses of single frames, by edges and by print learned in earlier frames.
+- *filtered*: those by all frames so far.
+- *edges*: the same without print (`--no-print`).
 
 | video | start | frames | found | ways | mm median / p90 / max | deg median / p90 / max | within | CPU ms |
 |---|---|---|---|---|---|---|---|---|"""
@@ -52,9 +55,9 @@ How well the references agree with each other, ViSP's own pose against that poli
 _STRAIGHTENED = """
 ## Whose error is it?
 
-The straightened reference: each frame's reference pose is moved, as little as possible, to where the print of frames 1
-to 12 apart agrees (`straightened` in benchmarks/video_print.py; it uses no edges and none of our poses). That removes
-the reference's errors of single frames and leaves those that all frames share. Distances from it:
+The straightened reference moves each frame's reference pose, as little as possible, to where the print of frames 1 to
+12 apart agrees. It uses no edges and none of our poses (`straightened` in benchmarks/video_print.py). That removes the
+reference's errors of single frames and leaves those that all frames share. Distances from it:
 
 | video | poses | mm median / p90 / max | deg median / p90 / max | within |
 |---|---|---|---|---|"""
@@ -66,9 +69,9 @@ The frames in which ours are beyond the limit from the reference, and how far ea
 _PRINT = """
 ## Motion from frame to frame, judged by print alone
 
-The motion that makes the print of two frames agree best (benchmarks/video_print.py, no edges), against the motion that
-the poses state. Errors that both frames share do not show. Every second frame begins a pair. Ours follow the same
-print, so they have to do well here; edges and references do not.
+The table compares the motion that the poses state with the one that makes the print of two frames agree best
+(benchmarks/video_print.py, no edges). Every second frame begins a pair. Errors that both frames share do not show. Ours
+follow the same print, so they have to do well here; edges and references do not.
 
 | video | frames apart | poses | pairs | mm median / p90 | deg median / p90 |
 |---|---|---|---|---|---|"""
@@ -83,19 +86,22 @@ The second difference of the part's centre from frame to frame, stated as the st
 _STEREO = """
 ## Left against right
 
-Left and right tracked each by itself, both poses brought into the left camera by the published mount: how far they
-differ. ViSP tracked both cameras together, so its two poses are one. The right picture's border cuts the box off; what
-is left of its bulging edges turns the poses of edges and reference.
+Left and right are tracked each by itself, and both poses brought into the left camera by the published mount. The table
+says how far they differ. ViSP tracked both cameras together, so its two poses are one. The right picture's border cuts
+the box off; what is left of its bulging edges turns the poses of edges and reference.
 
 | poses | mm median / p90 / max | deg median / p90 / max |
 |---|---|---|"""
 _TRIANGLE = """
 ## A wooden triangle, half hidden
 
-m3t_triangle, partly behind a bottle, from the published pose (good to 1 to 3 px) and from none. *lines*: median
-distance of the model's lines from the photo's edges. So few of its lines are visible that they prove hardly more than
-any fit would; its green on a black and white cloth makes up for that. Without a start it is not found: lines of the
-cloth fit better than the few of the part, but they run through corners of chequers and are not believed.
+m3t_triangle stands partly behind a bottle. It starts from the published pose (good to 1 to 3 px) and from none.
+*lines*: median distance of the model's lines from the photo's edges.
+
+- With a start it is found. So few of its lines are visible that they prove hardly more than any fit would; its green on
+  a black and white cloth makes up for that.
+- Without a start it is not found. Lines of the cloth fit better than the few of the part, but they run through corners
+  of chequers and are not believed.
 
 | photo | start | found | quality | mm from published | deg | lines, px (published pose) | CPU ms |
 |---|---|---|---|---|---|---|---|"""

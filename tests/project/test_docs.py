@@ -28,6 +28,25 @@ def test_every_path_named_exists(document: Path) -> None:
     assert not missing
 
 
+@pytest.mark.parametrize("document", DOCUMENTS, ids=lambda p: str(p.relative_to(ROOT)))
+def test_every_heading_linked_to_exists(document: Path) -> None:
+    links = re.findall(r"\]\(([^)#\s]*)#([^)\s]+)\)", document.read_text())
+    pages = [((document.parent / page) if page else document, anchor) for page, anchor in links if "://" not in page]
+    missing = [f"{p.name}#{a}" for p, a in pages if p.suffix == ".md" and a not in anchors(p.read_text())]
+    assert not missing
+
+
+def anchors(text: str) -> set[str]:
+    """Return what GitHub calls the headings: lower case, without punctuation, hyphens for spaces."""
+    prose = re.sub(r"^```.*?^```", "", text, flags=re.MULTILINE | re.DOTALL)
+    heads = [re.sub(r"\[([^]]*)\]\([^)]*\)", r"\1", h) for h in re.findall(r"^#+ +(.+?) *$", prose, flags=re.MULTILINE)]
+    return {re.sub(r"[^\w -]", "", h.lower()).replace(" ", "-") for h in heads}
+
+
+def test_anchors_are_those_of_github() -> None:
+    assert anchors("# A `b_c`, 2.5 px\n```sh\n# no heading\n```\n## [D](e.md): f") == {"a-b_c-25-px", "d-f"}
+
+
 def test_every_page_is_listed_in_the_index_of_the_documentation() -> None:
     """And the front page leads to the index."""
     folder = ROOT / "docs"

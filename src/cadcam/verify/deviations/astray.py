@@ -36,7 +36,7 @@ from cadcam.verify.edges.survey import Survey
 # as all of these together an edge is astray that is seen wholly, beside even ground; how many times as often as that
 # one beside uneven ground, and one seen in part; and the offset for which this holds. At twice the offset, edges seen
 # wholly are astray a quarter as often and those seen in part half as often, until another line of the photo is likelier
-# (2872 edges in photographs of a block under a lamp; docs/benchmarks/verify.md).
+# (2872 edges in photographs of a block under a lamp; docs/benchmarks/verify-tried.md).
 _USUAL, _BELIEVED = 0.02, 50
 _SELDOM, _OFTEN, _IN_PART = 0.3, 10.0, 2.0
 _WHOLLY = 0.9  # share of the distinguishable places of an edge from which it is seen wholly
