@@ -61,7 +61,9 @@ def samples(part: Part, camera: Camera, camera_from_part: Rigid) -> Samples:
     _, piece = np.unique(np.column_stack([line, count // PIECE]), axis=0, return_inverse=True)
     margin = REACH + 1
     inside = ((q > margin) & (q < np.array(camera.size) - 1 - margin)).all(axis=1) & (length > 0)
-    return Samples(q[inside], normal[inside], p[inside], piece.ravel()[inside], lines.chain[line[inside]])
+    return Samples(
+        q[inside], normal[inside], p[inside], piece.ravel()[inside].astype(np.int32), lines.chain[line[inside]]
+    )
 
 
 def _along(lines: Polylines, camera_from_part: Rigid) -> tuple[Array, Ids]:

@@ -168,7 +168,7 @@ def covered(name: str, pose: Rigid) -> Mask:
 def outlines_apart(one: Mask, other: Mask) -> float:
     """Return the mean distance (px) of the outlines of two regions."""
     border = (other ^ np.roll(other, 1, axis=0)) | (other ^ np.roll(other, 1, axis=1))
-    return float((one ^ other).sum() / max(border.sum(), 1))
+    return float((one ^ other).sum() / max(int(border.sum()), 1))
 
 
 @dataclass(frozen=True)

@@ -165,7 +165,7 @@ def wrong(photos: PhotoSet, others: Sequence[PhotoSet], rng: np.random.Generator
             yield Asked("start turned over", part, photo, start, truth)
         for axis in np.eye(3):
             share = rng.choice([-1, 1]) * rng.uniform(0.03, 0.06)
-            other = stretched_part(part, 1 + share * axis)
+            other = stretched_part(part, (1 + share * axis).tolist())
             if not explained(case, other, photos.camera):
                 yield Asked("model 3 to 6 % longer or shorter", other, photo, truth, None)
         for other_set in others[:2]:

@@ -17,7 +17,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.calibrate.measure.points import METHODS, Method, measure_points
 from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.camera import Camera
@@ -50,7 +50,7 @@ def matched(folder: Path) -> tuple[Array, Array]:
     return dots, q
 
 
-def grown(dots: Array, spots: Array, expected: Array) -> tuple[Array, Array]:
+def grown(dots: Array, spots: Array, expected: Array) -> tuple[Longs, Mask]:
     """Return each dot's spot and whether it has one, from a rough expectation, by linear transforms in turns."""
     for radius in RADII:
         distance = np.linalg.norm(expected[:, None] - spots, axis=-1)

@@ -25,7 +25,7 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Ids, Mask
 from cadcam.cad.edges import EdgeKind, feature_edges
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shipblock import ship_block
@@ -79,7 +79,7 @@ def judge(mesh: Mesh, p: Array, eye: Array, tolerance: Array) -> Mask:
     return np.asarray(module.seen(mesh.vertices, mesh.faces, p, eye, tolerance))
 
 
-def at_random(lines: Polylines, n: int, rng: np.random.Generator) -> tuple[Array, Array]:
+def at_random(lines: Polylines, n: int, rng: np.random.Generator) -> tuple[Array, Ids]:
     """Return points (n, 3) spread evenly over the lines' length in the picture, and the kind of the line of each."""
     line = lines.line_of_point
     step = np.flatnonzero(line[1:] == line[:-1])

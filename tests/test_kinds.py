@@ -44,6 +44,11 @@ class Things(NamedTuple):
     pattern: Any
 
 
+def _added_as_a_list(record: cadcam.Record) -> None:
+    with cadcam.open_store(":memory:") as store:
+        store.add([record])
+
+
 @pytest.fixture(scope="module")
 def things() -> Things:
     mesh = machined_bracket()
@@ -346,7 +351,7 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
         "placement is a list of 1.*a Placement",
     ),
     "records, list": (
-        lambda t: cadcam.open_store(":memory:").add([cadcam.Record("part")]),
+        lambda t: _added_as_a_list(cadcam.Record("part")),
         r"records\[0\] is a list of 1; expected a Record: one by one: store.add\(\*records\)",
     ),
     "record, pose": (lambda t: cadcam.Record("part", pose=t.pose), "pose of a record is a Rigid.*a PoseEstimate"),
@@ -419,11 +424,12 @@ def test_no_public_thing_is_told_by_its_address(things: Things, tmp_path: Path) 
     renderers = [cadcam.open_renderer(things.scene, name) for name in ("raster", "ray")]
     cadcam.write_picture(tmp_path / "1.png", PICTURE)
     values = [*renderers, cadcam.Photographer(things.scene, renderer="ray"), cadcam.Template(PICTURE)]
-    values += [cadcam.open_store(tmp_path / "store.db"), cadcam.Frames([tmp_path], [things.photo.viewpoint])]
-    for value in values:
-        assert repr(value).startswith(f"{type(value).__name__}(")
-        assert " at 0x" not in repr(value)
-        assert len(repr(value)) < 400
+    with cadcam.open_store(tmp_path / "store.db") as store:
+        values += [store, cadcam.Frames([tmp_path], [things.photo.viewpoint])]
+        for value in values:
+            assert repr(value).startswith(f"{type(value).__name__}(")
+            assert " at 0x" not in repr(value)
+            assert len(repr(value)) < 400
     for name in cadcam.__all__:
         kind = getattr(cadcam, name)
         assert not isinstance(kind, type) or kind.__repr__ is not object.__repr__, f"{name}: give it a repr"

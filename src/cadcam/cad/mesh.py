@@ -262,7 +262,7 @@ def compacted(mesh: Mesh) -> Mesh:
     used = used_vertices(mesh)
     if used.all():
         return mesh
-    number = np.cumsum(used) - 1
+    number = np.cumsum(used, dtype=np.int32) - 1
     return replace(mesh, vertices=mesh.vertices[used], faces=number[mesh.faces])
 
 

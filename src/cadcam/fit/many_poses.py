@@ -65,7 +65,7 @@ class TwoPoses:
     translation: Array
     sum_of_squares: Array
 
-    def chosen(self, which: Array) -> Rigid:
+    def chosen(self, which: Longs) -> Rigid:
         """Return camera_from_target (n) with pose 0 or 1 of each view by `which` (n,)."""
         rows = np.arange(len(which))
         return Rigid(self.rotation[rows, which], self.translation[rows, which])

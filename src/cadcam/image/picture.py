@@ -151,7 +151,7 @@ def covering(picture: npt.ArrayLike, size: tuple[int, int], place: tuple[float, 
     width, height = scale * size[0], scale * size[1]
     x, y = place[0] * (rgb.shape[1] - width), place[1] * (rgb.shape[0] - height)
     cut = Image.fromarray(rgb).resize(size, Image.Resampling.BILINEAR, box=(x, y, x + width, y + height))
-    return np.asarray(np.asarray(cut), np.float32) / np.float32(255)
+    return np.asarray(np.asarray(cut, np.float32) / np.float32(255), np.float32)
 
 
 def decoded_jpeg(data: bytes) -> Picture:
@@ -159,7 +159,7 @@ def decoded_jpeg(data: bytes) -> Picture:
     from PIL import Image
 
     with Image.open(io.BytesIO(data)) as image:
-        return np.asarray(np.asarray(image), np.float32) / np.float32(255)
+        return np.asarray(np.asarray(image, np.float32) / np.float32(255), np.float32)
 
 
 def checked(picture: npt.ArrayLike) -> Picture:
@@ -181,7 +181,7 @@ def checked(picture: npt.ArrayLike) -> Picture:
     if given.dtype == np.uint16:
         _refuse_unknown_white(given)
     if given.dtype in (np.uint8, np.uint16):
-        return values / np.float32(np.iinfo(given.dtype).max)
+        return np.asarray(values / np.float32(np.iinfo(given.dtype).max), np.float32)
     darkest, brightest = values.min(), values.max()  # NaN where any number is
     if not (np.isfinite(darkest) and np.isfinite(brightest)):
         raise BadValue("picture", "not finite at " + first_pixel(~np.isfinite(values)), "finite values")

@@ -195,7 +195,7 @@ def refuse_gross_errors(
     )
 
 
-def consistent_choice(base_from_flange: Rigid, candidates: Rigid, costs: Array, dof: Array) -> Array:
+def consistent_choice(base_from_flange: Rigid, candidates: Rigid, costs: Array, dof: Array) -> Longs:
     """Return which (n,) of two camera poses (n, 2) fits the robot: 0, or 1 where a flat target's second fits better.
 
     candidates: poses (n, 2) of either direction. costs (n, 2): sums of squares of pixels; a second pose that fits its

@@ -13,7 +13,7 @@ from types import MappingProxyType
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Ids, Mask, frozen
 from cadcam.camera.error_source import ErrorSource, distinct_sources, index_of
 from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import Viewpoint
@@ -36,7 +36,7 @@ class Prediction(Brief):
     points: Array
     covariance: Array
     by_cause: Mapping[str, Array]
-    cameras: Array
+    cameras: Ids
 
     def __post_init__(self) -> None:
         n = len(self.points)
@@ -94,7 +94,7 @@ def predict_points(
     by_cause = _causes(sources, columns, found.by_number) | {PIXELS: found.from_pixels}
     if plane is not None and plane_sigma_mm > 0:
         by_cause[HEIGHT] = symmetric(found.covariance @ height @ found.covariance)
-    cameras = shown.sum(axis=0)
+    cameras = shown.sum(axis=0, dtype=np.int32)
     enough = cameras >= (2 if plane is None else 1)
     covariance = np.where(enough[:, None, None], found.covariance, np.nan)
     return Prediction(points, covariance, by_cause, cameras)

@@ -18,7 +18,7 @@ def oriented(gray: Picture, mark: Mark, q: Array, shapes: Array) -> Array:
     dark = np.array([mark.inked(radius * circle) != mark.light for radius in _radii(mark)], np.float64)
     seen = np.concatenate([_ring(gray, q, shapes, radius * circle) for radius in _radii(mark)], axis=1)
     score = np.stack([_agreement(seen, dark, k) for k in range(_SAMPLES)], axis=1)
-    return _turned(shapes, score.argmax(axis=1) * (FULL / _SAMPLES))
+    return _turned(shapes, np.asarray(score.argmax(axis=1) * (FULL / _SAMPLES), np.float64))
 
 
 def read(gray: Picture, like: Mark, q: Array, shapes: Array) -> tuple[list[int | None], Array]:

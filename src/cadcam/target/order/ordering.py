@@ -218,7 +218,7 @@ def _different(found: Judged, ranked: list[int]) -> tuple[Ids, ...]:
 def _alike(a: Ids, b: Ids) -> bool:
     both = (a >= 0) & (b >= 0)
     same = int((a[both] == b[both]).sum())
-    return same == both.sum() or (same > _UNDECIDABLE and 2 * same > min((a >= 0).sum(), (b >= 0).sum()))
+    return same == int(both.sum()) or bool(same > _UNDECIDABLE and 2 * same > min((a >= 0).sum(), (b >= 0).sum()))
 
 
 def _rms(residuals: Array) -> float:

@@ -36,7 +36,7 @@ def rivals(q: Array, plan: MarkPlan, index: Ids, signs: tuple[int, ...], *, fewe
     mark, distance = nearest(places @ np.swapaxes(A, 1, 2) + shift[:, None])
     near = distance < _NEAR**2
     count = near.sum(axis=1)
-    good = np.flatnonzero(count >= max(count.max(initial=0), len(known)) - fewer)
+    good = np.flatnonzero(count >= max(int(count.max(initial=0)), len(known)) - fewer)
     orders = [matched_once(mark[b], np.where(index >= 0, distance[b] - 1.0, distance[b]), near[b]) for b in good]
     return np.unique([index, *orders], axis=0)
 

@@ -184,7 +184,7 @@ def _in_turn(groups: Ids) -> Ids:
 
 def _widest(q: Array, groups: Ids) -> Ids:
     triples = ((0, 1, 2), (0, 1, 3), (0, 2, 3), (1, 2, 3))
-    least = np.min([np.abs(areas(q[groups[:, t]])) for t in triples], axis=0)
+    least = np.asarray(np.min([np.abs(areas(q[groups[:, t]])) for t in triples], axis=0), np.float64)
     order = np.argsort(-least, kind="stable")
     useful = least[order] > _LEAST_AREA * np.prod(np.ptp(q, axis=0)) / len(q)
     return np.asarray(groups[order][useful])

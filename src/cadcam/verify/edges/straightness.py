@@ -44,6 +44,7 @@ def straightness_ratio(mine: Array, others: Array, clutter: float) -> float:
     """
     mine, others = mine[np.isfinite(mine)], others[np.isfinite(others)]
     own = (on_one_line(others).sum() + 1.0) / (len(others) + 2.0)
-    told = np.where(on_one_line(mine), np.log(own / clutter), np.log((1 - own) / (1 - clutter))).sum()
+    straight = on_one_line(mine)
+    told = straight.sum() * np.log(own / clutter) + (~straight).sum() * np.log((1 - own) / (1 - clutter))
     there = np.logaddexp(np.log1p(-_ROUGHER) + told, np.log(_ROUGHER))
     return float(there - np.logaddexp(np.log1p(-_AS_STRAIGHT), np.log(_AS_STRAIGHT) + told))
