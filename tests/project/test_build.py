@@ -6,6 +6,7 @@ import importlib.util
 import subprocess
 import sys
 import textwrap
+import tomllib
 import zipfile
 from pathlib import Path
 from types import ModuleType
@@ -135,3 +136,15 @@ def test_its_absence_can_be_made_an_error(backend: ModuleType, monkeypatch: pyte
     monkeypatch.setenv("CADCAM_NATIVE", "require")
     with pytest.raises(SystemExit, match="cannot be built: no C compiler works"):
         backend.build_wheel(str(tmp_path))
+
+
+def test_the_oldest_releases_to_try_are_those_that_are_admitted() -> None:
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = project["optional-dependencies"]
+    needed = project["dependencies"] + [need for name in extras if name != "dev" for need in extras[name]]
+    admitted = dict(need.split(">=") for need in needed)
+    lines = (ROOT / "tests/project/oldest.txt").read_text().splitlines()
+    tried = dict(line.split("==") for line in lines if not line.startswith("#"))
+    assert sorted(tried) == sorted(admitted)
+    for name, bound in admitted.items():
+        assert f"{tried[name]}.".startswith(f"{bound}."), f"{name}: {tried[name]} is tried, {bound} admitted"
