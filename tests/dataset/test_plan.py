@@ -16,8 +16,10 @@ from cadcam.files.camera import write_camera
 from cadcam.files.poses import write_poses
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
+from cadcam.image.sensor.light import PixelAspect
+from cadcam.image.sensor.sensor import Sensor
 
-from .sets import CAMERA
+from .sets import CAMERA, plan
 
 FULL = """
 views: 12
@@ -143,3 +145,17 @@ def test_key_points_that_cannot_be_read_are_named_by_line(here: Path, text: str,
     (here / "bad.csv").write_text(text)
     with pytest.raises(CadcamError, match=f"bad.csv: .*{message}"):
         read_plan(None, {"key_points": "bad.csv"})
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"sensor": Sensor(pixel_aspect=PixelAspect(2.0))}, "pixel_aspect of the sensor is given; expected none, which"),
+        ({"backgrounds": ("photo.png",)}, "background is 'photo.png'; expected plain, noise, or a photo as a path"),
+    ],
+)
+def test_what_would_part_pictures_from_their_labels_or_be_no_background_is_refused(
+    wrong: dict[str, Any], message: str
+) -> None:
+    with pytest.raises(CadcamError, match=message):
+        plan(**wrong)

@@ -120,6 +120,12 @@ class DatasetPlan(Brief):
             raise BadValue("off_centre", self.off_centre, "a share of the picture's shorter side, 0 to 1")
         if not self.backgrounds:
             raise BadValue("background", "empty", f"{PLAIN}, {NOISE} or a folder of photos")
+        for word in self.backgrounds:
+            if isinstance(word, str) and word not in (PLAIN, NOISE):
+                raise BadValue("background", repr(word), f"{PLAIN}, {NOISE}, or a photo as a path: Path({word!r})")
+        if self.sensor is not None and self.sensor.pixel_aspect is not None:
+            right = "none, which would leave the labels beside their pictures: a camera's fx and fy hold it"
+            raise BadValue("pixel_aspect of the sensor", "given", right)
         if not 1 <= self.samples <= 4:
             raise BadValue("samples", self.samples, "1 to 4: n x n rays a pixel")
 
