@@ -110,3 +110,10 @@ def test_an_interruption_says_that_the_same_command_goes_on(
     ran = cadcam("dataset", job / "block.obj", "-o", job / "set", "--views", "1", *SMALL)
     assert ran.code == 130
     assert "cadcam dataset: interrupted; the same command goes on where it was" in ran.err
+
+
+def test_a_picture_far_wider_than_high_has_its_tile(cadcam: Cadcam, job: Path) -> None:
+    words = ("dataset", job / "block.obj", "-o", job / "set", "--views", "1", "--workers", "1")
+    ran = cadcam(*words, "--size", "2000x4")
+    assert ran.code == 0, ran.err
+    assert read_picture(job / "set/contact.png").shape == (1, 500, 3)

@@ -53,12 +53,12 @@ def test_each_picture_is_what_it_would_be_alone(
 def test_depth_has_one_step_in_all_pictures(cadcam: Cadcam, job: Path, words: tuple[str | Path, ...]) -> None:
     write_poses(job / "poses.csv", POSES | {"far": Rigid.look_at([0, -2000, 0], [30, 20, 10])})
     ran = cadcam(*words, "--channel", "depth", "-o", job / "out" / "{index:02d}.png", "--json")
-    assert {one["depth_mm_per_step"] for one in ran.json["written"]} == {0.1}
+    assert {one["depth_mm_per_step"] for one in ran.json["written"]} == {0.05}
     for index, one in ((0, ran.json["written"][0]), (3, ran.json["written"][3])):
         picture, info = read_picture_with_info(job / "out" / f"{index:02d}.png")
         assert info.bits == 16
         low, high = np.round(65535 * picture[picture > 0].astype(float)).min(), np.round(65535 * picture.max())
-        assert [low * 0.1, high * 0.1] == pytest.approx(one["depth_mm"], abs=0.051)
+        assert [low * 0.05, high * 0.05] == pytest.approx(one["depth_mm"], abs=0.026)
 
 
 def test_what_is_there_is_kept_unless_asked(cadcam: Cadcam, job: Path, words: tuple[str | Path, ...]) -> None:

@@ -93,3 +93,13 @@ def test_what_cannot_be_done_is_said(
     assert ran.code == 2
     assert message in ran.err
     assert not (job / "a.png").exists()
+
+
+def test_the_size_told_is_that_of_the_picture_in_oblong_pixels(cadcam: Cadcam, job: Path) -> None:
+    profile = {"format": "cadcam sensor", "version": 1, "name": "oblong", "pixel_aspect": {"ratio": 2.0}}
+    (job / "oblong.json").write_text(json.dumps(profile))
+    words = ("render", job / "block.obj", "--camera", job / "camera.json", "--sensor", job / "oblong.json")
+    ran = cadcam(*words, "-o", job / "seen.png")
+    assert read_picture(job / "seen.png").shape[:2] == (240, 160)
+    assert "(160 x 240 px)" in ran.err
+    assert cadcam(*words, "-o", job / "seen.png", "--json").json["size_px"] == [160, 240]

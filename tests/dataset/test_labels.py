@@ -7,11 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cadcam.cad.parts.shape import box
+from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.dataset.plan import Occluders
 from cadcam.dataset.view_renderer import ABSENT, HIDDEN, VISIBLE, LabelledView
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.presets import PRESETS
+from cadcam.locate.views.view_range import ViewRange
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Channel
 
@@ -171,10 +174,9 @@ def test_topics_draw_apart_from_each_other() -> None:
 
 
 def test_poses_keep_to_their_range() -> None:
-    from cadcam.locate.views.view_range import ViewRange
-
     around = ViewRange(np.array([1.0, 0, 0]), 30.0, np.array([0.0, 0, 1.0]), 10.0, (300.0, 400.0))
-    made = plan(200, around=around, off_centre=0.0, occluders=Occluders())
+    centred = Camera.from_focal((96, 72), 110.0)
+    made = plan(200, camera=centred, around=around, off_centre=0.0, occluders=Occluders())
     sampler = inputs_and_sampler(made)[1]
     cosines, rolls = [], []
     for index in range(200):
@@ -187,3 +189,52 @@ def test_poses_keep_to_their_range() -> None:
     assert np.quantile(cosines, 0.5) == pytest.approx(1 - (1 - np.cos(np.radians(30))) / 2, abs=0.02)
     assert max(np.abs(rolls)) <= 10 + 1e-9
     assert np.std(rolls) == pytest.approx(20 / np.sqrt(12), rel=0.15)
+
+
+@pytest.mark.parametrize(
+    "camera",
+    [
+        Camera((96, 72), np.array([[110.0, 4.0, 170.0], [0.0, 95.0, -40.0], [0.0, 0.0, 1.0]])),
+        Camera((96, 72), np.array([[110.0, 0.0, 60.0], [0.0, 110.0, 20.0], [0.0, 0.0, 1.0]]), BrownConrady(k1=-0.2)),
+    ],
+    ids=["cut out of a larger picture", "lens"],
+)
+def test_the_part_is_near_the_picture_s_middle_seen_from_where_it_was_asked(camera: Camera) -> None:
+    """The middle of the picture is not the camera's axis: neither in a cut-out, nor wherever the part is off centre."""
+    around = ViewRange(np.array([1.0, 0, 0]), 30.0, np.array([0.0, 0, 1.0]), 10.0, (300.0, 400.0))
+    made = plan(100, camera=camera, around=around, off_centre=0.2, occluders=Occluders(), centre_jitter_px=1.0)
+    sampler = inputs_and_sampler(made)[1]
+    off = []
+    for index in range(100):
+        shot = sampler.shot(index)
+        off.append(shot.camera.project(shot.camera_from_part @ sampler.middle) - (np.array(camera.size) - 1) / 2)
+        eye = shot.camera_from_part.origin - sampler.middle
+        assert 300 - 1e-9 <= np.linalg.norm(eye) <= 400 + 1e-9
+        assert around.allows(eye / np.linalg.norm(eye))
+    most = 0.2 * 72
+    assert np.abs(off).max() <= most + 1e-6  # the inverse of a lens is exact to less
+    assert np.abs(off).max(axis=0) == pytest.approx([most, most], rel=0.1)
+
+
+def test_where_a_lens_images_nothing_the_part_is_not_aimed() -> None:
+    """A lens of small valid radius: what is asked for beyond it is at the middle."""
+    camera = Camera((96, 72), np.array([[110.0, 0, 47.5], [0, 110.0, 35.5], [0, 0, 1]]), BrownConrady(k1=-1.5))
+    assert np.isnan(camera.unproject([95.0, 35.5])).any()
+    sampler = inputs_and_sampler(plan(40, camera=camera, off_centre=1.0, occluders=Occluders()))[1]
+    for index in range(40):
+        assert np.isfinite(camera.project(sampler.shot(index).camera_from_part @ sampler.middle)).all()
+
+
+def test_no_occluder_is_deeper_than_depths_are_counted() -> None:
+    """One of CAD may be far larger than the part; of a part far beside the axis it is deeper, too."""
+    large = Occluders((3, 3), shapes=(), meshes=(box([-400.0] * 3, [400.0] * 3, name="crate"),))
+    beside = Rigid(np.eye(3), np.array([3000.0, 0.0, 2500.0]))
+    for poses in ((), (beside,)):
+        made = plan(60, poses=poses, occluders=large, around=ViewRange(distance_mm=(3000.0, 3000.0)))
+        inputs, sampler = inputs_and_sampler(made)
+        corners = inputs.props[0].scene.mesh.vertices
+        placed = [at.camera_from_occluder for index in range(60) for at in sampler.shot(index).occluders]
+        deepest = max((pose @ corners)[:, 2].max() for pose in placed)
+        assert len(placed) > 30
+        assert deepest <= sampler.farthest()
+        assert not poses or deepest > 2500.0 + sampler.radius

@@ -10,14 +10,18 @@ import pytest
 
 from cadcam.cad.parts.shape import box
 from cadcam.cad.write import write_model
+from cadcam.dataset.make import make_dataset
+from cadcam.dataset.plan import Occluders
 from cadcam.dataset.plan_file import read_plan
-from cadcam.errors import CadcamError
+from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.camera import write_camera
 from cadcam.files.poses import write_poses
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
+from cadcam.image.sensor.light import PixelAspect
+from cadcam.image.sensor.sensor import Sensor
 
-from .sets import CAMERA
+from .sets import CAMERA, plan, scene
 
 FULL = """
 views: 12
@@ -143,3 +147,30 @@ def test_key_points_that_cannot_be_read_are_named_by_line(here: Path, text: str,
     (here / "bad.csv").write_text(text)
     with pytest.raises(CadcamError, match=f"bad.csv: .*{message}"):
         read_plan(None, {"key_points": "bad.csv"})
+
+
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    [
+        ({"sensor": Sensor(pixel_aspect=PixelAspect(2.0))}, "pixel_aspect of the sensor is given; expected none"),
+        ({"gray": "no"}, "gray is"),
+        ({"key_points": np.zeros((1, 2)), "key_point_names": ("a",)}, "key_points"),
+        ({"key_points": np.full((1, 3), np.nan), "key_point_names": ("a",)}, "key_points"),
+        ({"key_points": np.zeros((1, 3)), "key_point_names": ("a", "b")}, "is 2 names; expected one for each of 1 p"),
+        ({"key_points": np.zeros((1, 3))}, "key_point_names is 0 names; expected one for each of 1 points"),
+        ({"backgrounds": ("photo.png",)}, "background is 'photo.png'; expected plain, noise, or a photo as a path"),
+    ],
+)
+def test_what_no_picture_or_label_could_be_made_of_is_refused(wrong: dict[str, Any], message: str) -> None:
+    with pytest.raises(CadcamError, match=message):
+        plan(**wrong)
+
+
+def test_a_shape_of_occluders_that_is_none_is_refused() -> None:
+    with pytest.raises(UnknownName, match="unknown occluder shape 'bax'; did you mean 'box'"):
+        Occluders((0, 1), shapes=("bax",))
+
+
+def test_a_photo_that_is_not_there_is_one_error(tmp_path: Path) -> None:
+    with pytest.raises(UnreadableFile, match=r"lost\.png: No such file"):
+        make_dataset(tmp_path / "set", scene(), plan(1, backgrounds=(tmp_path / "lost.png",)), workers=1)

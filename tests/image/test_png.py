@@ -14,7 +14,7 @@ from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, MissingCore
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.png import packed, packed_depth, packed_normals
+from cadcam.image.png import DEEPEST, depth_step, packed, packed_depth, packed_normals
 from cadcam.native import core
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Channel, Scene
@@ -113,3 +113,11 @@ def test_depth_beyond_what_16_bits_hold_is_the_most_they_hold() -> None:
 def test_what_is_no_picture_is_refused(samples: np.ndarray) -> None:
     with pytest.raises(BadValue, match="samples"):
         packed(samples)
+
+
+@pytest.mark.parametrize("farthest", [2e-4, 0.3, 65.535, 65.536, 810.0, 131070.0, 4e9])
+def test_the_step_of_depths_is_the_finest_round_one_that_holds_them(farthest: float) -> None:
+    """Of parts smaller than a millimetre, too, which steps of whole micrometres would flatten."""
+    step = depth_step(farthest)
+    assert farthest / step <= DEEPEST < farthest / step * 2.5 * (1 + 1e-9)  # round steps differ by 2 or 2.5
+    assert float(f"{step:.0e}") == pytest.approx(step, rel=1e-12)

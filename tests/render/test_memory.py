@@ -95,3 +95,13 @@ def test_a_picture_beyond_memory_is_refused_before_it_is_allocated(
     finally:
         tracemalloc.stop()
     assert most < 2**20
+
+
+def test_files_kept_in_memory_leave_a_container_its_room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The system counts them as used, up to the limit, and drops them when memory is asked for."""
+    monkeypatch.setattr(memory, "_CGROUP", tmp_path)
+    monkeypatch.setattr(memory, "_meminfo", lambda: None)
+    (tmp_path / "memory.max").write_text("1000000\n")
+    (tmp_path / "memory.current").write_text("990000\n")
+    (tmp_path / "memory.stat").write_text("anon 190000\nfile 800000\ninactive_file 500000\nactive_file 200000\n")
+    assert memory.available_bytes() == 10_000 + 700_000

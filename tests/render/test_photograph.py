@@ -316,6 +316,8 @@ def test_the_document_s_lines_run_as_printed():
         (lambda: Light(flash=float("nan")), BadValue, "flash"),
         (lambda: named_light("hal"), UnknownName, "did you mean 'hall'"),
         (lambda: sample_points(0), BadValue, "from 1 to 4096"),
+        (lambda: sample_points(4097), BadValue, "from 1 to 4096"),
+        (lambda: sample_points(float("nan")), BadValue, "samples is nan; expected a whole number from 1 to 4096"),
     ],
 )
 def test_impossible_light_and_lenses_are_refused(make, error, message):

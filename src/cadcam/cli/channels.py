@@ -17,6 +17,7 @@ from cadcam.cli.wires import INK, lines_as_json, style_of
 from cadcam.errors import BadValue, UnknownName
 from cadcam.image.exr import write_exr
 from cadcam.image.picture import write_picture
+from cadcam.image.png import DEEPEST, depth_step
 from cadcam.render import open_renderer
 from cadcam.render.lines.visible import LineDrawer
 from cadcam.render.lines.wireframe import LineOptions, Wireframe
@@ -30,8 +31,6 @@ if TYPE_CHECKING:
 
 Said: TypeAlias = dict[str, Any]  # what the caller should know of a file, as JSON
 
-_DEPTH_STEPS_MM = (0.01, 0.1, 1.0, 10.0, 100.0)
-_DEEPEST = 65535
 _WHITE = (1.0, 1.0, 1.0)
 
 
@@ -138,8 +137,8 @@ def write_depth(path: str, view: View, *, step: float) -> Said:
     elif path.lower().endswith(".exr"):
         write_exr(path, {"Z": view.depth})
     else:
-        steps = np.where(view.mask, np.clip(view.depth / step, 1, _DEEPEST), 0)
-        write_picture(path, (steps / _DEEPEST).astype(np.float32), bits=16)
+        steps = np.where(view.mask, np.clip(view.depth / step, 1, DEEPEST), 0)
+        write_picture(path, (steps / DEEPEST).astype(np.float32), bits=16)
         said["depth_mm_per_step"] = step
     return said
 
@@ -173,20 +172,19 @@ def write_faces(path: str, view: View) -> Said:
     if path.lower().endswith(".npy"):
         _write_npy(path, view.face)
     else:
-        write_picture(path, ((view.face + 1) / _DEEPEST).astype(np.float32), bits=16)
+        write_picture(path, ((view.face + 1) / DEEPEST).astype(np.float32), bits=16)
     return {"seen_pixels": int(view.mask.sum())}
 
 
 def _check_numbers(path: str, faces: int) -> None:
-    if faces > _DEEPEST and not path.lower().endswith(".npy"):
-        raise BadValue("the number of faces", faces, f"at most {_DEEPEST}, which 16 bits hold, or an output .npy")
+    if faces > DEEPEST and not path.lower().endswith(".npy"):
+        raise BadValue("the number of faces", faces, f"at most {DEEPEST}, which 16 bits hold, or an output .npy")
 
 
 def _step_for(scene: Scene, poses: Iterable[Rigid]) -> float:
     """Return the smallest depth step in mm that fits 16 bits for all poses: one for a whole set."""
     box = scene.mesh.box_corners
-    farthest = max(float((pose @ box)[:, 2].max()) for pose in poses)
-    return next((s for s in _DEPTH_STEPS_MM if farthest / s <= _DEEPEST), _DEPTH_STEPS_MM[-1])
+    return depth_step(max(float((pose @ box)[:, 2].max()) for pose in poses))
 
 
 def _write_npy(path: str, array: npt.NDArray[Any]) -> None:

@@ -114,11 +114,15 @@ class Dress:
         return self.write_model(path, model, self._sensor)
 
     def write_model(self, path: str, model: Cutout, sensor: Sensor | None) -> dict[str, Any]:
-        """Write a model on its background as imaged by the sensor; return the number of pixels that show the model."""
+        """Write a model on its background as imaged by the sensor; return the number of pixels that show the model.
+
+        size_px: the picture's size, where the sensor makes it another than the camera's.
+        """
         import numpy as np
 
         from cadcam.image.picture import write_picture
 
+        said: dict[str, Any] = {"seen_pixels": int(np.count_nonzero(model.alpha))}
         if self._background is None:
             write_picture(path, np.clip(model.straight, 0, 1), alpha=model.alpha)
         else:
@@ -127,7 +131,9 @@ class Dress:
             if sensor is not None:  # each file has noise of its own
                 picture = sensor.apply(picture, rng=generator(self._arguments.seed or 0, path))
             write_picture(path, picture)
-        return {"seen_pixels": int(np.count_nonzero(model.alpha))}
+            if picture.shape[1::-1] != model.camera.size:  # a sensor of oblong pixels
+                said["size_px"] = list(picture.shape[1::-1])
+        return said
 
 
 def background(text: str) -> Color | Picture:

@@ -111,12 +111,21 @@ def _plan(plan: DatasetPlan) -> dict[str, Any]:
         "fill": list(plan.fill),
         "off_centre": plan.off_centre,
         "lights": {key: list(span) for key, span in asdict(plan.lights).items()},
-        "backgrounds": [b if isinstance(b, str) else f"{b.name}, {b.stat().st_size} bytes" for b in plan.backgrounds],
+        "backgrounds": list(map(_background, plan.backgrounds)),
         "occluders": {"count": list(plan.occluders.count), "size": list(plan.occluders.size)},
         "sensor": None if plan.sensor is None else sensor_as_json(plan.sensor),
         "samples": plan.samples,
         "gray": plan.gray,
     }
+
+
+def _background(one: str | Path) -> str:
+    if isinstance(one, str):
+        return one
+    try:
+        return f"{one.name}, {one.stat().st_size} bytes"
+    except OSError as error:
+        raise UnreadableFile(one, error.strerror or str(error), "check the path of this background") from None
 
 
 def _hash_of_poses(poses: tuple[Rigid, ...]) -> str | None:

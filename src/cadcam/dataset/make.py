@@ -23,13 +23,13 @@ from cadcam.dataset.model_files import write_model_files
 from cadcam.dataset.plan import DatasetPlan, middle_and_radius
 from cadcam.dataset.processes import cores, on_processes
 from cadcam.dataset.props import props_of
-from cadcam.dataset.record import DEEPEST
 from cadcam.dataset.sheet import contact_sheet
 from cadcam.dataset.shot import ShotSampler
 from cadcam.dataset.view_renderer import ViewInputs
 from cadcam.dataset.worker import Files, Job, Task
 from cadcam.errors import BadValue, MissingCore, UnreadableFile
 from cadcam.files.jsontext import as_json
+from cadcam.image.png import depth_step
 from cadcam.kinds import expect, expect_count
 from cadcam.native.core import library
 from cadcam.render.lines.seen import drawable_edges
@@ -37,7 +37,6 @@ from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 
 _TOGETHER = 8  # shots drawn at a time: between views the processor's caches hold other data
-_STEPS_MM = tuple(m * 10.0**e for e in range(-3, 4) for m in (1, 2, 5))
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,7 +85,7 @@ def make_dataset(
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
     props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
     sampler = ShotSampler(plan, scene, props)
-    inputs = ViewInputs(scene, props, points, plan.sensor, plan.gray, _depth_step(sampler.farthest()))
+    inputs = ViewInputs(scene, props, points, plan.sensor, plan.gray, depth_step(sampler.farthest()))
     begin(folder, head_of(plan, inputs, layout, name=name, key_point_names=names))
     write_model_files(folder, scene)
     write_whole(folder / CAMERA, _bop_camera(plan.camera, inputs))
@@ -183,11 +182,6 @@ def _named(split: str) -> str:
     if not split or set(split) & set("/\\:.\0 ") or split == "models":
         raise BadValue("split", repr(split), "a word that can be a folder's name, such as train, val or test_hall")
     return split
-
-
-def _depth_step(farthest: float) -> float:
-    """Return the smallest round step in mm for which the depth fits in 16 bits."""
-    return next((step for step in _STEPS_MM if farthest / step <= DEEPEST), _STEPS_MM[-1])
 
 
 def _bop_camera(camera: Camera, inputs: ViewInputs) -> bytes:

@@ -13,13 +13,13 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief
+from cadcam.arrays import Array, Brief, frozen
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.sensor import Sensor
-from cadcam.kinds import expect, expect_each, expect_numbers
+from cadcam.kinds import expect, expect_each, expect_known, expect_names, expect_numbers
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 Span: TypeAlias = tuple[float, float]
@@ -61,6 +61,8 @@ class Occluders:
         if not 0 <= low <= high <= 50:
             raise BadValue("occluders", self.count, "(fewest, most), from 0 to 50")
         check_span("occluder_size", self.size, 1e-3, 10.0)
+        for shape in expect_names(self.shapes, "occluder_shapes"):
+            expect_known(shape, "occluder shape", (BOX, CYLINDER))
         if high and not (self.shapes or self.meshes):
             raise BadValue("occluder_shapes", "empty", f"{BOX}, {CYLINDER} or CAD files")
 
@@ -103,6 +105,12 @@ class DatasetPlan(Brief):
         expect(self.sensor, "sensor", Sensor, optional=True)
         object.__setattr__(self, "poses", expect_each(self.poses, "poses", Rigid))
         object.__setattr__(self, "backgrounds", expect_each(self.backgrounds, "backgrounds", str, Path))
+        expect(self.gray, "gray", bool, np.bool_)
+        object.__setattr__(self, "key_point_names", expect_names(self.key_point_names, "key_point_names"))
+        if self.key_points is not None:
+            object.__setattr__(self, "key_points", frozen(self.key_points, "key_points", (None, 3)))
+        if (count := 0 if self.key_points is None else len(self.key_points)) != len(self.key_point_names):
+            raise BadValue("key_point_names", f"{len(self.key_point_names)} names", f"one for each of {count} points")
         expect_numbers(self)
         if not 1 <= self.views <= 10_000_000:
             raise BadValue("views", self.views, "a whole number from 1 to 10 million")
@@ -120,6 +128,12 @@ class DatasetPlan(Brief):
             raise BadValue("off_centre", self.off_centre, "a share of the picture's shorter side, 0 to 1")
         if not self.backgrounds:
             raise BadValue("background", "empty", f"{PLAIN}, {NOISE} or a folder of photos")
+        for word in self.backgrounds:
+            if isinstance(word, str) and word not in (PLAIN, NOISE):
+                raise BadValue("background", repr(word), f"{PLAIN}, {NOISE}, or a photo as a path: Path({word!r})")
+        if self.sensor is not None and self.sensor.pixel_aspect is not None:
+            right = "none, which would leave the labels beside their pictures: a camera's fx and fy hold it"
+            raise BadValue("pixel_aspect of the sensor", "given", right)
         if not 1 <= self.samples <= 4:
             raise BadValue("samples", self.samples, "1 to 4: n x n rays a pixel")
 

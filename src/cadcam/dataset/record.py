@@ -25,7 +25,6 @@ from cadcam.image.png import packed, packed_depth, packed_normals
 from cadcam.native.layers import Box, mask_changes
 from cadcam.render.lines.wireframe import Polylines
 
-DEEPEST = 65535
 _PX = 4  # decimals of pixels in records: far below what any measurement resolves
 
 

@@ -16,7 +16,7 @@ from cadcam.image.picture import read_picture, to_rgb
 from cadcam.image.png import packed
 
 COLUMNS, ROWS = 4, 3
-_TILE_PX = 320
+_TILE_PX = 320  # of the longer side
 _GREEN, _YELLOW, _RED, _BLUE = (0.0, 0.85, 0.35), (1.0, 0.85, 0.0), (1.0, 0.25, 0.2), (0.1, 0.6, 1.0)
 _GAP = 4
 
@@ -44,7 +44,8 @@ def _tile(folder: Path, layout: DatasetFiles, index: int) -> Picture:
         picture = picture.copy()
         whole, seen = (read_picture(folder / layout.path(kind, index)) > 0.5 for kind in ("mask", "mask_visib"))
         picture[whole & ~seen] = 0.6 * picture[whole & ~seen] + 0.4 * np.array(_BLUE, np.float32)
-    by = max(1, round(picture.shape[1] / _TILE_PX))
+    sides = picture.shape[:2]
+    by = max(1, min(round(max(sides) / _TILE_PX), *sides))
     tile = _smaller(picture, by)
     with np.load(folder / layout.path("edges", index)) as edges:
         lines = np.insert(_moved(edges["q"], by), edges["start"][1:-1], np.nan, axis=0)

@@ -77,10 +77,16 @@ class ShotSampler:
         return Shot(index, camera, pose, look, backdrop, occluders, int(stream("sensor").integers(2**63)))
 
     def farthest(self) -> float:
-        """Return a depth (mm) that no surface of any view exceeds."""
-        if self.plan.poses:
-            return max(float((pose @ self.middle)[2]) for pose in self.plan.poses) + self.radius
-        return self.plan.distances(2 * self.radius)[1] + self.radius
+        """Return a depth (mm) that no surface of any view exceeds.
+
+        An occluder, apart from the part and before a place of it, ends within the part's distance; of a part beside the
+        camera's axis that may be deeper than the part.
+        """
+        if not self.plan.poses:
+            return self.plan.distances(2 * self.radius)[1] + self.radius
+        places = np.array([pose @ self.middle for pose in self.plan.poses])
+        depths = np.linalg.norm(places, axis=1) if self.props else places[:, 2]
+        return float(depths.max()) + self.radius
 
     def _camera(self, rng: np.random.Generator) -> Camera:
         camera, plan = self.plan.camera, self.plan
@@ -101,9 +107,8 @@ class ShotSampler:
         eye = self.middle + distance * away
         upright = Rigid.look_at(eye, self.middle, up=_not_along(plan.around.up, away))
         turned = rotation.exp([0.0, 0.0, roll]) @ upright.rotation
-        off = plan.off_centre * min(camera.size) * rng.uniform(-1, 1, 2)
-        aside = distance * np.append(off / (camera.fx, camera.fy), 0.0)
-        return Rigid(turned, -turned @ eye + aside)
+        aimed = _aim(camera, plan.off_centre * min(camera.size) * rng.uniform(-1, 1, 2)) @ turned
+        return Rigid(aimed, -aimed @ eye)
 
     def _distance(self, rng: np.random.Generator) -> float:
         """Return a random distance: uniform, or such that the part's size in the picture is uniform."""
@@ -166,6 +171,19 @@ def _free_place(
         if apart and centre[2] > 1.5 * radius and np.linalg.norm(centre) < np.linalg.norm(part):
             return np.asarray(centre)
     return None
+
+
+def _aim(camera: Camera, off_px: Array) -> Array:
+    """Return the least rotation (3, 3) by which what is on the camera's axis is seen `off_px` beside the middle.
+
+    The camera turns and does not move: direction and distance of the part stay as drawn, wherever the principal point
+    is. Where the lens images nothing there, it is the middle, or as it was.
+    """
+    middle = (np.array(camera.size) - 1) / 2
+    rays = camera.unproject(np.stack([middle + off_px, middle, camera.principal_point]))
+    x, y, z = rays[np.isfinite(rays).all(axis=1)][0].tolist()
+    beside = math.hypot(x, y)
+    return rotation.exp(np.array([-y, x, 0.0]) * (math.atan2(beside, z) / beside if beside else 0.0))
 
 
 def _drawn(span: Span, rng: np.random.Generator) -> float:

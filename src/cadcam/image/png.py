@@ -16,6 +16,8 @@ from cadcam.arrays import Picture
 from cadcam.errors import BadValue
 from cadcam.native.pack import packed_depth_rows, packed_normal_rows, packed_rows
 
+DEEPEST = 65535  # steps of depth that 16 bits hold
+_STEPS_MM = tuple(m * 10.0**e for e in range(-9, 7) for m in (1, 2, 5))
 _KINDS = {(2, 1): (8, 0), (3, 1): (8, 2), (2, 2): (16, 0)}  # (axes, bytes a sample) -> bit depth, colour type
 
 
@@ -32,6 +34,11 @@ def packed(samples: npt.NDArray[np.uint8] | npt.NDArray[np.uint16]) -> bytes:
     height, width = samples.shape[:2]
     rows = np.ascontiguousarray(samples, samples.dtype.newbyteorder(">")).view(np.uint8).reshape(height, -1)
     return _file((width, height), depth, color, packed_rows(rows, rows.shape[1] // width))
+
+
+def depth_step(farthest: float) -> float:
+    """Return the smallest round step in mm with which depths up to `farthest` mm fit in 16 bits."""
+    return next((step for step in _STEPS_MM if farthest / step <= DEEPEST), _STEPS_MM[-1])
 
 
 def packed_depth(depth: Picture, step: float) -> bytes:

@@ -11,6 +11,9 @@ import numpy.typing as npt
 
 from cadcam.errors import NotEnoughMemory
 
+_CGROUP = Path("/sys/fs/cgroup")
+_DROPPED = ("inactive_file", "active_file")  # of memory.stat: what was read and written, and need not be kept
+
 
 def available_bytes() -> int | None:
     """Return the memory available without swapping, None where the system does not report it."""
@@ -68,9 +71,16 @@ def _meminfo() -> int | None:
 
 
 def _cgroup() -> int | None:
-    root = Path("/sys/fs/cgroup")
+    """Return what a container's limit leaves; copies of files in memory count as free, as the system drops them first.
+
+    Without that a run that writes many files would soon be told that nothing is left.
+    """
     try:
-        limit = (root / "memory.max").read_text().strip()
-        return None if limit == "max" else int(limit) - int((root / "memory.current").read_text())
+        limit = (_CGROUP / "memory.max").read_text().strip()
+        if limit == "max":
+            return None
+        used = int((_CGROUP / "memory.current").read_text())
+        held = dict(line.split() for line in (_CGROUP / "memory.stat").read_text().splitlines())
+        return int(limit) - used + sum(int(held.get(name, 0)) for name in _DROPPED)
     except (OSError, ValueError):
         return None

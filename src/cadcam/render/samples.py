@@ -16,6 +16,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, frozen
 from cadcam.errors import BadValue
+from cadcam.kinds import expect_count
 
 MOST = 4096
 MOST_BLUR = 50.0  # px
@@ -39,8 +40,10 @@ class SamplePoints:
 
 def renderings(n: int) -> int:
     """Return how many points `sample_points` gives where n are asked for: n rounded up to a power of two."""
-    if n != int(n) or not 1 <= n <= MOST:
-        raise BadValue("samples", n, f"a whole number from 1 to {MOST}")
+    expected = f"a whole number from 1 to {MOST}"
+    expect_count(n, "samples", expected=expected)
+    if n > MOST:
+        raise BadValue("samples", n, expected)
     return 1 << int(np.ceil(np.log2(n)))
 
 

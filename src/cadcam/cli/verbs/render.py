@@ -116,7 +116,8 @@ def run(arguments: argparse.Namespace) -> None:
         print_json(document | {"model": model_as_json(report, mesh), "camera": view_as_json(camera, pose)})
     else:
         print(in_words(arguments.channel, result))
-        say(f"wrote {arguments.output} ({camera.width} x {camera.height} px)")
+        width, height = result.get("size_px", camera.size)
+        say(f"wrote {arguments.output} ({width} x {height} px)")
 
 
 def _check_renderer_options(arguments: argparse.Namespace) -> None:

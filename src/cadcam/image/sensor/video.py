@@ -10,9 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Picture
-from cadcam.errors import BadValue
 from cadcam.image.picture import decoded_jpeg, encoded
-from cadcam.image.sensor.effect import check
+from cadcam.image.sensor.effect import check, check_whole
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,8 +130,7 @@ class Quantisation:
     bits: int = 8
 
     def __post_init__(self) -> None:
-        if self.bits != int(self.bits) or not 1 <= self.bits <= 16:
-            raise BadValue("bits of the quantisation", self.bits, "a whole number from 1 to 16")
+        check_whole("bits of the quantisation", self.bits, 1, 16)
 
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the picture in steps."""
@@ -151,8 +149,7 @@ class Jpeg:
     quality: int = 90
 
     def __post_init__(self) -> None:
-        if self.quality != int(self.quality) or not 1 <= self.quality <= 100:
-            raise BadValue("quality of the JPEG", self.quality, "a whole number from 1 to 100")
+        check_whole("quality of the JPEG", self.quality, 1, 100)
 
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the picture with the losses of blocks of 8 x 8 px."""
