@@ -262,7 +262,7 @@ def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -
     import numpy as np
 
     from cadcam.verify.tolerances.file import template
-    from cadcam.whole import write_whole
+    from cadcam.whole import utf8, write_whole
 
     seen: tuple[str, ...] = ()
     chain = None
@@ -278,7 +278,7 @@ def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -
     if not arguments.output:
         print(text, end="")
     for path in arguments.output:
-        write_whole(path, text.encode())
+        write_whole(path, utf8(text))
         say_written(path)
 
 
