@@ -237,6 +237,28 @@ def test_a_reader_that_stops_early_is_no_error() -> None:
     assert result.stderr == ""
 
 
+def test_the_help_of_a_job_shows_examples_or_where_they_are(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("COLUMNS", "80")
+    for job, said in (("state add", "cadcam state --help"), ("targets find", "examples:\n")):
+        with pytest.raises(SystemExit):
+            cli.main([*job.split(), "--help"])
+        assert said in capsys.readouterr().out.rpartition("options:")[2]
+
+
+def test_results_that_nobody_reads_are_not_taken_for_a_yes() -> None:
+    """Of `verify` 0 is PASS; a program whose pipe is closed before it has written ends with 141 (128 + SIGPIPE)."""
+    into, out = os.pipe()
+    os.close(into)
+    try:
+        command = [sys.executable, "-m", "cadcam", "lens", "--list"]
+        ran = subprocess.run(command, stdout=out, stderr=subprocess.PIPE, text=True, check=False)
+    finally:
+        os.close(out)
+    assert (ran.returncode, ran.stderr) == (141, "")
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="no /dev/full here")
 def test_a_full_disk_behind_stdout_is_said_and_no_bug() -> None:
     command = f"{shlex.quote(sys.executable)} -m cadcam lens --list > /dev/full"

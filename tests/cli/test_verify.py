@@ -131,6 +131,17 @@ def test_names_and_a_template_are_printed_without_a_photo(cadcam: Callable[..., 
     assert "  - part: rib 2" in template.out
 
 
+def test_a_template_spells_out_names_that_are_no_text(cadcam: Callable[..., Ran], tmp_path: Path) -> None:
+    odd = r"\ud800t"  # JSON's spelling of half a pair, as long as the name that it replaces
+    write_model(tmp_path / "odd.glb", plate())
+    data = (tmp_path / "odd.glb").read_bytes()
+    assert b'"bracket"' in data
+    (tmp_path / "odd.glb").write_bytes(data.replace(b'"bracket"', f'"{odd}"'.encode()))
+    ran = cadcam("verify", tmp_path / "odd.glb", "--template", "-o", tmp_path / "t.yaml")
+    assert (ran.code, ran.err.count("Traceback")) == (0, 0)
+    assert odd in (tmp_path / "t.yaml").read_text()
+
+
 def test_a_template_of_what_a_photo_shows_can_be_verified(cadcam: Callable[..., Ran], cell: Path) -> None:
     files = ("--camera", cell / "camera.json", "--pose", cell / "pose.txt", "-o", cell / "seen.yaml")
     assert cadcam("verify", cell / "good.png", cell / "plate.glb", "--template", *files).code == 0

@@ -29,6 +29,8 @@ CASES = [
     (("track", *ON_PHOTO, "-o", "a.jsonl", "--smooth"), "--smooth"),
     (("verify", "block.obj", "--list", "--tolerances", "t.yaml"), "--tolerances"),
     (("verify", "block.obj", "--template", "--alarms", "0.1"), "--alarms"),
+    (("verify", "block.obj", "--template", "--json"), "--json"),
+    (("verify", "block.obj", "--list", "--template"), "--template"),
     (("verify", *ON_PHOTO, "--pose", "pose.txt", "--sigma", "1"), "--sigma"),
     (("verify", *ON_PHOTO, "--rig", "rig.json"), "--camera"),
     (("calibrate", *POINTS, "--free-skew"), "--free-skew"),

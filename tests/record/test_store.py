@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from dataclasses import fields
 from datetime import UTC, datetime, timedelta, timezone
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -13,6 +14,7 @@ import sqlalchemy as sql
 
 from cadcam.errors import BadValue, UnknownName, UnusableStore
 from cadcam.record import schema
+from cadcam.record.export import write_records
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.record.store import open_store
 
@@ -194,3 +196,23 @@ def test_columns_name_their_units() -> None:
                 assert column.name in pure or column.name.endswith(("_mm", "_deg")), column.name
             if isinstance(column.type, sql.DateTime):
                 assert column.name.endswith("_utc")
+
+
+def test_what_is_no_text_is_spelled_out_wherever_a_name_may_stand(where: str, tmp_path: Path) -> None:
+    odd = "b\udcfcgel"  # a name in Latin-1 on Linux, or the JSON of another program
+    one = Deviation(odd, 0.1, 0.1, kind=odd)
+    kept = Record(odd, deviations=(one,), sources=(Source(odd, odd, "0" * 64),), software=odd, id=odd)
+    with open_store(where) as store:
+        store.add(kept)
+        assert store.query(part=odd, feature=odd, id_begins=odd) == [kept]
+        assert store.count(serial=odd) == 0
+    write_records(tmp_path / "all.csv", [kept])
+    assert r"b\udcfcgel" in (tmp_path / "all.csv").read_text()
+
+
+def test_a_time_beyond_the_calendar_of_utc_is_refused(where: str) -> None:
+    early = datetime(1, 1, 1, tzinfo=timezone(timedelta(hours=14)))
+    with pytest.raises(BadValue, match="time of a record is 0001-01-01"):
+        Record("bolt", time=early)
+    with open_store(where) as store, pytest.raises(BadValue, match="since is 0001-01-01"):
+        store.query(since=early)

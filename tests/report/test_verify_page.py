@@ -120,7 +120,7 @@ def test_a_judged_feature_of_the_datum_is_judged_and_its_uncertainty_told(found:
     told = {f["name"]: f["role"] for f in verification_as_json(every, ORIGIN)["features"]}
     assert told["rib <1>"] == "judged"
     from_what = verification_page(every, [found[1]], ORIGIN).partition("What the uncertainty comes from")[2]
-    assert "<b>rib &lt;1&gt;</b>: " in from_what.partition("</section>")[0]
+    assert '<b><span class="name">rib &lt;1&gt;</span></b>: ' in from_what.partition("</section>")[0]
 
 
 def test_what_fails_is_named_with_its_size_and_labelled_with_what_was_judged(found: tuple[Verification, Photo]) -> None:
@@ -194,16 +194,47 @@ def test_a_part_that_was_not_found_gets_no_verdict(found: tuple[Verification, Ph
     assert "as the test says" in verification_page(lost, [found[1]], ORIGIN)
 
 
+LONG = "S1234_BRACKET_LEFT_OUTER_0001_REV_C_MIRRORED_COPY_OF_LONGITUDINAL_17"  # as CAD systems name bodies
+
+
+def called(name: str, verdict: Verification) -> Verification:
+    """Return a verification whose displaced feature has another name."""
+    seen = verdict.inspection
+    assert seen is not None
+    features = tuple(replace(f, name=name) if f.name == "rib <1>" else f for f in seen.features)
+    judgements = tuple(replace(j, feature=name) if j.feature == "rib <1>" else j for j in verdict.judgements)
+    edges = tuple(replace(e, part=name) for e in seen.edges)
+    return replace(verdict, judgements=judgements, inspection=replace(seen, features=features, edges=edges))
+
+
+def test_the_label_of_a_long_name_keeps_its_ends_and_what_is_said_of_it(found: tuple[Verification, Photo]) -> None:
+    verdict = called(LONG, found[0])
+    assert verdict.inspection is not None
+    (label,) = re.findall(r">(S1234[^<]*mm)</text>", overlay_svg(found[1], 0, verdict.inspection))
+    assert re.fullmatch(r"S1234_BRACKET\S*…\S*LONGITUDINAL_17: \d\.\d\d ± \d\.\d\d mm", label)
+    assert len(label) * 0.62 / 32 < 1  # of the photo's width: letters of a wide font, and their height
+
+
+def test_numbers_after_a_name_that_is_written_leftwards_keep_their_order(found: tuple[Verification, Photo]) -> None:
+    name = "\u062d\u0627\u0645\u0644"
+    verdict = called(name, found[0])
+    assert verdict.inspection is not None
+    svg = overlay_svg(found[1], 0, verdict.inspection)
+    assert re.search(rf">{name}\u200e: \d\.\d\d ± ", svg)  # without the mark browsers show U first
+    assert "\u200e" not in overlay_svg(found[1], 0, called("rib", found[0]).inspection or verdict.inspection)
+
+
+@pytest.mark.parametrize("name", ["rib <1>", LONG])
 @pytest.mark.parametrize("width", [1280, 390])
 def test_a_browser_shows_it_without_sideways_scrolling(
-    found: tuple[Verification, Photo], tmp_path: Path, width: int
+    found: tuple[Verification, Photo], tmp_path: Path, width: int, name: str
 ) -> None:
     """Headless Chromium, no network: it renders the page, and its own layout says that nothing is wider than it."""
     chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
     if chromium is None:
         pytest.skip("no Chromium here")
     page = tmp_path / "report.html"
-    write_verification_page(page, found[0], [found[1]], ORIGIN)
+    write_verification_page(page, called(name, found[0]), [found[1]], replace(ORIGIN, part=2 * LONG))
     probe = tmp_path / "probe.html"  # the layout's own figures, at the width of an inner frame
     script = (
         "f.onload=()=>{const d=f.contentDocument.documentElement;"

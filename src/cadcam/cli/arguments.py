@@ -121,9 +121,13 @@ def verb(
 
 
 def job(jobs: Verbs, name: str, run: Run, *, short: str, examples: str = "") -> argparse.ArgumentParser:
-    """Return the parser of one of the jobs of a verb; it behaves like a verb's parser."""
-    epilog = f"examples:\n{examples}" if examples else None
-    parser = jobs.add_parser(name, help=short, description=short, epilog=epilog, formatter_class=Help)
+    """Return the parser of one of the jobs of a verb; it behaves like a verb's parser.
+
+    Without examples of its own its help says where those of the verb are, and what its files look like.
+    """
+    parser = jobs.add_parser(name, help=short, description=short, formatter_class=Help)
+    of_verb = f"examples, and what else there is to know: {parser.prog.rpartition(' ')[0]} --help"
+    parser.epilog = f"examples:\n{examples}" if examples else of_verb
     parser.set_defaults(run=run, parser=parser)
     return parser
 

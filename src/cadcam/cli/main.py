@@ -1,8 +1,8 @@
 """The command line. One file per verb; imports happen when a verb runs, so that help stays fast.
 
 Exit codes: 0 done; 1 FAIL, of `verify` alone; 2 an error that the caller can correct, in one message; 3 done, but the
-answer is no: the part is not in the picture; 70 a bug of ours, with a traceback; 130 interrupted. Results go to stdout,
-messages and progress to stderr.
+answer is no: the part is not in the picture; 70 a bug of ours, with a traceback; 130 interrupted; 141 nobody read the
+results. Results go to stdout, messages and progress to stderr.
 """
 
 from __future__ import annotations
@@ -89,6 +89,7 @@ camera axes x right, y down, z forward. Help on a verb: cadcam VERB --help
 _WRITTEN = ("output", "csv", "plot", "diagram", "pose_out")  # arguments that name files to be written anew
 _RESULTS = (*_WRITTEN, "log", "store")  # ... and those that a run may continue from
 _TAKEN_UP = {"pose_out": ("start",)}  # what may be written over: where the part was found is where to look next
+_UNREAD = 141  # as shells say of any program whose pipe was closed; 0 would say PASS, or found, of what may be neither
 _BUG = 70  # EX_SOFTWARE of sysexits.h: a production line must not take a crash for a failed part
 
 
@@ -128,7 +129,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         # only stdout can raise these here: files are read and written with errors of our own
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if error.errno == errno.EPIPE:  # the reader of a pipe has closed it: cadcam ... | head
-            return 0
+            return _UNREAD
         print(f"{arguments.parser.prog}: stdout cannot be written: {error.strerror}", file=sys.stderr)
         return 2
     except Exception:

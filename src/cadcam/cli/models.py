@@ -22,7 +22,10 @@ def add_model_options(parser: argparse.ArgumentParser) -> None:
         "--unit", metavar="U", help="the model's unit where its file names none: um, mm (default), cm, m, in, ft"
     )
     parser.add_argument(
-        "--tolerance", type=real, metavar="MM", help="STEP, IGES: largest distance of triangles from the true surface"
+        "--tolerance",
+        type=real,
+        metavar="MM",
+        help="STEP, IGES: largest distance of triangles from the true surface (default: by the model's size)",
     )
 
 

@@ -40,6 +40,7 @@ class Deviation:
     verdict: str = ""
 
     def __post_init__(self) -> None:
+        _spell_out(self, "feature", "kind")
         expect_known(self.unit, f"unit of deviation {self.feature!r}", UNITS)
         _check_verdict(self.verdict, self.feature)
         for name in ("deviation", "expanded_uncertainty", "k", "lower", "upper"):
@@ -66,7 +67,7 @@ class Source:
     sha256: str
 
     def __post_init__(self) -> None:
-        _spell_out(self, "path")
+        _spell_out(self, "role", "path")
         expect(self.sha256, f"sha256 of {self.path}", str)
         if not _SHA256.fullmatch(self.sha256):
             raise BadValue(f"sha256 of {self.path}", repr(self.sha256), "64 hexadecimal digits")
@@ -106,13 +107,21 @@ class Record(Brief):
         if self.time.tzinfo is None:
             raise BadValue("time of a record", self.time.isoformat(), "a time with its zone, such as datetime.now(UTC)")
         _check_verdict(self.verdict, self.part)
-        _spell_out(self, "part", "serial", "station", "reason")
-        object.__setattr__(self, "time", self.time.astimezone(UTC))
+        _spell_out(self, "part", "serial", "station", "reason", "software", "id")
+        object.__setattr__(self, "time", in_utc("time of a record", self.time))
         object.__setattr__(self, "deviations", expect_each(self.deviations, "deviations", Deviation))
         object.__setattr__(self, "sources", expect_each(self.sources, "sources", Source))
 
 
-def _spell_out(of: Source | Record, *names: str) -> None:
+def in_utc(what: str, time: datetime) -> datetime:
+    """Return a time with its zone in UTC; `BadValue` naming `what` where the calendar of UTC does not hold it."""
+    try:
+        return time.astimezone(UTC)
+    except OverflowError:  # in the first or the last hours of the calendar
+        raise BadValue(what, time.isoformat(), "a time of the years 1 to 9999 in UTC, too") from None
+
+
+def _spell_out(of: Source | Record | Deviation, *names: str) -> None:
     """Spell out what is no text in texts that may hold the name of a file: no database would take it."""
     for name in names:
         value = getattr(of, name)

@@ -11,7 +11,7 @@ import os
 from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from datetime import UTC, datetime
+from datetime import datetime
 from getpass import getuser
 from pathlib import Path
 from types import TracebackType
@@ -24,8 +24,9 @@ import cadcam
 from cadcam.errors import BadValue, MissingExtra, UnknownName, UnusableStore
 from cadcam.kinds import expect, expect_each, expect_known, expect_path
 from cadcam.record import schema
-from cadcam.record.record import VERDICTS, Record
+from cadcam.record.record import VERDICTS, Record, in_utc
 from cadcam.record.rows import deviation_rows, measurement_row, record_of, source_rows
+from cadcam.whole import plain
 
 _WAIT_S = 60  # timeout of a writer that waits for others
 _LOCK = 0x63616463  # PostgreSQL's advisory lock while tables are created
@@ -203,6 +204,8 @@ def _wanted(which: Which) -> list[sql.ColumnElement[bool]]:
     unknown = next((name for name in which if name not in Which.__annotations__), None)
     if unknown is not None:
         raise UnknownName("filter of records", unknown, Which.__annotations__)
+    # a name that is no text is asked for as `Record` keeps it
+    which = {name: plain(value) if isinstance(value, str) else value for name, value in which.items()}  # type: ignore[assignment]
     m = schema.measurement.c
     equal = {name: which.get(name) for name in ("part", "serial", "station", "verdict")}
     if verdict := which.get("verdict"):
@@ -293,7 +296,7 @@ def _utc(what: str, time: datetime) -> datetime:
     expect(time, what, datetime)
     if time.tzinfo is None:
         raise BadValue(what, time.isoformat(), "a time with its zone")
-    return time.astimezone(UTC).replace(tzinfo=None)
+    return in_utc(what, time).replace(tzinfo=None)
 
 
 def _check_known(verdict: str) -> None:

@@ -74,8 +74,10 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--view-angle-deg", type=real, metavar="DEG", help="without a camera: over the shorter side (default 40)"
     )
-    group.add_argument("--focal-jitter-percent", type=real, metavar="P", help="sigma of the focal length, view by view")
-    group.add_argument("--centre-jitter-px", type=real, metavar="PX", help="sigma of the principal point")
+    group.add_argument(
+        "--focal-jitter-percent", type=real, metavar="P", help="sigma of the focal length, by view (default 0)"
+    )
+    group.add_argument("--centre-jitter-px", type=real, metavar="PX", help="sigma of the principal point (default 0)")
     group.add_argument("--from", dest="from_", metavar="V", help="from where the part is seen (below; default any)")
     group.add_argument("--up", type=reals, metavar="X,Y,Z", help="what is up, in the part's axes (default 0,0,1)")
     group.add_argument("--roll-deg", type=real, metavar="DEG", help="how far it may stand from upright (default 180)")

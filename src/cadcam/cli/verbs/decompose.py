@@ -40,7 +40,9 @@ def add_to(verbs: Verbs) -> None:
     )
     parser.add_argument("file", help="text file with a 3x4 matrix, or a camera file (.json, .yaml, .xml)")
     parser.add_argument(
-        "--rows", choices=("uv", "xy"), help="the matrix' rows: (U, V, 1) = (row, column, 1), or (x, y, 1)"
+        "--rows",
+        choices=("uv", "xy"),
+        help="of a matrix, must be given: its rows are (U, V, 1) = (row, column, 1), or (x, y, 1)",
     )
     parser.add_argument("--size", type=size, metavar="WxH", help="picture size in px, for OpenGL's values of a matrix")
     parser.add_argument("--near", type=real, default=10.0, metavar="MM", help="near plane, mm (default 10)")

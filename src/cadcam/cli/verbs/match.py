@@ -93,7 +93,12 @@ def _add_part_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--unit", metavar="U", help="the model's unit where its file names none: mm (default), m, in ..."
     )
-    group.add_argument("--tolerance", type=real, metavar="MM", help="STEP, IGES: largest distance to the true surface")
+    group.add_argument(
+        "--tolerance",
+        type=real,
+        metavar="MM",
+        help="STEP, IGES: largest distance of triangles from the true surface (default: by the model's size)",
+    )
     add_camera_options(parser, required=False)
     group.add_argument(
         "--appearance",

@@ -116,7 +116,11 @@ def _add_point_options(parser: argparse.ArgumentParser) -> None:
         help="the points lie on the plane NX X + NY Y + NZ Z = D, mm",
     )
     group.add_argument(
-        "--plane-sigma", type=real, default=0.0, metavar="MM", help="how well the plane's height is known"
+        "--plane-sigma",
+        type=real,
+        default=0.0,
+        metavar="MM",
+        help="how well the plane's height is known (default exact)",
     )
     group.add_argument(
         "--distance",

@@ -117,8 +117,11 @@ def run(arguments: argparse.Namespace) -> int:
     if arguments.list is not None or arguments.template:
         refuse(arguments, *_OF_A_VERDICT, why=f"beside {only}", expected="one of them: nothing is judged")
     if arguments.list is not None:
+        refuse(arguments, "--template", why="beside --list", expected="one of them")
         _list(arguments)
         return 0
+    if arguments.template:
+        refuse(arguments, "--json", why="beside --template", expected="neither: a tolerance file is YAML")
     for path in arguments.output:
         check_target(path, (".yaml", ".yml") if arguments.template else _SUFFIXES)
     asked = _asked(arguments)
@@ -259,7 +262,7 @@ def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -
     import numpy as np
 
     from cadcam.verify.tolerances.file import template
-    from cadcam.whole import write_whole
+    from cadcam.whole import utf8, write_whole
 
     seen: tuple[str, ...] = ()
     chain = None
@@ -275,7 +278,7 @@ def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -
     if not arguments.output:
         print(text, end="")
     for path in arguments.output:
-        write_whole(path, text.encode())
+        write_whole(path, utf8(text))
         say_written(path)
 
 

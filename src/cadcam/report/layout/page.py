@@ -38,7 +38,7 @@ from cadcam.report.layout.words import (
     what_if_table,
     why,
 )
-from cadcam.report.page import cards, page, row, section
+from cadcam.report.page import cards, named, page, row, section
 from cadcam.report.table import Table
 from cadcam.whole import utf8, write_whole
 
@@ -52,7 +52,7 @@ _PLANS = (("From above (x to the right, y up)", (0, 1)), ("From the side (x to t
 _STYLE = """
 img{width:100%;height:auto;display:block;border-radius:6px;border:1px solid var(--line)}
 svg.bar{width:150px;height:24px}
-.num{white-space:nowrap}.free,.files td{overflow-wrap:anywhere}
+.num{white-space:nowrap}td:last-child{overflow-wrap:anywhere;min-width:7em}
 .legend{margin:.6rem 0}.legend i{width:16px;height:16px;border:1px solid #888}
 .sign{display:grid;grid-template-columns:repeat(3,1fr);gap:24px}.sign div{padding-top:56px;border-bottom:1px solid #333}
 .sign p{margin:.3rem 0 0;font-size:.9rem;color:var(--soft)}
@@ -111,7 +111,7 @@ def _limits(layout: Layout) -> str:
         bar = ratio_bar(least, layout.survey.scene.tur, COLORS[outcome])
         plain = (escape(t) for t in (by, direction, pose))
         numbers = (_number(limit), _number(f"± {U}" if U else ""), _number(ratio))
-        cells = [f"<b>{escape(name)}</b>", escape(what), *numbers, bar, cameras, tag, *plain]
+        cells = [f"<b>{named(name)}</b>", escape(what), *numbers, bar, cameras, tag, *plain]
         rows.append(row(heads, cells))
     wanted = layout.survey.scene.tur
     keys = (
@@ -130,7 +130,7 @@ def _cameras(layout: Layout) -> str:
         pan, tilt = pan_tilt(camera)
         focus, field_of_view, sharp = _optics(camera)
         cells = [
-            f"<b>{number}: {escape(camera.name)}</b>",
+            f"<b>{named(f'{number}: {camera.name}')}</b>",
             escape(lens_words(camera)),
             _xyz(camera.eye),
             _xyz(camera.aim),
@@ -241,7 +241,11 @@ def _image(picture: Picture, alternative: str) -> str:
 
 
 def _as_cards(table: Table) -> str:
-    rows = "".join(row(table.columns, [escape(cell) for cell in cells]) for cells in table.rows)
+    name = 0 if table.columns[0] in table.left else None  # the column of names
+    rows = "".join(
+        row(table.columns, [named(cell) if i == name else escape(cell) for i, cell in enumerate(cells)])
+        for cells in table.rows
+    )
     notes = "".join(f'<p class="soft">{escape(note)}</p>' for note in table.notes)
     return cards(table.columns, rows) + notes
 

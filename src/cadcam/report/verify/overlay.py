@@ -6,6 +6,7 @@ import base64
 import os
 from collections.abc import Sequence
 from html import escape
+from unicodedata import bidirectional
 
 import numpy as np
 
@@ -28,6 +29,8 @@ _MOST_TIMES, _LEAST_ARROW = 100.0, 40  # greatest magnification of arrows; their
 _ARROW_SHARE = 0.09  # of the photo's width: the longest arrow
 _LABEL_SHARE, _LETTER = 1 / 32, 0.62  # of the photo's width: a label's height; of that: a wide font's letter
 _APART = 8.0  # px from a label to what it names
+_MOST_LETTERS = int(1 / (_LABEL_SHARE * _LETTER)) - 2  # of a label that is as long as the photo is wide
+_LEFT_TO_RIGHT = "\u200e"  # Unicode's mark, without width
 
 
 def deviation_color(value: float, full: float) -> str:
@@ -159,13 +162,29 @@ def _spaced(places: Sequence[Array], least: float) -> list[Array]:
 
 
 def _label_text(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
-    """Return a feature's name with the judgement of its position, else with the displacement that the photo shows."""
+    """Return a feature's name with the judgement of its position, else with the displacement that the photo shows.
+
+    A name is shortened in its middle where what is said of it would leave the photo.
+    """
+    said = _said(f, judgements)
+    most = max(_MOST_LETTERS - len(f": {said}"), 3)
+    long = len(f.name) > most
+    name = f"{f.name[: most // 2]}…{f.name[-((most - 1) // 2) :]}" if long else f.name
+    return f"{name}{_LEFT_TO_RIGHT}: {said}" if _is_right_to_left(name) else f"{name}: {said}"
+
+
+def _is_right_to_left(name: str) -> bool:
+    """Return whether letters run leftwards in a name: numbers after it would be shown in turned order, U first."""
+    return any(bidirectional(letter) in ("R", "AL") for letter in name)
+
+
+def _said(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
     if f.state is State.MISSING:
-        return f"{f.name}: missing"
+        return "missing"
     for j in judgements:
         if j.feature == f.name and j.limit.quantity is Quantity.POSITION and np.isfinite(j.U):
-            return f"{f.name}: {j.deviation:.2f} ± {j.U:.2f} mm"
-    return f"{f.name}: {f.size:.2f} ± {2 * f.sigma:.2f} mm"
+            return f"{j.deviation:.2f} ± {j.U:.2f} mm"
+    return f"{f.size:.2f} ± {2 * f.sigma:.2f} mm"
 
 
 def _arrow(q: Array, d: Array, width: int) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from cadcam import __version__
 from cadcam.kinds import expect, expect_each, expect_path
 from cadcam.locate.photo import Photo
-from cadcam.report.page import cards, page, row, section
+from cadcam.report.page import cards, named, page, row, section
 from cadcam.report.verify.json import VerificationOrigin
 from cadcam.report.verify.overlay import EXTRA, MISSING, UNSEEN, deviation_color, full_scale, overlay_svg
 from cadcam.report.verify.plots import COLORS, edges_plot, shares_plot, stations_plot, tolerance_bar
@@ -38,7 +38,7 @@ _HELD = "\u00a0"  # a space at which no line is broken
 _STYLE = """
 svg.photo{border-radius:6px;background:#000;margin:.5rem 0}
 @media(min-width:721px){svg.photo .labels text{font-size:.6em}}svg.plot{max-width:540px}svg.bar{width:180px;height:26px}
-td:last-child{overflow-wrap:anywhere}
+td:last-child{overflow-wrap:anywhere;min-width:9em}
 .legend i{width:22px;height:0;border-top:4px solid}
 .scale{display:inline-block;width:140px;height:12px;border:1px solid var(--line);vertical-align:middle;margin:0 6px}
 """
@@ -85,7 +85,7 @@ def _head(found: Verification, origin: VerificationOrigin) -> str:
 
 
 def _to_do(found: Verification) -> str:
-    lines = [f"<li>{escape(what)}: <b>{escape(', '.join(names))}</b></li>" for what, names in to_do(found)]
+    lines = [f"<li>{escape(what)}: <b>{named(', '.join(names))}</b></li>" for what, names in to_do(found)]
     return section("What to do", f"<ul>{''.join(lines)}</ul>") if lines else ""
 
 
@@ -130,7 +130,7 @@ def _cells(j: Judgement) -> list[str]:
     tag = f'<span class="tag" style="color:{COLORS[j.verdict]}">{j.verdict.value}</span>'
     what = escape(j.limit.quantity.name.lower())
     return [
-        f"<b>{escape(j.feature)}</b>",
+        f"<b>{named(j.feature)}</b>",
         what,
         deviation.replace(" ", _HELD),
         said,
@@ -167,7 +167,7 @@ def _feature_cells(f: FeatureDeviation, kept: bool) -> list[str]:
     failed = COLORS[Verdict.FAIL]
     colors = {State.DISPLACED: _PLAIN if kept else failed, State.MISSING: failed, State.IN_PLACE: "#00785a"}
     state = f'<span class="tag" style="color:{colors.get(f.state, _PLAIN)}">{f.state.value}</span>'
-    cells = [f"<b>{escape(f.name)}</b>", state, f"{f.presence.seen} of {f.presence.expected}"]
+    cells = [f"<b>{named(f.name)}</b>", state, f"{f.presence.seen} of {f.presence.expected}"]
     if f.displacement is None:
         return [*cells, "", "", "", ""]
     turn, U = np.degrees(f.turn), np.degrees(2 * f.turn_sigma)
@@ -189,7 +189,7 @@ def _sensitivity(found: Verification, seen: Inspection) -> str:
     measured = [f for f in seen.features if f.displacement is not None]
     shown = [f for f in measured if role(found, f) != "datum"] or measured
     direction, sigma = weakest_direction(seen)
-    lines = [f"<li><b>{escape(f.name)}</b>: {escape(shares_in_words(f))} of the variance</li>" for f in shown]
+    lines = [f"<li><b>{named(f.name)}</b>: {escape(shares_in_words(f))} of the variance</li>" for f in shown]
     pose = f"Weakest motion of the pose: {direction}, 1 sigma {sigma:.3f} mm at the edges (part axes)."
     words = f"<ul>{''.join(lines)}</ul><p>{escape(pose)}</p>"
     both = f'<div class="two"><div>{shares_plot(shown)}</div><div>{words}</div></div>'
@@ -209,7 +209,7 @@ def _edges(seen: Inspection) -> str:
         share = f"{e.seen} of {e.places} places"
         cells = [
             f"{e.kind} {e.chain}",
-            escape(e.part),
+            named(e.part),
             share,
             value + mark,
             vector_words(e.direction),
