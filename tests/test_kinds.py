@@ -344,6 +344,10 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
         lambda t: cadcam.viewer_parameters("pyvista", t.camera, t.pose, near_mm=None),
         "near_mm is None; expected a number",
     ),
+    "evidence, points": (
+        lambda t: cadcam.refine_pose(t.part, [t.photo], t.pose, evidence=t.points),
+        "evidence is an Observations; expected a list, each a PointEvidence",
+    ),
     "marks, path": (lambda t: cadcam.measure_marks("station.json", []), "stations is the text.*a GantryCalibration"),
     "gantry, none": (lambda t: cadcam.calibrate_gantry("6", [None]), r"positions\[0\] is None.*a PlaneCalibration"),
     "place, survey": (

@@ -116,6 +116,9 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.image.picture import write_picture as write_picture
     from cadcam.image.sensor.sensor import Sensor as Sensor
     from cadcam.image.template import Template as Template
+    from cadcam.locate.evidence import LineEvidence as LineEvidence
+    from cadcam.locate.evidence import PointEvidence as PointEvidence
+    from cadcam.locate.evidence import PoseEvidence as PoseEvidence
     from cadcam.locate.freedom import Freedom as Freedom
     from cadcam.locate.in_photos import locate_part as locate_part
     from cadcam.locate.location import Disagreement as Disagreement
@@ -248,6 +251,7 @@ _HOME = {
     "LayoutScene": "cadcam.plan.scene.layout_scene",
     "Light": "cadcam.render.light",
     "LineCamera": "cadcam.camera.line_camera",
+    "LineEvidence": "cadcam.locate.evidence",
     "LineObservations": "cadcam.camera.line_camera",
     "LineOptions": "cadcam.render.lines.wireframe",
     "LineStyle": "cadcam.render.overlay",
@@ -271,6 +275,7 @@ _HOME = {
     "PlaneCamera": "cadcam.camera.plane_camera",
     "Plate": "cadcam.station.plate",
     "PoseEstimate": "cadcam.camera.pose_estimate",
+    "PoseEvidence": "cadcam.locate.evidence",
     "Prediction": "cadcam.plan.uncertainty.predict",
     "Ray": "cadcam.geometry.ray",
     "Reach": "cadcam.locate.search.approach",

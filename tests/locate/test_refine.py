@@ -143,6 +143,9 @@ def test_points_and_lines_are_believed_as_stated(
     assert np.abs((line.q - q[0]) @ normal).max() < 0.01
     with pytest.raises(BadValue, match="photo of the evidence"):
         refine_pose(part, shots, pose, evidence=[replace(points, photo=1)])
+    for sigma in (0.0, float("nan")):
+        with pytest.raises(BadValue, match=r"sigma_px of the evidence.*a positive number of px"):
+            replace(points, sigma_px=sigma)
 
 
 @pytest.mark.parametrize("rows", ["points", "line"])

@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Floats, frozen
+from cadcam.arrays import Array, Brief, frozen
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid, by_twist
+from cadcam.kinds import expect_positive
 from cadcam.locate.photo import Photo
 
 _NEVER_FREE = 1e-9  # share of the largest variance below which a direction was not free
@@ -113,6 +114,5 @@ def _projected(p: Array, photo: Photo, world_from_part: Rigid) -> tuple[Array, A
     return q, by_twist(p[:, None], J @ camera_from_part.rotation)
 
 
-def _positive(sigma: Floats) -> None:
-    if not (np.isfinite(sigma) and np.all(np.asarray(sigma) > 0)):
-        raise BadValue("sigma_px of the evidence", sigma, "a positive number of px")
+def _positive(sigma_px: object) -> None:
+    expect_positive(sigma_px, "sigma_px of the evidence", "a positive number of px")

@@ -17,7 +17,7 @@ from cadcam.arrays import Array
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid, by_twist, expect_motion
 from cadcam.kinds import expect, expect_each
-from cadcam.locate.evidence import Evidence
+from cadcam.locate.evidence import Evidence, LineEvidence, PointEvidence, PoseEvidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
 from cadcam.locate.lines.bands import LEFT
@@ -77,6 +77,7 @@ def refine_pose(
     photos = expect_each(photos, "photos", Photo)
     expect_motion(start, "start")
     expect(freedom, "freedom", Freedom)
+    evidence = expect_each(evidence, "evidence", PointEvidence, LineEvidence, PoseEvidence)
 
     def found_in(photos: Sequence[Photo]) -> Location:
         return Refinement(part, photos, freedom, evidence, options, chosen, wider).around(start)[0]
