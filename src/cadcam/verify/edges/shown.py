@@ -102,7 +102,7 @@ def _may_show(mesh: Mesh, camera: Camera, camera_from_part: Rigid) -> Mask:
     u, p = d[:, :2] / d[:, 2:], camera_from_part @ mesh.vertices
     sides = [(i, sign, (sign * u[:, i]).max()) for i in (0, 1) for sign in (1, -1)]
     beyond = [(sign * p[:, i] > most * p[:, 2])[mesh.faces].all(axis=1) for i, sign, most in sides]
-    return ~np.any(beyond, axis=0)
+    return np.asarray(~np.any(beyond, axis=0))
 
 
 def _towards(mesh: Mesh, faces: Longs, eye: Array) -> Array:
