@@ -3,13 +3,18 @@
 from __future__ import annotations
 
 import numpy as np
+import pytest
 
 from cadcam.cad.parts.shape import box
+from cadcam.camera.camera import Camera
+from cadcam.camera.lens import BrownConrady
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
-from cadcam.render.view import Channel
+from cadcam.render.view import Channel, Scene
 from cadcam.verify.bodies.tones import Tones
+from cadcam.verify.edges import shown as shown_module
 from cadcam.verify.edges.shown import ShownFaces
 
 from .scene import CAMERA, POSE, part, photo, plate
@@ -34,6 +39,36 @@ def test_a_window_shows_what_the_whole_picture_shows_there(rng: np.random.Genera
         whole, window = (ShownFaces.of(part(), shot, Rigid(), without=without, window=w) for w in (None, WINDOW))
         np.testing.assert_array_equal(window.part[window.face], whole.part[whole.face][WINDOW])
         np.testing.assert_array_equal(window.normal[window.face], whole.normal[whole.face][WINDOW])
+
+
+@pytest.mark.parametrize(
+    ("lens", "pose"),
+    [
+        (BrownConrady(k1=-0.25, k2=0.07, p1=1e-3), POSE),
+        (BrownConrady(k1=0.3), POSE),
+        (BrownConrady(k1=-0.25, k2=0.07), Rigid.look_at((-100.0, 0.0, 60.0), (120.0, 10.0, 12.0))),  # amid the part
+    ],
+)
+def test_faces_that_no_sight_of_a_window_meets_are_not_drawn_and_nothing_else_is_lost(
+    lens: BrownConrady, pose: Rigid, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    drawn: list[int] = []
+
+    def opened(scene: Scene) -> object:
+        drawn.append(scene.mesh.n_faces)
+        return open_renderer(scene)
+
+    camera = Camera.from_focal((480, 360), 380.0, lens=lens)
+    shot = Photo.of(np.zeros((360, 480), np.float32), camera)
+    whole = ShownFaces.of(part(), shot, pose)
+    monkeypatch.setattr(shown_module, "open_renderer", opened)
+    for _ in range(40):
+        x, y = rng.integers(0, (440, 320))
+        window = slice(int(y), int(y) + 30), slice(int(x), int(x) + 25)
+        inside = ShownFaces.of(part(), shot, pose, window=window)
+        np.testing.assert_array_equal(inside.part[inside.face], whole.part[whole.face][window])
+        np.testing.assert_array_equal(inside.normal[inside.face], whole.normal[whole.face][window])
+    assert min(drawn) < plate().n_faces / 2
 
 
 def test_a_part_without_its_only_body_shows_nothing_and_that_is_no_error(rng: np.random.Generator) -> None:

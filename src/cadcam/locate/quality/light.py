@@ -47,9 +47,16 @@ class FittedLight:
         """
         by = np.array([self.gain.get(int(c), 1.0) for c in color])[:, None] * _basis(normal)
         brightest = _HIGHER_TERMS * (self.mean + 2 * self.spread)
-        told = np.linalg.inv(by @ self.covariance @ by.T + (self.scale**2 + brightest**2) * np.eye(len(by)))
-        covariance = np.linalg.inv(told + np.eye(len(by)) / self.spread**2)
-        return np.asarray(covariance @ (told @ (by @ self.form) + self.mean / self.spread**2)), np.asarray(covariance)
+        # Surfaces, thousands in a large model, share only the nine numbers of the light: no matrix (N, N) is inverted.
+        power, axes = np.linalg.eigh(self.covariance)
+        U, size, _ = np.linalg.svd(by @ (axes * np.sqrt(np.maximum(power, 0.0))), full_matrices=False)
+        any_tone, own = self.spread**2, self.scale**2 + brightest**2
+        shared = own + size**2
+        told, told_shared = any_tone / (any_tone + own), any_tone / (any_tone + shared)
+        beyond = by @ self.form - self.mean
+        tone = self.mean + told * beyond + (U * (told_shared - told)) @ (U.T @ beyond)
+        covariance = told * own * np.eye(len(by)) + (U * (told_shared * shared - told * own)) @ U.T
+        return np.asarray(tone), np.asarray(covariance)
 
     def contrast(self, normal: Array, color: Ids) -> tuple[Array, Array]:
         """Return the change of brightness (N,) between surfaces, normals (N, 2, 3), colours (N, 2), and its sigma."""

@@ -9,6 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
+from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -50,10 +51,11 @@ class ShownFaces:
         if window is not None:
             rows, columns = window
             camera = camera.crop(columns.start, rows.start, (columns.stop - columns.start, rows.stop - rows.start))
+            kept &= _may_show(mesh, camera, camera_from_part)  # a renderer of all faces costs more than the window
         if kept.any():
             scene = part.scene if kept.all() else Scene.of(mesh.select(kept), edges=NO_EDGES)
             seen = open_renderer(scene).render(camera, camera_from_part, channels=Channel.FACE).face
-        else:  # a part that is a single body
+        else:  # a part that is a single body, or nothing of it in the window
             seen = np.full((camera.height, camera.width), -1, np.int32)
         return cls._of_faces(part, np.flatnonzero(kept), seen, camera_from_part.inv.translation)
 
@@ -83,6 +85,24 @@ class ShownFaces:
             counts = ~without[few, few].ravel()
             gray, face = gray[counts], face[counts]
         return light_of(gray.astype(np.float64), self.normal[face], self.color[face])
+
+
+def _may_show(mesh: Mesh, camera: Camera, camera_from_part: Rigid) -> Mask:
+    """Return which faces (F,) may be met by the sights of a camera's pixels; all where its border has none.
+
+    Those are left out that lie wholly beyond a plane through the eye that has all sights, those of the pixels just
+    outside the picture too, on its other side. A lens images no sight of an inner pixel beyond those of its border.
+    """
+    across, down = np.arange(-1.0, camera.width + 1), np.arange(-1.0, camera.height + 1)
+    border = [np.stack(np.broadcast_arrays(across, y), axis=-1) for y in (down[0], down[-1])]
+    border += [np.stack(np.broadcast_arrays(x, down), axis=-1) for x in (across[0], across[-1])]
+    d = camera.unproject(np.concatenate(border))
+    if not (d[:, 2] > 0).all():  # NaN too: beyond what the lens images, or what a plane does
+        return np.ones(mesh.n_faces, bool)
+    u, p = d[:, :2] / d[:, 2:], camera_from_part @ mesh.vertices
+    sides = [(i, sign, (sign * u[:, i]).max()) for i in (0, 1) for sign in (1, -1)]
+    beyond = [(sign * p[:, i] > most * p[:, 2])[mesh.faces].all(axis=1) for i, sign, most in sides]
+    return np.asarray(~np.any(beyond, axis=0))
 
 
 def _towards(mesh: Mesh, faces: Longs, eye: Array) -> Array:
