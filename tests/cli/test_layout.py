@@ -230,7 +230,7 @@ WRONG = {
     "an edge without length": ("[100, 0, 20]]", "[0, 0, 20]]", "two different points"),
     "a circle without normal": ("normal: [0, 0, 1], ", "", "without normal"),
     "an angle of a circle": ("diameter_mm: 10, ", "diameter_mm: 10, angle_deg: 1, ", "no direction"),
-    "no limit": (", position_mm: 0.1}\nnoise", "}\nnoise", "has no limit"),
+    "no limit": (", position_mm: 0.1}\nnoise", "}\nnoise", "has no limit; give one of position_mm, angle_deg\n"),
     "a camera inside the part": (RING, "positions_mm: [[30, 40, 10]]", "inside of the part"),
     "a camera that aims at itself": (RING, "positions_mm: [[50, 40, 20]]", "aims at itself"),
     "a feature that no candidate sees": ("normal: [0, 0, 1]", "normal: [0, 0, -1]", UNSEEN),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from dataclasses import fields
 from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
@@ -44,6 +45,20 @@ def test_a_record_comes_back_to_the_last_bit(where: str) -> None:
     same(b[0], bare)
 
 
+@pytest.mark.parametrize(
+    "made",
+    [
+        lambda: Record("bracket", serial=17),
+        lambda: Deviation(3, 0.1, 0.2),
+        lambda: Source(None, "photo.png", "0" * 64),
+    ],
+    ids=["serial of a record", "feature of a deviation", "role of a source"],
+)
+def test_what_is_to_be_a_text_is_one(made: Callable[[], object], request: pytest.FixtureRequest) -> None:
+    with pytest.raises(BadValue, match=request.node.callspec.id):
+        made()
+
+
 def test_the_time_is_kept_in_utc_whatever_its_zone(where: str) -> None:
     east = datetime(2026, 3, 2, 23, 30, 0, 123456, tzinfo=timezone(timedelta(hours=9)))
     with open_store(where) as store:
@@ -79,6 +94,9 @@ def test_a_query_returns_what_is_all_of_what_is_asked_oldest_first(where: str) -
         assert serials(serial="S002") == ["S002"]
         assert serials(feature="stiffener", part="bracket") == ["S000", "S003"]
         assert serials(newest=2) == ["S002", "S003"]
+        for newest in (0, -1, 1.5):
+            with pytest.raises(BadValue, match=r"newest.*a whole number of at least 1"):
+                serials(newest=newest)
         assert serials(id_begins=records[1].id[:9]) == ["S000"]
         assert serials(station="nowhere") == []
         with pytest.raises(UnknownName, match="did you mean 'FAIL'"):

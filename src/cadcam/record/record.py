@@ -125,8 +125,8 @@ def _spell_out(of: Source | Record | Deviation, *names: str) -> None:
     """Spell out what is no text in texts that may hold the name of a file: no database would take it."""
     for name in names:
         value = getattr(of, name)
-        if isinstance(value, str):
-            object.__setattr__(of, name, plain(value))
+        expect(value, f"{name} of a {type(of).__name__.lower()}", str)
+        object.__setattr__(of, name, plain(value))
 
 
 def _check_verdict(verdict: str, of: str) -> None:

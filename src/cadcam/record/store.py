@@ -22,7 +22,7 @@ from sqlalchemy import event, exc
 
 import cadcam
 from cadcam.errors import BadValue, MissingExtra, UnknownName, UnusableStore
-from cadcam.kinds import expect, expect_each, expect_known, expect_path
+from cadcam.kinds import expect, expect_count, expect_each, expect_known, expect_path
 from cadcam.record import schema
 from cadcam.record.record import VERDICTS, Record, in_utc
 from cadcam.record.rows import deviation_rows, measurement_row, record_of, source_rows
@@ -128,6 +128,8 @@ class Store:
         which: id_begins, part, serial, station, verdict, since, until, feature; see `Which`. newest: at most this many,
         the latest of them: no others are read.
         """
+        if newest is not None:
+            expect_count(newest, "newest")
         m = schema.measurement.c
         chosen = sql.select(m.id).where(*_wanted(which)).order_by(m.time_utc.desc(), m.id.desc()).limit(newest)
         return self._records(chosen)

@@ -68,6 +68,7 @@ _ARC = ("centre_mm", "radius_mm", "from_deg", "to_deg", "axis")
 _OF_MARKS, _OF_PARTS = ("normal", "diameter_mm", "known_plane_mm"), ("chains", "box_mm", "kinds")
 _HAS = {"point_mm": _OF_MARKS, "circle_mm": _OF_MARKS, "edge_mm": (), "part": _OF_PARTS}  # keys, beside those of limits
 _FEATURE = (*_HAS, *_OF_PARTS, *_OF_MARKS, "k", "rule", "direction")
+_JUDGED = (Quantity.POSITION, Quantity.ANGLE)  # what a layout is planned for
 _SIGMAS = ("position_mm", "rotation_deg", "focal_px", "principal_point_px")
 _MOST_POSES = 400
 Sources = list[tuple[str, str, str]]
@@ -290,7 +291,7 @@ def _features(place: Place, part: Mesh) -> tuple[LayoutFeature, ...]:
 
 
 def _feature(place: Place, name: str, k: float, rule: Rule, scene: Scene | None) -> LayoutFeature:
-    place.only(*_FEATURE, *(q.value for q in (Quantity.POSITION, Quantity.ANGLE)))
+    place.only(*_FEATURE, *(q.value for q in _JUDGED))
     given = place.object
     what = [key for key in _HAS if key in given]
     if len(what) != 1:
@@ -299,7 +300,7 @@ def _feature(place: Place, name: str, k: float, rule: Rule, scene: Scene | None)
         if key in given and key not in _HAS[what[0]]:
             of = " and ".join(kind for kind, keys in _HAS.items() if key in keys)
             raise place.error(f"has {key} beside {what[0]}", f"leave it out: it has a meaning beside {of}")
-    limits = limits_at(place, k, rule)
+    limits = limits_at(place, k, rule, _JUDGED)
     if scene is not None and what[0] == "part":
         selection: Selection = selection_at(place)
         return place.build(lambda: LayoutFeature.selected(name, selection, scene, limits))

@@ -26,6 +26,7 @@ A part may be a pattern (`longitudinal *`); what stands beside it narrows the ch
 from __future__ import annotations
 
 import os
+from collections.abc import Collection
 from functools import partial
 from typing import Any
 
@@ -133,15 +134,15 @@ def _feature(name: str, place: Place, k: float, rule: Rule) -> Feature:
     return Feature(name, selection_at(place), limits_at(place, k, rule))
 
 
-def limits_at(place: Place, k: float, rule: Rule) -> tuple[Limit, ...]:
-    """Return a feature's limits; k and rule are those of the file, which it may overrule."""
+def limits_at(place: Place, k: float, rule: Rule, of: Collection[Quantity] = tuple(Quantity)) -> tuple[Limit, ...]:
+    """Return a feature's limits, of these quantities; k and rule are those of the file, which it may overrule."""
     k = _coverage(place) if "k" in place.object else k
     rule = rule_at(place.at("rule")) if "rule" in place.object else rule
     direction = place.at("direction").array((3,)) if "direction" in place.object else None
-    stated = [q for q in Quantity if q.value in place.object]
+    stated = [q for q in of if q.value in place.object]
     limits = tuple(place.build(partial(_limit, place.at(q.value), q, k, rule, direction)) for q in stated)
     if not limits:
-        raise place.error("has no limit", f"give one of {', '.join(q.value for q in Quantity)}")
+        raise place.error("has no limit", f"give one of {', '.join(q.value for q in of)}")
     if direction is not None and Quantity.POSITION not in stated:
         raise place.error("has a direction", f"it is that of a {Quantity.POSITION.value}: give one, or leave it out")
     return limits
