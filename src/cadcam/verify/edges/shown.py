@@ -99,10 +99,14 @@ def _may_show(mesh: Mesh, camera: Camera, camera_from_part: Rigid) -> Mask:
     d = camera.unproject(np.concatenate(border))
     if not (d[:, 2] > 0).all():  # NaN too: beyond what the lens images, or what a plane does
         return np.ones(mesh.n_faces, bool)
-    u, p = d[:, :2] / d[:, 2:], camera_from_part @ mesh.vertices
-    sides = [(i, sign, (sign * u[:, i]).max()) for i in (0, 1) for sign in (1, -1)]
-    beyond = [(sign * p[:, i] > most * p[:, 2])[mesh.faces].all(axis=1) for i, sign, most in sides]
-    return np.asarray(~np.any(beyond, axis=0))
+    u = d[:, :2] / d[:, 2:]
+    (left, top), (right, bottom) = u.min(axis=0), u.max(axis=0)
+    planes = np.array([(-1, 0, left), (1, 0, -right), (0, -1, top), (0, 1, -bottom)])  # positive beyond them
+    normal, offset = planes @ camera_from_part.rotation, planes @ camera_from_part.translation
+    beyond = np.einsum("vi,pi->vp", mesh.vertices, normal) + offset > 0  # BLAS would wake, and wait for, all cores
+    code = np.packbits(beyond, axis=1).ravel()  # of a vertex, a bit for each plane
+    a, b, c = mesh.faces.T
+    return np.asarray(code[a] & code[b] & code[c] == 0)
 
 
 def _towards(mesh: Mesh, faces: Longs, eye: Array) -> Array:
