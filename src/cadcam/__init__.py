@@ -274,6 +274,7 @@ _HOME = {
     "Plane": "cadcam.geometry.plane",
     "PlaneCamera": "cadcam.camera.plane_camera",
     "Plate": "cadcam.station.plate",
+    "PointEvidence": "cadcam.locate.evidence",
     "PoseEstimate": "cadcam.camera.pose_estimate",
     "PoseEvidence": "cadcam.locate.evidence",
     "Prediction": "cadcam.plan.uncertainty.predict",

@@ -110,7 +110,7 @@ def _angles(axes: Literal["ZYX", "XYZ", "ZYZ"], order: tuple[int, int, int] = (0
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", UserWarning)  # where two axes coincide, SciPy takes one angle for 0
-            angles = Rotation.from_matrix(R.copy()).as_euler(axes, degrees=True)  # SciPy 1.12 takes no read-only array
+            angles = Rotation.from_matrix(R.copy()).as_euler(axes, degrees=True)  # older SciPy takes no read-only array
         return np.asarray(angles[:, np.argsort(order)])
 
     return cells
