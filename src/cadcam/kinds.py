@@ -135,12 +135,12 @@ def expect_positive(value: object, what: str, expected: str = "a positive number
         raise BadValue(what, value, expected)
 
 
-def expect_count(value: object, what: str, *, least: int = 1, expected: str = "") -> None:
-    """Raise `BadValue` naming `what` unless value is one whole number, of any type, of at least `least`."""
-    expected = expected or f"a whole number of at least {least}"
+def expect_count(value: object, what: str, *, least: int = 1, most: int | None = None, expected: str = "") -> None:
+    """Raise `BadValue` naming `what` unless value is one whole number, of any type, from `least` to `most`."""
+    expected = expected or f"a whole number {f'of at least {least}' if most is None else f'from {least} to {most}'}"
     expect_number(value, what, expected)
     number = float(value)  # type: ignore[arg-type]  # it is a number
-    if not (number.is_integer() and number >= least):
+    if not (number.is_integer() and least <= number <= (math.inf if most is None else most)):
         raise BadValue(what, value, expected)
 
 

@@ -207,19 +207,19 @@ def _wanted(which: Which) -> list[sql.ColumnElement[bool]]:
     if unknown is not None:
         raise UnknownName("filter of records", unknown, Which.__annotations__)
     # a name that is no text is asked for as `Record` keeps it
-    which = {name: plain(value) if isinstance(value, str) else value for name, value in which.items()}  # type: ignore[assignment]
+    asked: dict[str, Any] = {name: plain(value) if isinstance(value, str) else value for name, value in which.items()}
     m = schema.measurement.c
-    equal = {name: which.get(name) for name in ("part", "serial", "station", "verdict")}
-    if verdict := which.get("verdict"):
+    equal = {name: asked.get(name) for name in ("part", "serial", "station", "verdict")}
+    if verdict := asked.get("verdict"):
         _check_known(verdict)
     wanted = [m[name] == value for name, value in equal.items() if value is not None]
-    if begins := which.get("id_begins"):
+    if begins := asked.get("id_begins"):
         wanted.append(m.id.startswith(begins, autoescape=True))
-    if since := which.get("since"):
+    if since := asked.get("since"):
         wanted.append(m.time_utc >= _utc("since", since))
-    if until := which.get("until"):
+    if until := asked.get("until"):
         wanted.append(m.time_utc <= _utc("until", until))
-    if (feature := which.get("feature")) is not None:
+    if (feature := asked.get("feature")) is not None:
         d = schema.deviation.c
         wanted.append(sql.exists().where(d.measurement_id == m.id, d.feature == feature))
     return wanted

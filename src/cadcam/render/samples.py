@@ -40,10 +40,7 @@ class SamplePoints:
 
 def renderings(n: int) -> int:
     """Return how many points `sample_points` gives where n are asked for: n rounded up to a power of two."""
-    expected = f"a whole number from 1 to {MOST}"
-    expect_count(n, "samples", expected=expected)
-    if n > MOST:
-        raise BadValue("samples", n, expected)
+    expect_count(n, "samples", most=MOST)
     return 1 << int(np.ceil(np.log2(n)))
 
 

@@ -43,14 +43,6 @@ def check(what: str, value: float, low: float = -math.inf, high: float = math.in
     raise BadValue(what, value, f"a number {' and '.join(bounds)}" if bounds else "a finite number")
 
 
-def check_whole(what: str, value: int, low: int, high: int) -> None:
-    """Raise `BadValue` unless the value is a whole number, of any type, from low to high."""
-    expected = f"a whole number from {low} to {high}"
-    expect_number(value, what, expected)
-    if not (float(value).is_integer() and low <= value <= high):
-        raise BadValue(what, value, expected)
-
-
 def check_pair(what: str, value: tuple[float, float]) -> None:
     """Raise `BadValue` unless the value is two finite numbers."""
     two = isinstance(value, (tuple, list)) and len(value) == 2 and all(isinstance(v, SupportsFloat) for v in value)

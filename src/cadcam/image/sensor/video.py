@@ -11,7 +11,8 @@ import numpy as np
 
 from cadcam.arrays import Picture
 from cadcam.image.picture import decoded_jpeg, encoded
-from cadcam.image.sensor.effect import check, check_whole
+from cadcam.image.sensor.effect import check
+from cadcam.kinds import expect_count
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,7 +131,7 @@ class Quantisation:
     bits: int = 8
 
     def __post_init__(self) -> None:
-        check_whole("bits of the quantisation", self.bits, 1, 16)
+        expect_count(self.bits, "bits of the quantisation", most=16)
 
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the picture in steps."""
@@ -149,7 +150,7 @@ class Jpeg:
     quality: int = 90
 
     def __post_init__(self) -> None:
-        check_whole("quality of the JPEG", self.quality, 1, 100)
+        expect_count(self.quality, "quality of the JPEG", most=100)
 
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the picture with the losses of blocks of 8 x 8 px."""

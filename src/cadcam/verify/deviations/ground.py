@@ -24,7 +24,7 @@ _ROOM_PX = 1.5  # beyond each sample, the width that must show the same surface
 _FEW = 6  # places, with whose noise a change has to be compared even where more are averaged
 _SIGMAS, _LEAST = 6.0, 0.006  # largest change of brightness: sds of noise, and beside it
 # ... and as a share of the edge's step. Of edges with larger changes 16 % are over 0.25 px off, of others 2 to 3 %,
-# with textures and with shadows alike (548 and 267 edges; docs/benchmarks/verify-tried.md).
+# with textures and with shadows alike (503 and 227 edges; docs/benchmarks/verify-tried.md).
 _OF_STEP = 0.2
 _SIDES = 2
 _FEWEST, _HALF = 2, 0.5  # places that must show the surface near the edge, and share of these farther away
