@@ -150,6 +150,16 @@ def test_one_camera_file_is_one_calibration_at_every_mount(folder: Path) -> None
     assert not np.allclose(seen.ratios(chosen).ravel(), seen.problem.ratios(chosen), rtol=1e-3)
 
 
+def test_a_file_of_a_pose_alone_states_no_error_of_its_camera(folder: Path) -> None:
+    """Its internals would be taken as exact, whatever the scene assumes of calibrations."""
+    known = cadcam.read_camera(folder / "camera.json").estimate
+    assert known is not None
+    cadcam.write_camera(folder / "camera.json", cadcam.locate_camera(known.observations, known.camera))
+    camera = next(c for c in candidates(read_layout_scene(folder / "scene.yaml")) if c.mount == "robot")
+    ((source, _), *_) = camera.viewpoint.errors
+    np.testing.assert_allclose(np.sqrt(np.diag(source.covariance))[[7, 9, 10]], [0.2, 0.3, 0.3])
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

@@ -223,7 +223,9 @@ def _camera(place: Place, folder: Path, name: str, sources: Sources, read: dict[
     sources.append(("camera", str(path), content))
     if sensor is not None and sensor.pixels is None:
         sensor = sensor.with_pixels(file.camera.size)
-    return place.build(lambda: CameraType(name, sensor, own=file.camera, estimate=file.estimate, **numbers))
+    own = file.estimate
+    stated = None if own is None or own.pose_alone else own  # found with this camera, a pose says nothing of it
+    return place.build(lambda: CameraType(name, sensor, own=file.camera, estimate=stated, **numbers))
 
 
 def _pixels(place: Place) -> tuple[int, int]:
