@@ -36,9 +36,8 @@ def headline(layout: Layout) -> str:
         return f"{cameras} measure{'s' * one} all {total} limits with U at most 1/{wanted:g} of each, in every pose"
     worst = int(np.argmin(layout.assessment.ratio.min(axis=0)))
     name = layout.survey.scene.features[layout.survey.asked.feature[worst]].name
-    said = (
-        f"{cameras} reach 1/{wanted:g} for {n} of {total} limits; worst: {name}, {ratio_words(_least(layout, worst))}"
-    )
+    reached = f"{cameras} reach{'es' * one} 1/{wanted:g} for {n} of {total} limits"
+    said = f"{reached}; worst: {name}, {ratio_words(_least(layout, worst))}"
     if layout.outcome is Outcome.MARGINAL:
         return said + "; parts near a limit will stay undecided"
     return said
