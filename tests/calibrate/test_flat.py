@@ -47,6 +47,20 @@ def test_the_plane_s_covariance_is_that_of_its_draws(rng):
     assert square.mean(axis=1) == pytest.approx(2, abs=4 * 2 / np.sqrt(DRAWS))
 
 
+@pytest.mark.parametrize("away", [1e4, 1e6, 1e8])
+def test_a_plane_is_calibrated_in_the_coordinates_of_a_map(rng, away):
+    """A kilometre away it was said to be seen from its edge; where rounding takes too much is told."""
+    shift = np.array([away, -0.7 * away])
+    near, far = (calibrate_plane(plane_points(np.random.default_rng(5), s)) for s in ((0.0, 0.0), shift))
+    one, other = (measure_on_plane(e, PLANE.project(GRID[:3])) for e in (near, far))
+    ratio = np.linalg.norm(shift) / 300
+    rounded = 40 * np.finfo(float).eps  # beside 1e-5 of sigma that the iterations leave
+    assert other.points[:, :2] - shift == pytest.approx(one.points[:, :2], abs=rounded * ratio * 300 + 1e-6)
+    assert other.sigma == pytest.approx(one.sigma, rel=rounded * ratio**2 + 1e-6)
+    with pytest.raises(DegenerateGeometry, match=r"2.1e\+09 mm from the origin .* take an origin near them"):
+        calibrate_plane(plane_points(rng, (2.1e9, 0.0)))
+
+
 def test_the_line_camera_s_covariance_is_that_of_its_draws(rng):
     truth = calibrate_line(line_points())
     error = np.array([calibrate_line(line_points(rng)).camera.vector for _ in range(DRAWS)]) - LINE.vector

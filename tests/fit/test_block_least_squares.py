@@ -253,6 +253,31 @@ def test_a_loss_is_the_integral_of_its_weights_and_efficient_to_95_percent(name)
     assert np.sum(stiff * density) ** 2 / np.sum(w * w * r * r / 2 * density) == pytest.approx(0.95, abs=1e-5)
 
 
+@pytest.mark.parametrize("name", ["huber", "cauchy", "tukey"])
+def test_a_robust_fit_s_covariance_and_noise_are_those_of_its_efficiency(rng, name):
+    """Information 0.95 of that of least squares where the noise is stated, and the same noise where it is not.
+
+    The inverse of the weighted normal matrix alone has sigmas 9 % too large with Cauchy's loss, 5 % with Tukey's.
+    4500 points: means of weights are known to 1 %, the residuals' spread to 1 %.
+    """
+    y, start = decays(rng, k=30, rows=300)
+    plain, robust = (minimise_blocks(Decays(y), start, loss=loss) for loss in (None, Loss(name)))
+    one, other = (factorise(found.weighted, *NAMES).shared for found in (plain, robust))
+    assert np.sqrt(np.diag(one) / np.diag(other)) == pytest.approx(np.sqrt(0.95), rel=0.03)
+    assert np.sqrt([plain.variance, robust.variance]) == pytest.approx(0.01, rel=0.04)
+
+
+def test_answers_of_a_robust_fit_scatter_as_it_says(rng):
+    """Of 250 draws the squared errors over their covariance are 2 in the mean, +-0.13; as it was, 1.6."""
+    y, start = decays(rng, k=6, noise=0.0, rows=60)
+    square = []
+    for _ in range(250):
+        found = minimise_blocks(Decays(y + 0.01 * rng.normal(size=y.shape)), start, loss=Loss("cauchy"))
+        off = found.state[0] - [0.8, 1.9]
+        square.append(off @ np.linalg.solve(0.01**2 * factorise(found.weighted, *NAMES).shared, off))
+    assert np.mean(square) == pytest.approx(2, abs=2.9 * 0.13)
+
+
 def test_the_noise_by_the_median_is_sigma_for_normal_noise_and_bears_a_third_outliers(rng):
     """200000 points: the median's standard deviation is 0.2 %."""
     d = np.linalg.norm(3.0 * rng.normal(size=(200000, 2)), axis=1)

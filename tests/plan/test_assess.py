@@ -276,7 +276,26 @@ def test_what_if_of_a_calibrated_camera_changes_its_own_calibration() -> None:
     worse = survey(replace(layout.survey.scene, cameras={"cam": twice}))
     assert table["a calibration half as good"].worst == pytest.approx(worse.assess(layout.chosen).worst)
     assert table["a perfect calibration"].worst > 1.1 * table["as planned"].worst
-    assert "internals err as the camera file states" in " ".join(assumptions(layout))
+    assert "internals err as the camera file states instead, alike wherever" in " ".join(assumptions(layout))
+
+
+def test_half_as_good_is_twice_the_error_also_of_a_calibration_that_is_shared() -> None:
+    """By two types of one file, and by the views of one joint calibration."""
+    rng = np.random.default_rng(3)
+    camera, p = cadcam.Camera.from_focal((2448, 2048), 4600.0), rng.uniform([0, 0, 0], [400, 300, 120], (20, 3))
+    views = []
+    for x in (-300.0, 0.0, 300.0):
+        pose = cadcam.Rigid.look_at([x, -900, 700], MIDDLE)
+        views.append(cadcam.Observations(p, camera.project(pose @ p) + rng.normal(0, 0.1, (20, 2)), sigma_px=0.1))
+    own = cadcam.calibrate_jointly(views, size=camera.size).view(0)
+    types = {name: CameraType(name, own=own.camera, estimate=own) for name in ("a", "b")}
+    mounts = (replace(ring(6), cameras=("a",)), replace(ring(5), name="other", cameras=("b",)))
+    made = scene(cameras=types, mounts=mounts, calibration=Sigmas(), motion=Sigmas(), features=features()[:2])
+    layout = plan_layout(replace(made, finder=Finder(sigma_px=1e-4)), 4)
+    assert {c.type.name for c in layout.cameras} == {"a", "b"}
+    table = {w.change: w for w in what_if(layout)}
+    assert table["as planned"].worst > 0
+    assert table["a calibration half as good"].worst == pytest.approx(table["as planned"].worst / 2, rel=1e-3)
 
 
 def test_what_if_says_what_planning_anew_says() -> None:

@@ -13,6 +13,7 @@ from cadcam.plan.choice.problem import MEASURED, Score
 from cadcam.plan.layout import CandidateSurvey, next_cameras, plan_layout, survey
 from cadcam.plan.scene.layout_scene import Sigmas
 from cadcam.plan.what_if import what_if
+from cadcam.report.layout.words import headline
 
 from .scenes import ring, scene
 
@@ -69,6 +70,8 @@ def test_of_a_camera_that_is_moved_every_table_states_the_errors_as_shared() -> 
     for camera, role in zip(layout.cameras, layout.roles, strict=True):
         assert role.without.unmeasured == 0
         assert role.without.worst == pytest.approx(table[f"without {camera.name}"], rel=1e-12)
+    demanding = replace(layout, survey=replace(moved, scene=replace(moved.scene, tur=1e6)))
+    assert headline(demanding).startswith("one camera at 5 places reaches 1/1e+06 for 0 of 6 limits; worst: ")
     (_, best), *others = next_cameras(moved, layout.chosen)
     stated = [moved.assess((*layout.chosen, i)).worst for i in range(8) if i not in layout.chosen]
     assert best.worst == pytest.approx(max(stated), rel=1e-12)

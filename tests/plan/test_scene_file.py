@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -16,7 +18,7 @@ from cadcam.plan.scene.file import read_layout_scene
 from cadcam.plan.scene.layout_scene import CalibratedFrom, Sigmas
 from cadcam.plan.scene.samples import write_samples
 from cadcam.plan.scene.zones import arc, in_box
-from cadcam.plan.sight.candidate import candidates
+from cadcam.plan.sight.candidate import candidates, share_errors
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 
 from .scenes import MIDDLE, part, ring
@@ -102,9 +104,9 @@ def test_candidates_are_places_by_aims_by_cameras(folder: Path) -> None:
     own = by_mount["robot"].viewpoint
     estimate = scene.cameras["own"].estimate
     assert estimate is not None
-    covariance = own.errors[0][0].covariance
+    covariance = sum(D @ source.covariance @ D.T for source, D in own.errors)
     np.testing.assert_allclose(covariance[6:, 6:], (0.1**2 * estimate.cofactor)[6:, 6:])  # its own internals
-    np.testing.assert_allclose(np.diag(covariance)[:3], 0.1**2)  # its place, as assumed
+    np.testing.assert_allclose(np.diag(own.errors[0][0].covariance)[:3], 0.1**2)  # its place, as assumed
 
 
 def test_a_calibrated_camera_that_is_moved_is_that_of_measuring(folder: Path) -> None:
@@ -113,13 +115,108 @@ def test_a_calibrated_camera_that_is_moved_is_that_of_measuring(folder: Path) ->
     motion = cadcam.KnownMotion(second.viewpoint.camera_from_world.inv @ first.viewpoint.camera_from_world)
     np.testing.assert_allclose(motion.new_from_old @ first.eye, second.eye, atol=1e-6)
     names = [source.name for source, _ in second.viewpoint.errors]
-    assert names == ["calibration", "motion"]
+    assert names == ["calibration", "motion", "calibration"]  # of the place where it was calibrated; of its internals
     assert first.viewpoint.errors[0][0].owner is second.viewpoint.errors[0][0].owner
     # the motion's error is that of the place itself: sigma_mm of the focal centre, sigma_rad of the axes
     source, D = second.viewpoint.errors[1]
     local = D @ source.covariance @ D.T
     np.testing.assert_allclose(np.diag(local)[:3], 0.2**2, rtol=1e-6)
     np.testing.assert_allclose(np.diag(local)[3:6], np.radians(0.02) ** 2, rtol=1e-6)
+
+
+def test_one_camera_file_is_one_calibration_at_every_mount(folder: Path) -> None:
+    """Its internals err alike wherever it is used, under whatever name, and by that is what it measures judged."""
+    (folder / "copy.json").write_bytes((folder / "camera.json").read_bytes())
+    text = TEXT.replace("mounts:\n", "  copy: {file: copy.json}\nmounts:\n", 1)
+    text = text.replace("cameras: [bought], up", "cameras: [copy], up")
+    text = text.replace("calibration: {position_mm: 0.1, rotation_deg: 0.01, ", "calibration: {position_mm: 0.001, ")
+    text = text.replace("motion: {position_mm: 0.2, rotation_deg: 0.02}", "motion: {position_mm: 0.001}")
+    (folder / "scene.yaml").write_text(text)
+    scene = read_layout_scene(folder / "scene.yaml")
+    every = {c.name: c for c in candidates(scene)}
+    some = [every[name] for name in ("wall 1 (own)", "wall 2 (own)", "robot 1", "post")]
+    assert len({id(c.viewpoint.errors[-1][0].owner) for c in some}) == 1
+    assert share_errors(some)
+    assert not share_errors([every["wall 1 (own)"], every["wall 2 (bought)"]])
+
+    rays = [c.viewpoint for c in some[:2]]
+    apart = [replace(v, errors=[(replace(s, owner=object()), D) for s, D in v.errors]) for v in rays]
+    middle = scene.part.bounds.mean(axis=0)
+    together, alone = (cadcam.predict_points(views, middle[None]).covariance[0] for views in (rays, apart))
+    assert not np.allclose(together, alone, rtol=0.01)
+    seen = survey(scene)
+    chosen = [i for i, c in enumerate(seen.candidates) if c.name in {c.name for c in some}]
+    np.testing.assert_allclose(seen.ratios(chosen), seen.assess(chosen).ratio, rtol=1e-12)
+    assert not np.allclose(seen.ratios(chosen).ravel(), seen.problem.ratios(chosen), rtol=1e-3)
+
+
+def test_a_file_of_a_pose_alone_states_no_error_of_its_camera(folder: Path) -> None:
+    """Its internals would be taken as exact, whatever the scene assumes of calibrations."""
+    known = cadcam.read_camera(folder / "camera.json").estimate
+    assert known is not None
+    cadcam.write_camera(folder / "camera.json", cadcam.locate_camera(known.observations, known.camera))
+    camera = next(c for c in candidates(read_layout_scene(folder / "scene.yaml")) if c.mount == "robot")
+    ((source, _), *_) = camera.viewpoint.errors
+    np.testing.assert_allclose(np.sqrt(np.diag(source.covariance))[[7, 9, 10]], [0.2, 0.3, 0.3])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "said"),
+    [
+        ("count: 4, one_camera: true,", "count: 4,", "motion says how well .* set one_camera: true at a mount"),
+        (", known_plane_mm: 0.5", "", "placement counts for features on known planes, and there are none; give a feat"),
+        ("rotation_deg: [0, 0, [0, 4]]", "rotation_deg: [0, 0, 4]", ""),
+        ("[[-10, 10], 0, 0], rotation_deg: [0, 0, [0, 4]]", "[-10, 0, 0], rotation_deg: [0, 0, 4]", "without a range"),
+        ("normal: [0, 0, 2]", "normal: [0, 0, 2], diameter_mm: 9", "has diameter_mm beside point_mm"),
+        ("{file: camera.json, sensor: IMX264", "{file: camera.json, sensor: IMX304", "4096 x 3000 of IMX304, and 2448"),
+        ("{file: camera.json, sensor: IMX264", "{file: camera.json, sensor: 8.44x7.07", ""),
+        ("IMX264, focal_mm: 16, f_number: 8", "IMX264, focal_mm: 16", "given in part"),
+    ],
+)  # fmt: skip
+def test_keys_that_would_change_nothing_are_refused(folder: Path, old: str, new: str, said: str) -> None:
+    """Whoever writes one expects that it counts; without `said` it does."""
+    assert TEXT.count(old) == 1
+    (folder / "scene.yaml").write_text(TEXT.replace(old, new))
+    if not said:
+        assert read_layout_scene(folder / "scene.yaml").choose == 2
+        return
+    with pytest.raises(cadcam.CadcamError, match=said):
+        read_layout_scene(folder / "scene.yaml")
+
+
+_BARE = """\
+part: {model: part.obj, unit: cm}
+cameras: {own: {file: camera.json}}
+mounts: {wall: {box_mm: [[0, -9000, 0], [4000, -9000, 3000]], count: 12}}
+features: {top: {point_mm: [3150, 1150, 900], position_mm: 2}}
+noise: {sigma_px: 0.1}
+"""
+
+
+@pytest.mark.parametrize(
+    ("key", "needs"),
+    [
+        ("calibration: {focal_px: 0.2}", "cameras: {own: {sensor: IMX264, focal_mm: 16}}"),
+        ("calibration: {principal_point_px: 0.2}", "cameras: {own: {sensor: IMX264, focal_mm: 16}}"),
+        ("seen: {blur_px: 3}", "cameras: {own: {sensor: IMX264, focal_mm: 16, f_number: 8}}"),
+        ("seen: {share: 0.5}", "features: {top: {edge_mm: [[200, 0, 100], [3800, 0, 100]], position_mm: 2}}"),
+        ("seen: {least_px: 3}", "features: {top: {edge_mm: [[200, 0, 100], [3800, 0, 100]], position_mm: 2}}"),
+        (
+            "noise: {sigma_px: 0.1, grey: 0.01, contrast: 0.3}",
+            "features: {top: {edge_mm: [[200, 0, 100], [3800, 0, 100]], position_mm: 2}}",
+        ),
+    ],
+)
+def test_assumptions_on_what_is_not_there_are_refused(folder: Path, key: str, needs: str) -> None:
+    def written(*lines: str) -> Path:
+        keys = {line.partition(":")[0]: line for line in (*_BARE.splitlines(), *lines)}
+        (folder / "scene.yaml").write_text("\n".join(keys.values()))
+        return folder / "scene.yaml"
+
+    read_layout_scene(written(key, needs))
+    name = key.partition(": {")[0] + "." + re.findall(r"(\w+): [\d.]+", key)[-1 if "noise" not in key else 1]
+    with pytest.raises(cadcam.CadcamError, match=rf"{name} .*, or leave it out"):
+        read_layout_scene(written(key))
 
 
 def test_edges_of_a_part_are_measured_in_all_directions(folder: Path) -> None:

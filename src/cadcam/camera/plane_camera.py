@@ -21,6 +21,8 @@ from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
+_SINGULAR = 1e-14  # 45 times the rounding of a number of size 1
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class PlaneCamera(Brief):
@@ -30,8 +32,7 @@ class PlaneCamera(Brief):
 
     def __post_init__(self) -> None:
         H = frozen(self.matrix, "plane to pixel matrix", (3, 3))
-        rows = np.linalg.norm(H, axis=1)
-        if not rows.all() or abs(np.linalg.det(H / rows[:, None])) < 1e-14:
+        if not _is_invertible(H):
             raise DegenerateGeometry("the plane's 3x3 matrix has no inverse: the plane is seen from its edge")
         object.__setattr__(self, "matrix", H)
 
@@ -97,6 +98,25 @@ class PlaneCamera(Brief):
         A = np.linalg.solve(camera.K, self.matrix)
         A = np.asarray(A * 2 / (np.linalg.norm(A[:, 0]) + np.linalg.norm(A[:, 1])))
         return Rigid(so3.nearest(np.column_stack([A[:, 0], A[:, 1], np.cross(A[:, 0], A[:, 1])])), np.asarray(A[:, 2]))
+
+
+def _is_invertible(H: Array) -> bool:
+    """Return whether H has an inverse, whatever the plane's unit and however far its origin lies from what is seen.
+
+    The third column, which is all that the origin changes, is compared with its part across the other two; a
+    determinant of nine entries tends to 0 with the cube of that distance.
+    """
+    rows = np.linalg.norm(H, axis=1)
+    if not rows.all():
+        return False
+    H = H / rows[:, None]
+    columns = np.linalg.norm(H, axis=0)
+    if not columns.all():
+        return False
+    x, y, origin = (H / columns).T
+    normal = np.cross(x, y)
+    area = float(np.linalg.norm(normal))
+    return area > _SINGULAR and abs(normal @ origin) > _SINGULAR * area
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

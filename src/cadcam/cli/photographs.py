@@ -33,7 +33,9 @@ def add_photograph_options(parser: argparse.ArgumentParser) -> None:
         help="hall (lamps under the roof, soft shadows; the default with --f-number), sun (hard shadows), ring (flash "
         "round the lens), even; +Z is up",
     )
-    group.add_argument("--lens", type=real, metavar="MM", help="focal length, for --f-number")
+    group.add_argument(
+        "--lens", type=real, metavar="MM", help="focal length, for --f-number; lens distortion is the camera file's"
+    )
     group.add_argument("--f-number", type=real, metavar="N", help="aperture of the lens: blurs what is out of focus")
     group.add_argument(
         "--focus", type=real, metavar="MM", help="distance in focus, from the lens (default: the middle of the model)"

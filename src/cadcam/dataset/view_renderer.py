@@ -9,10 +9,10 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import Ideal
 from cadcam.dataset.backdrop import backdrop_picture
 from cadcam.dataset.plan import PLAIN, middle_and_radius
 from cadcam.dataset.props import Prop
+from cadcam.dataset.reach import beyond, reach
 from cadcam.dataset.shot import Shot
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
@@ -94,7 +94,7 @@ class ViewRenderer:
         visible = mask & (nearest.depth == part.depth) if before else mask
         count, box = mask_region(mask)
         visible_count, visible_box = mask_region(visible) if before else (count, box)
-        whole_count, whole_box = (count, box) if count and _within(box, mask) else self._silhouette(shot)
+        whole_count, whole_box = (count, box) if count and _within(box, mask) else self._silhouette(shot, count, box)
         p = shot.camera_from_part @ self.inputs.key_points
         q = shot.camera.project(p)
         return LabelledView(
@@ -145,26 +145,25 @@ class ViewRenderer:
         seen[shown[~hidden]] = VISIBLE
         return seen
 
-    def _silhouette(self, shot: Shot) -> tuple[int, Box]:
-        """Return count and bounds x0, y0, x1, y1 (inclusive) of the part's pixels, those outside the picture too."""
-        left, top, right, bottom = self._reach(shot)
-        if left >= right or top >= bottom:
-            return 0, NOWHERE
-        wide = shot.camera.crop(left, top, (right - left, bottom - top))
-        whole = self._part.render(wide, shot.camera_from_part, channels=Channel.DEPTH).depth
-        count, (x0, y0, x1, y1) = mask_region(np.isfinite(whole))
-        return count, (x0 + left, y0 + top, x1 + left, y1 + top) if count else NOWHERE
+    def _silhouette(self, shot: Shot, count: int, box: Box) -> tuple[int, Box]:
+        """Return count and bounds x0, y0, x1, y1 (inclusive) of the part's pixels, those outside the picture too.
 
-    def _reach(self, shot: Shot) -> tuple[int, int, int, int]:
-        """Return left, top, right, bottom (exclusive) of the area the part may cover, to a picture's size outside."""
-        width, height = shot.camera.size
-        low, high = np.array([-width, -height]), np.array([2 * width, 2 * height])
-        q = shot.camera.project(shot.camera_from_part @ self.inputs.scene.mesh.vertices)
-        # through a lens edges bow out from between their ends, and what passes the camera may appear anywhere
-        if isinstance(shot.camera.lens, Ideal) and np.isfinite(q).all():
-            low, high = np.maximum(low, np.floor(q.min(axis=0)) - 1), np.minimum(high, np.ceil(q.max(axis=0)) + 2)
-        left, top, right, bottom = (int(v) for v in (*low, *high))
-        return left, top, right, bottom
+        count, box: of those within.
+        """
+        p = shot.camera_from_part @ self.inputs.scene.mesh.vertices
+        found = [(count, box)]
+        for left, top, right, bottom in beyond(
+            reach(shot.camera, p, samples=shot.look.supersampling), shot.camera.size
+        ):
+            camera = shot.camera.crop(left, top, (right - left, bottom - top))
+            depth = self._part.render(camera, shot.camera_from_part, channels=Channel.DEPTH).depth
+            own, (x0, y0, x1, y1) = mask_region(depth < np.inf)
+            found.append((own, (x0 + left, y0 + top, x1 + left, y1 + top)))
+        boxes = np.array([of_area for n, of_area in found if n])
+        if not len(boxes):
+            return 0, NOWHERE
+        (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0).tolist(), boxes[:, 2:].max(axis=0).tolist()
+        return sum(n for n, _ in found), (x0, y0, x1, y1)
 
 
 def _in_front(views: list[View]) -> View:

@@ -39,8 +39,9 @@ class BlockSolution(Generic[State]):
     """A minimum of a block problem.
 
     blocks: residuals and Jacobians there, unweighted. weights (k, c): the loss' weight of each point, 1 without one.
-    cost: the minimised sum. scale: of the loss, in the residuals' unit (nan without one). variance: the factor that
-    turns the cofactors of the weighted blocks into covariances where the noise is unknown; nan without freedom.
+    cost: the minimised sum. scale: of the loss, in the residuals' unit (nan without one). excess: by how much the
+    cofactors of blocks with these weights exceed their covariance (`Loss.excess`); 1 without. variance: of a residual,
+    which turns the cofactors of `weighted` into covariances where the noise is unknown; nan without freedom.
     """
 
     state: State
@@ -48,13 +49,14 @@ class BlockSolution(Generic[State]):
     weights: Array
     cost: float
     scale: float
+    excess: float
     variance: float
     iterations: int
 
     @property
     def weighted(self) -> Blocks:
-        """Return the blocks with the weights applied: what `fit.square_root.factorise` takes."""
-        return self.blocks if np.isnan(self.scale) else self.blocks.weighted(self.weights)
+        """Return the blocks with as much information as their points give: what `fit.square_root.factorise` takes."""
+        return self.blocks if np.isnan(self.scale) else self.blocks.weighted(self.excess * self.weights)
 
 
 def minimise_blocks(
@@ -94,8 +96,9 @@ def _fit(
     blocks = found.model.blocks if loss.is_squared else problem.blocks(found.state)
     d2 = blocks.squared_distances()
     weights = loss.weights(d2, scale)
-    variance = _variance(blocks, loss, scale)
-    return BlockSolution(found.state, blocks, weights, found.model.cost, scale, variance, found.iterations)
+    excess = 1.0 if loss.is_squared else loss.excess(scale / _scale_of(blocks))
+    variance = _variance(blocks, loss, scale) * excess
+    return BlockSolution(found.state, blocks, weights, found.model.cost, scale, excess, variance, found.iterations)
 
 
 def _scale_of(blocks: Blocks) -> float:
@@ -106,7 +109,10 @@ def _scale_of(blocks: Blocks) -> float:
 
 
 def _variance(blocks: Blocks, loss: Loss, scale: float) -> float:
-    """Return the sum of squares over dof; for an M-estimator E[psi^2] E[w] / E[psi']^2 (Huber 1981, section 7.6)."""
+    """Return what turns cofactors of the weights into covariances: the sum of squares over dof, without a loss.
+
+    Of an M-estimator it is E[psi^2] E[w] / E[psi']^2 (Huber 1981, section 7.6).
+    """
     if blocks.dof <= 0:
         return np.nan
     if loss.is_squared:

@@ -19,6 +19,7 @@ from cadcam.kinds import expect, expect_known, expect_numbers, expect_positive
 LossName = Literal["squared", "huber", "cauchy", "tukey"]
 
 _TUNING: dict[LossName, float] = {"squared": 1.0, "huber": 1.501141, "cauchy": 2.548638, "tukey": 5.122986}
+_FARTHEST = 12.0  # of a normal distribution, in its sigmas
 _MEDIAN_DISTANCE = float(np.sqrt(2 * np.log(2)))  # of a two-dimensional normal distribution, over sigma per coordinate
 
 
@@ -82,6 +83,18 @@ class Loss:
         if self.name == "tukey":
             return np.asarray(w - 2 * np.minimum(s, 1) * (1 - np.minimum(s, 1)))
         return w
+
+    def excess(self, scale: float) -> float:
+        """Return by how much the inverse of the weighted normal matrix exceeds the covariance, for unit normal noise.
+
+        Weights below 1 take away more information than the M-estimator loses: its covariance is E[psi^2]/E[psi']^2
+        (Huber 1981, section 7.6) of that of least squares, not 1/E[w]. scale: of the loss, in units of the noise.
+        """
+        r = np.linspace(0.0, _FARTHEST, 2401)
+        density = r * np.exp(-r * r / 2) * r[1]
+        w, stiff = self.weights(r * r, scale), self.stiffness(r * r, scale)
+        psi2 = (w * r) ** 2 / 2  # of one coordinate
+        return float((stiff @ density) ** 2 / ((psi2 @ density) * (w @ density)))
 
     def _relative(self, d2: Array, scale: float) -> tuple[Array, float]:
         unit = (_TUNING[self.name] * scale) ** 2

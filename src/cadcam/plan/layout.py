@@ -17,7 +17,7 @@ from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informati
 from cadcam.plan.choice.problem import MEASURED, Score, SelectionProblem, score_of
 from cadcam.plan.choice.search import BestSet, best_set, one_fewer, one_more, ranked
 from cadcam.plan.scene.layout_scene import LayoutScene
-from cadcam.plan.sight.candidate import Candidate, candidates
+from cadcam.plan.sight.candidate import Candidate, candidates, share_errors
 from cadcam.plan.sight.places import Places
 from cadcam.plan.sight.surroundings import Surroundings
 from cadcam.plan.sight.visibility import Visibility, Why, seen_from
@@ -70,7 +70,7 @@ class CandidateSurvey(Brief):
 
     def ratios(self, chosen: Sequence[int]) -> Array:
         """Return the ratios limit/U (P, L) of some candidates as `assess` states them: shared errors are shared."""
-        if any(self.candidates[i].shared for i in chosen):
+        if share_errors(self.candidates[i] for i in chosen):
             return self.assess(chosen).ratio
         return self.problem.ratios(chosen).reshape(len(self.poses), -1)  # the same, at a fraction of the cost
 
@@ -201,7 +201,7 @@ def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candi
     expect(seen, "seen", CandidateSurvey)
     have = expect_each(have, "have", int, np.integer)
     every = range(len(seen.candidates))
-    if any(camera.shared for camera in seen.candidates):
+    if share_errors(seen.candidates):
         scored = [(i, seen.score((*have, i))) for i in every if i not in set(have)]
         order = sorted(scored, key=lambda item: item[1].value, reverse=True)
     else:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from cadcam.arrays import Array
+from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.optics import STANDARD_MM
 from cadcam.errors import CadcamError
 from cadcam.kinds import expect
@@ -67,8 +68,7 @@ def _changes(scene: LayoutScene, cameras: Sequence[Candidate]) -> Iterator[tuple
     if scene.calibration != Sigmas() or any(c.type.estimate is not None for c in cameras):
         perfect = {name: replace(kind, estimate=None) for name, kind in scene.cameras.items()}
         yield "a perfect calibration", replace(scene, calibration=Sigmas(), cameras=perfect), 1.0
-        worse = {name: _worse_known(kind) for name, kind in scene.cameras.items()}
-        assumed = _worse_calibrated(scene.calibration)
+        assumed, worse = _worse_calibrated(scene.calibration), _worse_known(scene.cameras)
         yield "a calibration half as good", replace(scene, calibration=assumed, cameras=worse), 1.0
     if scene.motion != Sigmas() and any(c.shared for c in cameras):
         yield "motions known half as well", replace(scene, motion=_worse(scene.motion)), 1.0
@@ -132,11 +132,17 @@ def _worse(sigmas: Sigmas) -> Sigmas:
     return Sigmas(*(2 * getattr(sigmas, name) for name in Sigmas.__slots__))
 
 
-def _worse_known(kind: CameraType) -> CameraType:
-    """Return the type with its own calibration, if it has one, half as good."""
-    if kind.estimate is None:
-        return kind
-    return replace(kind, estimate=replace(kind.estimate, cofactor=4 * kind.estimate.cofactor))
+def _worse_known(cameras: Mapping[str, CameraType]) -> dict[str, CameraType]:
+    """Return the types with their own calibrations, of those that have one, half as good, shared as they were."""
+    known = {id(kind.estimate): kind.estimate for kind in cameras.values() if kind.estimate is not None}
+    worse = {key: _half_as_good(estimate) for key, estimate in known.items()}
+    return {name: replace(kind, estimate=worse.get(id(kind.estimate))) for name, kind in cameras.items()}
+
+
+def _half_as_good(estimate: CameraEstimate) -> CameraEstimate:
+    """Return an estimate with twice the standard deviations, also where its errors are shared with others."""
+    errors = tuple((source, 2 * D) for source, D in estimate.errors)
+    return replace(estimate, cofactor=4 * estimate.cofactor, errors=errors)
 
 
 def _worse_calibrated(assumed: Sigmas | CalibratedFrom) -> Sigmas | CalibratedFrom:

@@ -22,13 +22,15 @@ from cadcam.fit.dlt import dlt
 from cadcam.fit.least_squares import cofactor, minimise
 from cadcam.kinds import expect, expect_positive
 
+_FAR = 1e6  # of their extent: rounding is its square times 2e-16 of the variances, which some tens of terms cancel to
 _ONE_HEIGHT = 1e-6  # range of Z over the plane's size: 1 um over a metre
 
 
 def calibrate_plane(observations: Observations) -> PlaneEstimate:
     """Return the map of the plane Z = constant of the world to the picture, from at least four points, with covariance.
 
-    Raises `TooFewPoints`; `DegenerateGeometry` for points at different heights, or with all but one of them on a line.
+    Raises `TooFewPoints`; `DegenerateGeometry` for points at different heights, with all but one of them on a line, or
+    a million times farther from the origin than from each other.
     """
     expect(observations, "observations", Observations)
     p, q = observations.p_world[:, :2], observations.q
@@ -39,6 +41,12 @@ def calibrate_plane(observations: Observations) -> PlaneEstimate:
         raise DegenerateGeometry(
             f"the points' Z differ by {spread:.4g} mm over {size:.4g} mm of the plane: a 3x3 matrix holds for one "
             "height; give points of one Z, or calibrate a camera in space"
+        )
+    away = float(np.linalg.norm(p.mean(axis=0)))
+    if away > _FAR * size > 0:
+        raise DegenerateGeometry(
+            f"the points lie {away:.4g} mm from the origin of X and Y, and only {size:.4g} mm apart: of the matrix' "
+            "covariance rounding would leave nothing; take an origin near them"
         )
     seed = PlaneCamera(dlt(p, q)).facing(p)
     problem = _PlaneProblem(p, q)

@@ -55,7 +55,7 @@ def add_to(verbs: Verbs) -> None:
     parser = verb(verbs, "dataset", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     add_model_options(parser)
     parser.add_argument("-o", "--output", metavar="FOLDER", required=True, help="folder of the data set")
-    parser.add_argument("--views", type=whole, metavar="N", help="how many (default 100, or one per pose)")
+    parser.add_argument("--views", type=whole, metavar="N", help="how many pictures (default 100, or one per pose)")
     parser.add_argument("--seed", type=seed, metavar="N", help="another seed, another data set (default 0)")
     parser.add_argument("--plan", metavar="FILE", help="plan file: YAML, see below")
     _add_seeing(parser.add_argument_group("camera and where it stands"))
@@ -106,7 +106,11 @@ def _add_looks(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--occluder-size", type=span, metavar="A,B", help="relative to the part's diameter (default 0.1,0.3)"
     )
-    group.add_argument("--sensor", metavar="NAME", help="preset or sensor file, see `cadcam sensor` (default: ideal)")
+    group.add_argument(
+        "--sensor",
+        metavar="PROFILE",
+        help="what the camera does to the picture: a file or a preset (`cadcam sensor`; default: ideal)",
+    )
     group.add_argument("--samples", type=whole, metavar="N", help="N x N rays per pixel (default 2)")
     group.add_argument("--gray", action="store_true", default=None, help="grey pictures")
     group.add_argument("--key-points", metavar="FILE", help="name, X, Y, Z of the points to label (default: corners)")

@@ -29,7 +29,7 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "sensor + two of focal length, distance, width -> the rest"
     parser = verb(verbs, "lens", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("--sensor", metavar="NAME", help="format (1/2), chip (IMX264) or size in mm (5.94x3.96)")
+    parser.add_argument("--sensor", metavar="SIZE", help="format (1/2), chip (IMX264) or size in mm (5.94x3.96)")
     parser.add_argument("--pixels", type=size, metavar="WxH", help="its columns and rows, where the name does not say")
     parser.add_argument("--effective", action="store_true", help="use nine tenths of its width and height only")
     parser.add_argument("--focal", type=real, metavar="MM", help="focal length")

@@ -81,7 +81,7 @@ def _add_calibrate(jobs: Verbs) -> None:
         "calibrate a camera from pictures of the plate at a grid of positions",
     )
     parser.add_argument("pictures", nargs="*", metavar="PICTURE", help="pictures of the plate, one for each position")
-    parser.add_argument("--camera", help="the camera's name (default: as the pictures say)")
+    parser.add_argument("--camera", metavar="NAME", help="the camera's name (default: as the pictures say)")
     parser.add_argument("--plate", required=True, metavar="FILE", help="plate file")
     parser.add_argument("--survey", required=True, metavar="FILE", help="survey file")
     parser.add_argument(
@@ -202,7 +202,9 @@ def _add_simulate(jobs: Verbs) -> None:
     parser.add_argument(
         "--marks", type=whole, default=40, metavar="N", help="number of marks measured in a day (default 40)"
     )
-    parser.add_argument("--pictures", action="store_true", help="render pictures and find the marks in them (slow)")
+    parser.add_argument(
+        "--pictures", action="store_true", help="render pictures into FOLDER and find the marks in them (slow)"
+    )
     parser.add_argument(
         "--sensor", metavar="PROFILE", help="sensor of those pictures: a file or a preset (`cadcam sensor`)"
     )

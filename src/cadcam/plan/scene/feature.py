@@ -53,6 +53,8 @@ class LayoutFeature(Brief):
             expect_positive(self.diameter_mm, f"diameter of {self.name}", "a positive number of mm")
         if self.kind is Kind.CIRCLE and (self.normal is None or self.diameter_mm is None):
             raise BadValue(f"circle {self.name}", "without normal or diameter_mm", "both")
+        if self.kind is not Kind.CIRCLE and self.diameter_mm is not None:
+            raise BadValue(f"diameter of {self.name}", f"{self.diameter_mm:g} mm of no circle", "none, or a circle")
         if self.plane_mm is not None and not (self.normal is not None and self.plane_mm > 0):
             raise BadValue(f"known plane of {self.name}", "without a normal, or not above 0 mm", "both")
         for limit in self.limits:

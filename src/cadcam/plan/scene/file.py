@@ -10,7 +10,7 @@ cameras:                            # that can be bought, or are calibrated (fil
   wide: {sensor: IMX304, focal_mm: 12, f_number: 8}                # focus_mm: default what it aims at
 mounts:                             # where they may be
   gallery: {box_mm: [[-1000, -6000, 2000], [5000, -6000, 4000]], count: 40, aim_mm: [2000, 1500, 900]}
-  ring: {arc: {centre_mm: [2000, 1500, 3000], radius_mm: 6000, from_deg: 180, to_deg: 360}, count: 24}
+  robot: {arc: {centre_mm: [2000, 1500, 3000], radius_mm: 6000, from_deg: 180}, count: 24, one_camera: true}
   post: {positions_mm: [[0, -6000, 1500]], aim_mm: [2000, 1500, 900], cameras: [wide], fixed: true}
 features:                           # limits as in a tolerance file
   mark 1: {point_mm: [100, 200, 12], normal: [0, 0, 1], position_mm: 0.5}
@@ -35,7 +35,7 @@ from __future__ import annotations
 import os
 from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -48,12 +48,16 @@ from cadcam.files.yamltext import parsed_yaml
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
 from cadcam.plan.scene.feature import Kind, LayoutFeature
+from cadcam.plan.scene.idle import refuse_idle
 from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount, Seeing, Sigmas
 from cadcam.plan.scene.zones import arc, in_box
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.render.view import Scene
 from cadcam.verify.tolerances.file import limits_at, rule_at, selection_at
 from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule, Selection
+
+if TYPE_CHECKING:
+    from cadcam.files.camera import CameraFile
 
 _TOP = (
     "part", "obstacles", "poses", "cameras", "mounts", "features", "noise", "calibration", "motion", "placement",
@@ -65,8 +69,9 @@ _CAMERA = ("file", "sensor", "pixels", "focal_mm", "f_number", "focus_mm", "imag
 _PLACES = ("positions_mm", "box_mm", "arc")
 _MOUNT = (*_PLACES, "count", "aim_mm", "up", "cameras", "fixed", "one_camera")
 _ARC = ("centre_mm", "radius_mm", "from_deg", "to_deg", "axis")
-_OF_MARKS, _OF_PARTS = ("normal", "diameter_mm", "known_plane_mm"), ("chains", "box_mm", "kinds")
-_HAS = {"point_mm": _OF_MARKS, "circle_mm": _OF_MARKS, "edge_mm": (), "part": _OF_PARTS}  # keys, beside those of limits
+_OF_POINTS, _OF_PARTS = ("normal", "known_plane_mm"), ("chains", "box_mm", "kinds")
+_OF_MARKS = (*_OF_POINTS, "diameter_mm")
+_HAS = {"point_mm": _OF_POINTS, "circle_mm": _OF_MARKS, "edge_mm": (), "part": _OF_PARTS}  # beside those of limits
 _FEATURE = (*_HAS, *_OF_PARTS, *_OF_MARKS, "k", "rule", "direction")
 _JUDGED = (Quantity.POSITION, Quantity.ANGLE)  # what a layout is planned for
 _SIGMAS = ("position_mm", "rotation_deg", "focal_px", "principal_point_px")
@@ -86,13 +91,14 @@ def read_layout_scene(path: str | os.PathLike[str]) -> LayoutScene:
     sources: Sources = [("scene", file.path, file.sha256)]
     part = _model(place.at("part"), folder, sources, "part")
     poses = _poses(place.at("poses")) if "poses" in place.object else {"as it is": Rigid()}
+    read: dict[str, CameraFile] = {}
     cameras = {
-        name: _camera(place.at("cameras").at(name), folder, name, sources) for name in place.at("cameras").object
+        name: _camera(place.at("cameras").at(name), folder, name, sources, read) for name in place.at("cameras").object
     }
     world = next(iter(poses.values()))
     middle = world @ part.bounds.mean(axis=0)
     mounts = tuple(_mount(place.at("mounts").at(name), name, cameras, middle) for name in place.at("mounts").object)
-    return place.build(
+    scene = place.build(
         lambda: LayoutScene(
             part=part,
             poses=poses,
@@ -111,6 +117,8 @@ def read_layout_scene(path: str | os.PathLike[str]) -> LayoutScene:
             sources=tuple(sources),
         )
     )
+    refuse_idle(place, scene)
+    return scene
 
 
 def _model(place: Place, folder: Path, sources: Sources, role: str, *more: str) -> Mesh:
@@ -157,7 +165,7 @@ def _poses(place: Place) -> dict[str, Rigid]:
 
 def _combinations(entry: Place) -> list[tuple[Array, Array]]:
     """Return all (position, rotation in deg) of an entry whose numbers may be ranges [low, high]."""
-    steps = _whole(entry, "steps", 3) if "steps" in entry.object else 3
+    steps = _whole(entry, "steps", 3)
     if steps < 2:
         raise entry.error(f"has steps: {steps}", "at least 2, the ends of each range")
     axes: list[Array] = []
@@ -170,6 +178,8 @@ def _combinations(entry: Place) -> list[tuple[Array, Array]]:
             raise place.error("is no list of three", "numbers, or ranges [low, high]")
         for one in place.items():
             axes.append(_range(one, steps) if isinstance(one.value, list) else one.array(())[None])
+    if "steps" in entry.object and all(len(a) == 1 for a in axes):
+        raise entry.error("has steps without a range", "write a number as [low, high], or leave steps out")
     if np.prod([len(a) for a in axes]) > _MOST_POSES:
         raise entry.error("has too many combinations", f"at most {_MOST_POSES}: fewer ranges, or steps: 2")
     return [(np.array(v[:3]), np.array(v[3:])) for v in product(*axes)]
@@ -192,7 +202,8 @@ def _turned(degrees: Array) -> Array:
     return np.asarray(exp(z) @ exp(y) @ exp(x))
 
 
-def _camera(place: Place, folder: Path, name: str, sources: Sources) -> CameraType:
+def _camera(place: Place, folder: Path, name: str, sources: Sources, read: dict[str, CameraFile]) -> CameraType:
+    """Return a camera; read: camera files by content, since one that is given twice is one calibration."""
     from cadcam.camera.sensor_format import sensor_format
     from cadcam.files.camera import read_camera
 
@@ -207,11 +218,14 @@ def _camera(place: Place, folder: Path, name: str, sources: Sources) -> CameraTy
     if "file" not in given:
         return place.build(lambda: CameraType(name, sensor, **numbers))
     path = folder / place.at("file").text()
-    file = read_camera(path)
-    sources.append(("camera", str(path), read_text(path).sha256))
+    content = read_text(path).sha256
+    file = read.setdefault(content, read_camera(path))
+    sources.append(("camera", str(path), content))
     if sensor is not None and sensor.pixels is None:
         sensor = sensor.with_pixels(file.camera.size)
-    return place.build(lambda: CameraType(name, sensor, own=file.camera, estimate=file.estimate, **numbers))
+    own = file.estimate
+    stated = None if own is None or own.pose_alone else own  # found with this camera, a pose says nothing of it
+    return place.build(lambda: CameraType(name, sensor, own=file.camera, estimate=stated, **numbers))
 
 
 def _pixels(place: Place) -> tuple[int, int]:

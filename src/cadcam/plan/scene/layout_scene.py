@@ -45,11 +45,18 @@ class CameraType:
             )
         if self.sensor is not None and self.own is None and self.sensor.pixels is None:
             raise BadValue(f"pixels of camera {self.name!r}", "not known", "pixels: [columns, rows]")
-        if self.own is not None and (self.sensor is None or self.focal_mm is None) and any(self._lens):
+        if self.own is not None and any(self._lens) and None in (self.sensor, self.focal_mm, self.f_number):
             raise BadValue(
                 f"lens of calibrated camera {self.name!r}",
                 "given in part",
                 "sensor, focal_mm and f_number, by which its blur is known, or none of them",
+            )
+        if self.own is not None and self.sensor is not None and self.sensor.pixels != self.own.size:
+            raise BadValue(
+                f"pixels of camera {self.name!r}",
+                f"{_by(self.sensor.pixels)} of {self.sensor.name}, and {_by(self.own.size)} of its file",
+                f"of a whole chip, binned, pixels: {list(self.own.size)}; of a part of it, sensor: its width x height "
+                "in mm: blur in px follows from a pixel's size",
             )
         self.optics(self.focus_mm if self.focus_mm is not None else 1e9)  # refuses impossible lenses
 
@@ -72,6 +79,10 @@ class CameraType:
         optics = self.optics(distance_mm)
         assert optics is not None  # by __post_init__
         return optics.camera()
+
+
+def _by(pixels: tuple[int, int] | None) -> str:
+    return "unknown" if pixels is None else f"{pixels[0]} x {pixels[1]}"
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -72,6 +73,12 @@ def candidates(scene: LayoutScene) -> tuple[Candidate, ...]:
     return tuple(out)
 
 
+def share_errors(some: Iterable[Candidate]) -> bool:
+    """Return whether some cameras err together: one that is moved does, and one whose calibration is used twice."""
+    times = Counter(id(source.owner) for c in some for source, _ in c.viewpoint.errors)
+    return any(n > 1 for n in times.values())
+
+
 def count_candidates(scene: LayoutScene) -> int:
     """Return how many candidates a scene has."""
     return sum(len(mount.eyes) * len(mount.cameras) for mount in scene.mounts)
@@ -81,7 +88,7 @@ class Placing:
     """Places cameras in a scene, with all the errors they will have.
 
     It remembers where each camera that is moved was placed first: there it is calibrated, and at all other places the
-    same calibration errs in the same way.
+    same calibration errs in the same way. Internals that a camera file states err in the same way wherever it is used.
     """
 
     def __init__(self, scene: LayoutScene) -> None:
@@ -95,6 +102,8 @@ class Placing:
             raise DegenerateGeometry(f"candidate {name!r} aims at itself: position and aim are both {eye.tolist()}")
         pose, camera = aimed(eye, aim, mount.up), kind.camera(distance)
         sigma, errors = self._scene.finder.sigma_px or 1.0, self._errors(mount, kind, camera, pose)
+        if kind.estimate is not None:
+            errors += Viewpoint.placed(name, kind.estimate, pose, sigma_px=sigma).errors  # its internals alone
         return Candidate(
             name=name,
             mount=mount.name,
@@ -110,7 +119,7 @@ class Placing:
     def _errors(
         self, mount: Mount, kind: CameraType, camera: Camera, pose: Rigid
     ) -> tuple[tuple[ErrorSource, Array], ...]:
-        """Return the errors of a camera at a pose, with the effect of each on its local coordinates."""
+        """Return the errors of a camera at a pose but for internals that its file states, with the effect of each."""
         scene, key = self._scene, (mount.name, kind.name)
         if not mount.one_camera:
             source = _calibration(scene, kind, camera, pose)
@@ -130,7 +139,7 @@ def aimed(eye: Array, aim: Array, up: tuple[float, float, float]) -> Rigid:
 
 
 def _calibration(scene: LayoutScene, kind: CameraType, camera: Camera, pose: Rigid) -> ErrorSource:
-    """Return what a calibration leaves uncertain: as the scene assumes, internals by the camera's own estimate."""
+    """Return what a calibration leaves uncertain, as the scene assumes; of internals only where no file states them."""
     n = 11 + len(camera.lens.parameters)
     covariance = np.zeros((n, n))
     if isinstance(scene.calibration, CalibratedFrom):
@@ -139,7 +148,6 @@ def _calibration(scene: LayoutScene, kind: CameraType, camera: Camera, pose: Rig
         covariance[:11, :11] = np.diag(scene.calibration.variances)
     if kind.estimate is not None:
         covariance[6:] = covariance[:, 6:] = 0.0
-        covariance[6:, 6:] = (kind.estimate.noise_px**2 * kind.estimate.cofactor)[6:, 6:]
     return ErrorSource("calibration", covariance, object())
 
 

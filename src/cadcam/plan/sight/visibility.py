@@ -283,7 +283,7 @@ def _mark_noise(view: _View, finder: Finder, marks: Mask) -> Array:
     places, blur = view.places, view.blur[:, marks]
     noise = np.full((*blur.shape, 2, 2), np.nan)
     faced = np.isfinite(places.normal[marks]).all(axis=1)
-    sized = places.is_circle[marks] | np.isfinite(places.diameter[marks])
+    sized = places.is_circle[marks]
     A = np.where(np.isfinite(view.A[:, marks]), view.A[:, marks], 1.0)
     for which, known in ((faced & sized, True), (faced & ~sized, False)):
         if which.any():

@@ -11,7 +11,7 @@ from cadcam.plan.assessment.assess import Outcome
 from cadcam.plan.choice.problem import MEASURED, Score
 from cadcam.plan.layout import CandidateSurvey, Layout
 from cadcam.plan.scene.layout_scene import CalibratedFrom, LayoutScene, Sigmas
-from cadcam.plan.sight.candidate import Candidate
+from cadcam.plan.sight.candidate import Candidate, share_errors
 from cadcam.plan.sight.visibility import Why
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.table import Table
@@ -36,9 +36,8 @@ def headline(layout: Layout) -> str:
         return f"{cameras} measure{'s' * one} all {total} limits with U at most 1/{wanted:g} of each, in every pose"
     worst = int(np.argmin(layout.assessment.ratio.min(axis=0)))
     name = layout.survey.scene.features[layout.survey.asked.feature[worst]].name
-    said = (
-        f"{cameras} reach 1/{wanted:g} for {n} of {total} limits; worst: {name}, {ratio_words(_least(layout, worst))}"
-    )
+    reached = f"{cameras} reach{'es' * one} 1/{wanted:g} for {n} of {total} limits"
+    said = f"{reached}; worst: {name}, {ratio_words(_least(layout, worst))}"
     if layout.outcome is Outcome.MARGINAL:
         return said + "; parts near a limit will stay undecided"
     return said
@@ -96,7 +95,7 @@ def search_words(layout: Layout) -> str:
         else f"{found.sets} starts, {found.exchanges} exchanges; not every set was tried"
     )
     unmeasured = f", {all_of_them.unmeasured} not measured even then" if all_of_them.unmeasured else ""
-    alone = ", if each place erred by itself" * any(c.shared for c in layout.survey.candidates)
+    alone = ", if each place erred by itself" * share_errors(layout.survey.candidates)
     worst = f"with every candidate at once the worst TUR would be {tur_words(all_of_them.worst)}"
     return f"{how}; {worst}{alone}{unmeasured}"
 
@@ -234,7 +233,8 @@ def assumptions(layout: Layout) -> list[str]:
         out.append(f"No feature is found better than to {finder.floor_px:g} px.")
     out.append(calibration_words(scene.calibration))
     if own := sorted({c.type.name for c in layout.cameras if c.type.estimate is not None}):
-        out.append(f"Of {', '.join(own)} the internals err as the camera file states instead.")
+        alike = ", alike wherever the camera stands" if share_errors(layout.cameras) else ""
+        out.append(f"Of {', '.join(own)} the internals err as the camera file states instead{alike}.")
     if any(c.shared for c in layout.cameras):
         out.append(
             f"Each motion of the camera is known to {_sigmas(scene.motion)}; its calibration errs alike everywhere."
