@@ -7,6 +7,7 @@ import pytest
 
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts import calibration_bench, machined_bracket
+from cadcam.cad.parts.shape import circle, extruded, filled
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE
@@ -176,6 +177,31 @@ def test_the_part_of_the_other_hand_is_refused_and_the_right_one_is_not() -> Non
     told = Rivals(part, [there], FREE, EDGES, 0).checked(wrong)
     assert not told.found
     assert "mirror image" in told.reason
+
+
+def flange() -> Mesh:
+    """Return a plate with a ring of holes, which a slot through its rim leaves hardly unlike its mirror image."""
+    angles = 2 * np.pi * np.arange(6) / 6
+    holes = [circle((34 * np.cos(a), 34 * np.sin(a)), 4.5, 32) for a in angles]
+    slot = np.array([(-6, -14), (14, -14), (14, -6), (-6, -6)], float)
+    plate = extruded([filled(circle((0, 0), 46, 128), [*holes, slot])], 0, 9, name="flange", color=None)
+    rim = extruded([filled(circle((0, 3), 20, 96), [circle((0, 3), 15, 96)])], 9, 26, name="rim", color=None)
+    return merge([plate, rim])
+
+
+def test_a_turned_part_is_not_taken_for_one_of_the_other_hand() -> None:
+    """Turned by a hole, and mirrored, the flange shows all that it lacks where it was found: the former is likelier."""
+    mesh = flange()
+    part, middle = Part.of(mesh), mesh.bounds.mean(axis=0)
+    pose = Rigid.look_at(middle + np.array([62.0, -168.0, 168.0]), middle)
+    photo = photo_of(mesh, pose)
+    asked = Rivals(part, [photo], FREE, EDGES, 0)
+    for like in [like for like in part.likenesses if not like.mirrored][:3]:
+        wrong = refine_pose(part, [photo], pose @ like.motion.inv)
+        told = asked.checked(wrong)
+        apart = CAMERA.project(told.pose.world_from_part @ mesh.vertices) - CAMERA.project(pose @ mesh.vertices)
+        assert told.found
+        assert np.abs(apart).max() < 0.5
 
 
 def test_what_only_lies_in_the_dark_is_said_to_be_open() -> None:
