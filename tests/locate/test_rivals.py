@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -20,7 +22,7 @@ from cadcam.locate.quality.apart import Apart, away, shown_less
 from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refinement import refine_pose
-from cadcam.locate.rivals import Rivals
+from cadcam.locate.rivals import Rivals, _Rival
 from cadcam.render import open_renderer
 from cadcam.render.view import Scene
 
@@ -196,12 +198,30 @@ def test_a_turned_part_is_not_taken_for_one_of_the_other_hand() -> None:
     pose = Rigid.look_at(middle + np.array([62.0, -168.0, 168.0]), middle)
     photo = photo_of(mesh, pose)
     asked = Rivals(part, [photo], FREE, EDGES, 0)
-    for like in [like for like in part.likenesses if not like.mirrored][:3]:
+    for like in [like for like in part.likenesses if not like.mirrored][1:5:2]:
         wrong = refine_pose(part, [photo], pose @ like.motion.inv)
         told = asked.checked(wrong)
         apart = CAMERA.project(told.pose.world_from_part @ mesh.vertices) - CAMERA.project(pose @ mesh.vertices)
         assert told.found
         assert np.abs(apart).max() < 0.5
+
+
+@pytest.mark.parametrize(("more", "other_hand"), [(0.05, False), (0.15, True)])
+def test_one_of_the_other_hand_is_told_where_clearly_more_of_it_shows(
+    more: float, other_hand: bool, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    part, pose = Part.of(hooked()), looking(hooked())
+    photo = photo_of(hooked(), pose)
+    found, shown = refine_pose(part, [photo], pose), Apart(40, 0.1, 40, 0.8)
+    hands = {like.mirrored: like for like in part.likenesses}
+    both = [
+        _Rival(hands[False], pose, shown, contested=True),
+        _Rival(hands[True], pose, replace(shown, others_shown=0.8 + more), contested=True),
+    ]
+    monkeypatch.setattr(Rivals, "_rivals", lambda *given: both)
+    told = Rivals(part, [photo], FREE, EDGES, 0).checked(found)
+    assert told.found != other_hand
+    assert ("mirror image" in told.reason) == other_hand
 
 
 def test_what_only_lies_in_the_dark_is_said_to_be_open() -> None:
