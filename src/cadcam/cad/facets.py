@@ -8,14 +8,14 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable, components
 
-# A run of at least FACET_RUN equal bends is a rounded surface: half a round has four of the steepest, a chamfer has two.
-# Of 41 degrees are those of a cylinder of nine facets, 40; an octagonal bar, of 45, keeps its edges.
+# A run of at least FACET_RUN equal bends is a rounded surface: half a round has four of the steepest, a chamfer two.
+# A cylinder of nine facets has bends of 40 degrees; an octagonal bar keeps its edges, as 45 is beyond the steepest.
 FACET_RUN, STEEPEST_DEG = 4, 41.0
-# Equal bends differ by no more than this share of the larger: the facets of a surface are of one chord, but the last one
-# is often shorter. From about the ratio of 3 to 4 on it is a prism of unequal sides.
+# Equal bends differ by no more than this share of the larger: the facets of a surface are of one chord, but for a last
+# one that is often shorter. From a ratio of about 3 to 4 on it is a prism of unequal sides.
 ALIKE = 0.25
-# Adjacent edges of a coarse cone, which counts as round, are this nearly parallel up to half an angle of 30 degrees; of a
-# pyramid of as many sides that is blunter the edges are drawn.
+# Adjacent edges of a coarse cone are this nearly parallel up to half an angle of 30 degrees, and the cone counts as
+# round; of a pyramid of as many sides that is blunter the edges are drawn.
 PARALLEL_DEG = 20.0
 # Triangles that meet at less are one facet: far more than the rounding of a file bends a flat one, and a sixtieth of
 # the least bend that is drawn by default.

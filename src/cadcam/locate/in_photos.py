@@ -295,7 +295,7 @@ def _apart(part: Part, one: Rigid, other: Rigid) -> float:
 
 
 def _apart_to_see(part: Part, one: Rigid, other: Rigid) -> float:
-    """Return the same, but of what no turn moves that photos cannot show: points of an axis, or the middle of a ball."""
+    """Return the same of what no turn moves that photos cannot show: points of an axis, or the middle of a ball."""
     if not part.spins.size:
         return _apart(part, one, other)
     v, w = part.spins[:3].T, part.spins[3:].T
