@@ -107,7 +107,7 @@ def test_a_small_part_is_not_welded_away_by_the_size_of_a_large_one() -> None:
 def test_far_from_its_origin_a_part_keeps_its_features() -> None:
     """In a map's coordinates, 10 km off, points 2.5 mm apart were one, as if rounded to float32: holes and all."""
     bracket = machined_bracket(sides=48)
-    far = replace(bracket, vertices=bracket.vertices + [1e7, -1e7, 3e6])
+    far = replace(bracket, vertices=np.array([1e7, -1e7, 3e6]) + bracket.vertices)
     mended, repairs = mend(far)
     assert repairs.welded_vertices == mend(bracket)[1].welded_vertices
     assert len(edge_table(mended).count) == len(edge_table(bracket).count)
