@@ -76,6 +76,43 @@ def test_a_chamfer_of_thirty_five_degrees_keeps_its_edges() -> None:
     assert len(feature_edges(mesh).of_kind(EdgeKind.CREASE)) == (bends.angle > np.radians(30)).sum()
 
 
+def folded(*bends_deg: float) -> Mesh:
+    """Return a strip of one facet more than there are bends, each 5 mm long."""
+    heading = np.radians(np.cumsum([0.0, *bends_deg]))
+    line = np.cumsum([(0.0, 0.0), *(5 * np.stack([np.cos(heading), np.sin(heading)], axis=1))], axis=0)
+    n = len(line)
+    k = np.arange(n - 1)
+    faces = np.concatenate([np.column_stack([k, k + 1, k + 1 + n]), np.column_stack([k, k + 1 + n, k + n])])
+    return Mesh.single(np.concatenate([np.column_stack([line, np.full(n, z)]) for z in (0.0, 30.0)]), faces)
+
+
+@pytest.mark.parametrize(
+    ("bends", "creases"),
+    [
+        ([35] * 3, 3),  # three chamfers
+        ([35] * 4, 0),  # nearly half a round
+        ([35, -35] * 3, 6),  # corrugated
+        ([32, 40] * 3, 0),
+        ([20, 40] * 3, 6),  # unequal: a prism
+        ([35, 0.3] * 4, 0),  # facets that are flat to the rounding of a file
+        ([35, 2.0] * 4, 4),
+    ],
+)
+def test_a_run_of_four_equal_bends_is_a_rounded_surface(bends: list[float], creases: int) -> None:
+    assert len(feature_edges(folded(*bends), crease_angle_deg=15.0).of_kind(EdgeKind.CREASE)) == creases
+
+
+@pytest.mark.parametrize(("half_angle_deg", "generators"), [(25.0, 0), (45.0, 10)])
+def test_a_coarse_slender_cone_is_round_and_a_pyramid_is_not(half_angle_deg: float, generators: int) -> None:
+    """Ten facets, whose edges are 15 degrees apart in the first and 25 in the second."""
+    at = 2 * np.pi * np.arange(10) / 10
+    ring = np.column_stack([np.cos(at), np.sin(at), np.zeros(10)])
+    apex = np.array([[0, 0, 1 / np.tan(np.radians(half_angle_deg))]])
+    k = np.arange(10)
+    mesh = Mesh.single(10 * np.concatenate([ring, apex]), np.column_stack([k, (k + 1) % 10, np.full(10, 10)]))
+    assert len(feature_edges(mesh, crease_angle_deg=15.0).of_kind(EdgeKind.CREASE)) == generators
+
+
 def test_no_edge_is_drawn_inside_a_surface_however_coarse() -> None:
     mesh = prism(5, surfaces=True)  # 72 degrees from facet to facet
     edges = feature_edges(mesh)

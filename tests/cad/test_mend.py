@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from cadcam.cad.edges import edge_table
+from cadcam.cad.edges import edge_table, feature_edges
 from cadcam.cad.mend import mend
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.parts import machined_bracket
 from cadcam.errors import DegenerateGeometry
 
 from .solids import both, box, one_part, outward, prism, sheet, soup
@@ -99,6 +102,16 @@ def test_a_small_part_is_not_welded_away_by_the_size_of_a_large_one() -> None:
     pin = box((0, 0, 0), (0.05, 0.05, 0.05), "pin")
     mended, _ = mend(both(box((0, 0, 0), (200_000, 200_000, 200_000), "hull"), pin))
     assert mended.subset(["pin"]).n_faces == 12
+
+
+def test_far_from_its_origin_a_part_keeps_its_features() -> None:
+    """In a map's coordinates, 10 km off, points 2.5 mm apart were one, as if rounded to float32: holes and all."""
+    bracket = machined_bracket(sides=48)
+    far = replace(bracket, vertices=np.array([1e7, -1e7, 3e6]) + bracket.vertices)
+    mended, repairs = mend(far)
+    assert repairs.welded_vertices == mend(bracket)[1].welded_vertices
+    assert len(edge_table(mended).count) == len(edge_table(bracket).count)
+    assert len(feature_edges(far)) == len(feature_edges(bracket))
 
 
 def test_repeated_and_collapsed_faces_go_and_are_counted() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -106,6 +107,30 @@ def test_of_three_cameras_the_one_that_is_off_is_left_out_and_named(
     assert not found.disputed
     assert normalised(found) < 2.5
     assert set(found.matches.photo.tolist()) == {k for k, other in enumerate(VIEWS) if other != name}
+
+
+def test_photos_that_agree_are_believed_however_little_of_all_lines_shows_where_all_together_have_them(
+    rng: np.random.Generator,
+) -> None:
+    """Of a part of many lines a camera that is 3 px off leaves the pose of all with hardly any that are met."""
+    asked = Refinement(PART, photos(rng, {"left": (0.7, 0.5, 0.0)}, *VIEWS))
+    best = asked.from_start(START)
+    loose = replace(best, location=replace(best.location, quality=0.3))
+    told = asked.consistent(loose).location
+    assert told.left_out == {0}
+    assert told.found
+    assert told.quality == asked.consistent(best).location.quality
+
+
+def test_where_a_photo_shows_nothing_that_is_the_reason_why_nothing_is_found(rng: np.random.Generator) -> None:
+    """What the other photo shows is 95 % of the edges: said alone, that is no reason."""
+    left, right = photos(rng, {}, "left", "right")
+    asked = Refinement(PART, [left, Photo(noisy(np.zeros(right.gray.shape), 0.02, rng), right.viewpoint)])
+    best = asked.from_start(START)
+    half = replace(best, location=replace(best.location, quality=0.3))
+    told = asked.consistent(half).location
+    assert told.quality == 0.3
+    assert told.reason.startswith("not certain: nothing of the part shows in 'right'")
 
 
 def test_what_follows_rests_on_the_photos_that_agree(rng: np.random.Generator) -> None:

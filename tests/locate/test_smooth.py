@@ -6,8 +6,11 @@ import numpy as np
 import pytest
 
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.parts.shape import circle, prism
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.in_photos import locate_part
+from cadcam.geometry.rotation import exp
+from cadcam.locate.in_photos import _distinct, locate_part
+from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 
@@ -59,3 +62,25 @@ def test_where_a_ball_is_is_as_uncertain_as_its_facets_make_it(level: int, rng: 
         chi2.append(off @ np.linalg.solve(found.pose.covariance[:3, :3], off) / 3)
     assert np.mean(chi2) < 2.14
     assert np.sqrt(found.pose.covariance[3, 3]) == pytest.approx(np.pi / np.sqrt(3), rel=0.01)
+
+
+def test_a_ball_turned_otherwise_is_no_other_pose(rng: np.random.Generator) -> None:
+    """Each of a search's hypotheses has it turned by chance; up to nine poses that differ in nothing else were told."""
+    pose = posed((1.0, 0.3, 0.4), away=450.0)
+    photo = Photo.of(disc(pose, rng), CAMERA)
+    for found in (locate_part(Part.of(globe(3)), [photo]), locate_part(Part.of(globe(3)), [photo], pose @ START)):
+        assert found.found
+        assert found.alternatives == ()
+        assert "look" not in found.reason.replace("the part looks the same", "")
+
+
+def test_of_a_turned_part_only_what_a_photo_tells_apart_is_another_pose() -> None:
+    """A pin far from its file's origin; turned about its axis it stays, end for end it does not."""
+    away = Rigid(exp(np.array([0.3, -0.5, 0.2])), np.array([900.0, -4000.0, 300.0]))
+    part = Part.of(prism(circle((0, 0), 10, 48), -40, 40, name="pin").transformed(away))
+    spun, over = (away @ Rigid(exp(np.array(w)), np.zeros(3)) @ away.inv for w in ([0, 0, 0.7], [np.pi, 0, 0]))
+    at, slid = Rigid(), away @ Rigid(translation=np.array([0, 0, 2.0])) @ away.inv
+    assert len(part.spins.T) == 1
+    here, *others = (Location.nowhere(pose, "") for pose in (at, spun, over, over @ spun, slid))
+    assert _distinct(part, here, others) == [others[1], others[3]]
+    assert _distinct(part, here, others[2:], others[:2]) == [*others[:2], others[3]]

@@ -8,14 +8,19 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable, components
 
-# A run of at least so many equal bends (each up to the steepest, alike within the share, parallel within the angle) is
-# a rounded surface. A chamfer has two, a cylinder of nine facets nine bends of 40 degrees; an octagonal bar keeps its
-# edges because 45 is beyond the steepest.
-FACET_RUN = 4
-STEEPEST_DEG = 41.0
+# A run of at least FACET_RUN equal bends is a rounded surface: half a round has four of the steepest, a chamfer two.
+# A cylinder of nine facets has bends of 40 degrees; an octagonal bar keeps its edges, as 45 is beyond the steepest.
+FACET_RUN, STEEPEST_DEG = 4, 41.0
+# Equal bends differ by no more than this share of the larger: the facets of a surface are of one chord, but for a last
+# one that is often shorter. From a ratio of about 3 to 4 on it is a prism of unequal sides.
 ALIKE = 0.25
+# Adjacent edges of a coarse cone are this nearly parallel up to half an angle of 30 degrees, and the cone counts as
+# round; of a pyramid of as many sides that is blunter the edges are drawn.
 PARALLEL_DEG = 20.0
+# Triangles that meet at less are one facet: far more than the rounding of a file bends a flat one, and a sixtieth of
+# the least bend that is drawn by default.
 FLAT_DEG = 0.5
+_SAME_BEND = 0.6  # of the steepest bends of both surfaces together, of which a tangent seam, chord to chord, has half
 
 
 def facet_edges(mesh: Mesh, table: EdgeTable, sharp: Mask) -> Mask:
@@ -48,7 +53,7 @@ def seam_angle(mesh: Mesh, table: EdgeTable, edges: Longs) -> Array:
     if mesh.corner_normals is not None:
         return _normal_angle(mesh, table, edges)
     step = _step(mesh, table)[table.faces[edges]].sum(axis=1)
-    return np.where(table.angle[edges] <= 0.6 * step, 0.0, table.angle[edges])
+    return np.where(table.angle[edges] <= _SAME_BEND * step, 0.0, table.angle[edges])
 
 
 def _normal_angle(mesh: Mesh, table: EdgeTable, edges: Longs) -> Array:

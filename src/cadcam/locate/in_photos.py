@@ -12,6 +12,7 @@ import numpy as np
 from cadcam.arrays import quantile
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.geometry.rotation import hat
 from cadcam.kinds import expect, expect_each
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import FOUND, Location
@@ -254,10 +255,12 @@ def _with_alternatives(part: Part, ranked: Sequence[_Trial], equivalent: Sequenc
     as_good = [trial for trial in ranked[1:] if trial.location.quality >= max(FOUND, best.quality - _AS_GOOD)]
     equal = [trial.location for trial in as_good if trial.score >= _EQUAL * ranked[0].score]
     places = _distinct(part, best, [o for o in equal if _elsewhere(part, here, o.pose.world_from_part)])
-    others = _distinct(part, best, [*equivalent, *best.alternatives, *(trial.location for trial in as_good)])
+    others = _distinct(part, best, [*best.alternatives, *(trial.location for trial in as_good)], equivalent)
     if places:
-        return _uncertain(best, f"{len(places)} other places in the photos look as much like the part", others)
-    note = f"; {len(others)} other poses look as good" if others else ""
+        said = "another place in the photos looks" if len(places) == 1 else f"{len(places)} other places look"
+        return _uncertain(best, f"{said} as much like the part", others)
+    n = len(_distinct(part, best, others))
+    note = f"; {n} other pose{'s look' if n > 1 else ' looks'} as good" if n else ""
     return replace(best, reason=best.reason + note, alternatives=tuple(others))
 
 
@@ -291,6 +294,17 @@ def _apart(part: Part, one: Rigid, other: Rigid) -> float:
     return float(np.linalg.norm(one @ corners - other @ corners, axis=1).max() / radius)
 
 
+def _apart_to_see(part: Part, one: Rigid, other: Rigid) -> float:
+    """Return the same of what no turn moves that photos cannot show: points of an axis, or the middle of a ball."""
+    if not part.spins.size:
+        return _apart(part, one, other)
+    v, w = part.spins[:3].T, part.spins[3:].T
+    middle, radius = part.aspects.centre, part.aspects.radius
+    still = middle - np.linalg.lstsq(np.vstack([hat(k) for k in w]), (v + np.cross(w, middle)).ravel(), rcond=None)[0]
+    points = still + radius * np.stack([0 * w[0], w[0], -w[0]])[: 3 if len(w) == 1 else 1]
+    return float(np.linalg.norm(one @ points - other @ points, axis=1).max() / radius)
+
+
 def _equivalent(task: _LocateTask, best: Location) -> list[Location]:
     """Return the other poses in which a symmetric part looks the same; none from a start, which chooses among them."""
     out = []
@@ -309,11 +323,16 @@ def _equivalent(task: _LocateTask, best: Location) -> list[Location]:
     return out
 
 
-def _distinct(part: Part, best: Location, others: Sequence[Location]) -> list[Location]:
-    """Return the others, best first, that are neither the best pose nor each other."""
-    kept = [best]
-    for other in sorted(others, key=lambda location: -location.quality):
-        if min(_apart(part, other.pose.world_from_part, o.pose.world_from_part) for o in kept) > _SAME:
+def _distinct(
+    part: Part, best: Location, others: Sequence[Location], equivalent: Sequence[Location] = ()
+) -> list[Location]:
+    """Return the others, best first, that are neither the best pose nor each other, and the equivalent ones.
+
+    Others that differ from these by no more than a turn that no photo shows are none.
+    """
+    kept, ways = [best], [(other, _apart) for other in equivalent] + [(other, _apart_to_see) for other in others]
+    for other, apart in sorted(ways, key=lambda way: -way[0].quality):
+        if min(apart(part, other.pose.world_from_part, o.pose.world_from_part) for o in kept) > _SAME:
             kept.append(other)
     return kept[1:]
 

@@ -15,6 +15,9 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.solution import PoseSolution
 
 SCATTERED_PX = 0.15  # common offset of edges that is rarely exceeded at a good pose
+# Where a share w of a fit's edges agrees, w^6 of the sixes drawn are of those alone. At the least share asked for,
+# _MOST of the edges beyond six, a thousand draws hold such a six with a chance of 1 - (1 - w^6)^1000: 0.99 where there
+# are 60 edges, 0.92 of 200, 0.84 of very many.
 _TRIALS = 1000
 _CLOSE_PX, _CLOSE_SDS = 0.12, 2.5  # tolerance for agreement: px, and sds of an edge's noise
 _MOST = 0.35  # share of the edges that must agree, beyond those that any motion can fit

@@ -22,7 +22,7 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
 from cadcam.locate.lines.bands import LEFT
 from cadcam.locate.lines.sight import Sight
-from cadcam.locate.location import Location
+from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
@@ -192,9 +192,12 @@ class Refinement:
     def by_fewer(self, best: PoseAnswer, consistency: Consistency) -> PoseAnswer | None:
         """Return the answer without photos that show nothing of the part, or without the one that is inconsistent.
 
-        None where all photos count, or where it is not clear which of them to leave out.
+        None where all photos count, or where it is not clear which of them to leave out. One in which nothing of the
+        part shows speaks against the pose: its quality remains that of all photos together. One that shows the part
+        elsewhere does not, where two others or more agree.
         """
-        if consistency.blind and consistency.photos:
+        blind = bool(consistency.blind and consistency.photos)
+        if blind:
             candidates, why = [consistency.blind], "nothing of the part shows there"
         elif not consistency.holds and len(self.photos) > 2:
             candidates = [[one.photo] for one in consistency.photos]
@@ -211,8 +214,13 @@ class Refinement:
         location = answer.location
         of = consistency.disagreements(left_out, self.photos, left_out=True)
         reason = f"{location.reason}; {', '.join(repr(one.name) for one in of)} left out: {why}"
-        quality = min(location.quality, best.location.quality)
-        return replace(answer, location=replace(location, quality=quality, reason=reason, disagreements=of))
+        told = replace(location, reason=reason, disagreements=of)
+        if not blind or best.location.quality >= location.quality:
+            return replace(answer, location=told)
+        if best.location.quality < FOUND:
+            where = ", ".join(repr(one.name) for one in of)
+            told = told.uncertain(f"nothing of the part shows in {where}: is it hidden, or that camera elsewhere?")
+        return replace(answer, location=replace(told, quality=best.location.quality))
 
     def without(self, best: PoseAnswer, left_out: Sequence[int]) -> tuple[PoseAnswer, bool] | None:
         """Return the answer without some photos, and whether noise alone explains what is between the others.

@@ -64,7 +64,7 @@ _APPROACHED, _NEIGHBOURS = (16, 8), 0.25  # poses approached by either judgement
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; shift_px by the part's size
 # Displacements at which lines are compared, as shares of the part's size in the picture.
 _ASIDE = np.array([[(0.12, 0.22)[k % 2] * f((k + 0.3) * math.pi / 8) for f in (np.cos, np.sin)] for k in range(16)])
-_RETURNED = 20
+_RETURNED = 20  # twice as many as are refined (`in_photos`): the others tell how much speaks for places elsewhere
 _AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # a direction in no symmetry plane: picks one of equivalent poses
 _BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times up to so many powers of two
 _WIDEST_PX = 1100  # larger photos are reduced first
