@@ -12,6 +12,7 @@ from sqlalchemy import event, exc
 from cadcam.errors import BadValue, UnknownName, UnusableStore
 
 _WAIT_S = 60  # timeout of a writer that waits for others
+MENDED = "take the last backup, or save what can be read by SQLite's own program: sqlite3 FILE .recover"
 _DRIVERS = {"postgresql": "postgresql+pg8000", "postgres": "postgresql+pg8000"}
 
 
@@ -74,4 +75,8 @@ def explained(error: exc.DBAPIError) -> tuple[str, str]:
         return f"other programs kept it busy for {_WAIT_S} s", "try again"
     if "readonly" in reason or "unable to open" in reason:
         return f"cannot be used ({reason})", "choose a place you may write to"
+    if "malformed" in reason or "Could not decode" in reason:
+        return f"is damaged ({reason[:60]})", MENDED
+    if "is full" in reason:
+        return reason, "free some space, then run it again: what was not said to be added is not"
     return reason, "is the address right, and the server running?" if "connect" in reason.lower() else ""

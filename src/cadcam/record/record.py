@@ -146,7 +146,12 @@ def _spell_out(of: Source | Record | Deviation | Finding, *names: str) -> None:
     for name in names:
         value = getattr(of, name)
         expect(value, f"{name} of a {type(of).__name__.lower()}", str)
-        object.__setattr__(of, name, plain(value))
+        object.__setattr__(of, name, as_kept(value))
+
+
+def as_kept(text: str) -> str:
+    """Return a text as a store keeps it: what is no text in it spelled out, and the character 0, which PostgreSQL lacks."""
+    return plain(text).replace("\0", r"\x00")
 
 
 def _check_verdict(verdict: str, of: str) -> None:

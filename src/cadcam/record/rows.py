@@ -111,7 +111,7 @@ def _pose(row: Mapping[str, Any]) -> PoseEstimate | None:
 
 
 def _deviation(row: Mapping[str, Any]) -> Deviation:
-    unit = next(unit for unit in UNITS if row[f"deviation_{unit}"] is not None)
+    unit = next((unit for unit in UNITS if row[f"deviation_{unit}"] is not None), UNITS[0])  # of a damaged row neither
     values = {name: row[f"{name}_{unit}"] for name in LIMITS}
     return Deviation(row["feature"], kind=row["kind"], unit=unit, k=row["k"], verdict=row["verdict"], **values)
 

@@ -19,11 +19,11 @@ import sqlalchemy as sql
 from sqlalchemy import exc
 
 import cadcam
-from cadcam.errors import BadValue, MissingExtra, UnknownName, UnusableStore
+from cadcam.errors import BadValue, CadcamError, MissingExtra, UnknownName, UnusableStore
 from cadcam.kinds import expect, expect_count, expect_each, expect_known, expect_path
 from cadcam.record import schema
-from cadcam.record.address import check_file, engine_of, explained, url_of
-from cadcam.record.record import VERDICTS, Record, in_utc
+from cadcam.record.address import MENDED, check_file, engine_of, explained, url_of
+from cadcam.record.record import VERDICTS, Record, as_kept, in_utc
 from cadcam.record.rows import (
     SUMMARY,
     deviation_rows,
@@ -34,7 +34,6 @@ from cadcam.record.rows import (
     summary_of,
 )
 from cadcam.record.selection import Selection, batches
-from cadcam.whole import plain
 
 _LOCK = 0x63616463  # PostgreSQL's advisory lock while tables are created
 
@@ -167,8 +166,8 @@ class Store:
         """
         m, wanted = schema.measurement.c, self._wanted(which)
         heads = sql.select(*(m[column] for column in SUMMARY)).where(*wanted).order_by(m.time_utc, m.id)
-        with self._transaction(self._engine) as connection:
-            judged = self._what_was_judged(connection, sql.select(m.id).where(*wanted), feature=plain(name))
+        with self._readable(), self._transaction(self._engine) as connection:
+            judged = self._what_was_judged(connection, sql.select(m.id).where(*wanted), feature=as_kept(name))
             rows = connection.execute(heads).mappings()
             return [summary_of(dict(row), *(one.get(row["id"], ()) for one in judged)) for row in rows]
 
@@ -226,7 +225,7 @@ class Store:
             raise UnknownName("filter of records", unknown, Which.__annotations__)
         # a name that is no text is asked for as `Record` keeps it
         asked: dict[str, Any] = {
-            name: plain(value) if isinstance(value, str) else value for name, value in which.items()
+            name: as_kept(value) if isinstance(value, str) else value for name, value in which.items()
         }
         m = schema.measurement.c
         equal = {name: asked.get(name) for name in ("part", "serial", "station", "verdict")}
@@ -248,13 +247,14 @@ class Store:
     def _read(self, ids: Sequence[str]) -> list[Record]:
         """Return the records of these ids, oldest first."""
         m = schema.measurement
-        with self._transaction(self._engine) as connection:
+        with self._readable(), self._transaction(self._engine) as connection:
             heads = sql.select(m).where(m.c.id.in_(ids)).order_by(m.c.time_utc, m.c.id)
             rows = connection.execute(heads).mappings().all()
             belonging = [*self._what_was_judged(connection, ids), _belonging(connection, schema.source, ids)]
+            records = [record_of(dict(row), *(one.get(row["id"], ()) for one in belonging)) for row in rows]
         if len(rows) < len(ids):
             raise UnusableStore(self.name, f"lost {len(ids) - len(rows)} records while it was read", "try again")
-        return [record_of(dict(row), *(one.get(row["id"], ()) for one in belonging)) for row in rows]
+        return records
 
     def _what_was_judged(
         self, connection: sql.Connection, ids: Sequence[str] | sql.Select[Any], *, feature: str | None = None
@@ -288,6 +288,16 @@ class Store:
                 "export it with the cadcam that made it (cadcam state export all.jsonl), and add that to a new store",
             )
         return int(row["version"])
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        """Raise `UnusableStore` where what is read cannot have been written by `add`: the disk, or other programs."""
+        try:
+            yield
+        except UnusableStore:
+            raise
+        except (CadcamError, ValueError, TypeError, KeyError) as error:
+            raise UnusableStore(self.name, f"is damaged ({error})", MENDED) from error
 
     @contextmanager
     def _transaction(self, engine: sql.Engine) -> Iterator[sql.Connection]:

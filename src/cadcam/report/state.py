@@ -151,4 +151,4 @@ def _unjudged(record: Record) -> str:
 
 
 def _time(record: Record) -> str:
-    return record.time.strftime("%Y-%m-%d %H:%M:%S")
+    return record.time.replace(tzinfo=None).isoformat(" ", "seconds")

@@ -130,13 +130,13 @@ def _records(arguments: argparse.Namespace) -> Iterator[Record]:
 def run_add(arguments: argparse.Namespace) -> None:
     """Store records; a new store is created only once the first of them could be read."""
     from cadcam.record.store import open_store
-    from cadcam.report.table import counted
+    from cadcam.report.table import counted, spelled
 
     added: list[tuple[str, str]] = []  # ids, and what is printed: the records themselves may be many
 
     def noted(records: Iterable[Record]) -> Iterator[Record]:
         for record in records:
-            added.append((record.id, f"{record.part} {record.serial} {record.verdict}".rstrip()))
+            added.append((record.id, spelled(f"{record.part} {record.serial} {record.verdict}".rstrip())))
             yield record
 
     records = _records(arguments)
