@@ -12,6 +12,7 @@ from pathlib import Path
 
 from cadcam.errors import UnwritableFile
 
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # of a disk, a user's share of it, or the largest file
 _NO_SYNC = {errno.EINVAL, errno.ENOTSUP, errno.ENOSYS}  # of file systems that cannot be asked to have it on the disk
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
@@ -57,8 +58,7 @@ def plain(text: str) -> str:
 
 
 def _remedy(error: OSError) -> str:
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-    return "free some space, then run it again" if full else "choose a folder you may write to"
+    return "free some space, then run it again" if error.errno in FULL else "choose a folder you may write to"
 
 
 def _replace(target: str, data: Iterable[bytes], durable: bool) -> None:

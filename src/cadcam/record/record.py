@@ -150,7 +150,7 @@ def _spell_out(of: Source | Record | Deviation | Finding, *names: str) -> None:
 
 
 def as_kept(text: str) -> str:
-    """Return a text as a store keeps it: what is no text in it spelled out, and the character 0, which PostgreSQL lacks."""
+    """Return a text as a store keeps it: what is no text in it spelled out, and NUL, which PostgreSQL lacks."""
     return plain(text).replace("\0", r"\x00")
 
 

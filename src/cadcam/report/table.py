@@ -9,13 +9,12 @@ from typing import TextIO
 import numpy as np
 import numpy.typing as npt
 
-
 _STEERING = {*range(0x20), *range(0x7F, 0xA0), *range(0x2028, 0x202F), *range(0x2066, 0x206A)}
 _SPELLED = {code: ascii(chr(code))[1:-1] for code in _STEERING}
 
 
 def spelled(text: str) -> str:
-    r"""Return a text in one line, what steers a terminal in it spelled out: ends of lines, colours, changes of direction.
+    r"""Return a text in one line, what steers a terminal in it spelled out: line ends, colours, changes of direction.
 
     A name may hold them: of a file, a part, or in the JSON of another program.
     """
