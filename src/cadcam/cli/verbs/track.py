@@ -124,6 +124,9 @@ def run(arguments: argparse.Namespace) -> int:
                     _write_overlay(arguments, part, frame, entry)
                 step()
         entries = log.entries
+    if frames.count and len(entries) < frames.count:  # of a video that breaks off or is damaged
+        whole = f"{len(entries)} of the {frames.count} frames that it says it has could be decoded"
+        say(f"{frames.sources[0]}: {whole}; is it damaged or cut off?")
     _report(arguments, entries)
     return 0 if any(entry["found"] for entry in entries) else NO
 
