@@ -6,11 +6,12 @@ import errno
 import os
 import stat
 import threading
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 
-from cadcam.errors import UnwritableFile
+from cadcam.errors import BadValue, UnwritableFile
 from cadcam.whole import write_whole
 
 
@@ -125,3 +126,23 @@ def test_bytes_that_the_disk_did_not_take_replace_nothing(tmp_path: Path, monkey
     failing(errno.EINVAL)
     write_whole(path, b"two")
     assert path.read_bytes() == b"two"
+
+
+def test_pieces_are_written_as_they_come_and_whole_or_not_at_all(tmp_path: Path) -> None:
+    """The old file stays until the last piece is there; one that cannot be had leaves it, and no other name."""
+    path = tmp_path / "new" / "a.txt"
+
+    def pieces(last: bytes) -> Iterator[bytes]:
+        yield b"one, "
+        yield b"two, "
+        assert [p.stat().st_size for p in path.parent.iterdir() if p != path] == [10]
+        if not last:
+            raise BadValue("the last piece", "missing", "three")
+        yield last
+
+    write_whole(path, pieces(b"three"))
+    assert path.read_bytes() == b"one, two, three"
+    with pytest.raises(BadValue, match="the last piece is missing"):
+        write_whole(path, pieces(b""))
+    assert path.read_bytes() == b"one, two, three"
+    assert names(path.parent) == ["a.txt"]

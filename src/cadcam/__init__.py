@@ -153,6 +153,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.record.export import read_records as read_records
     from cadcam.record.export import write_records as write_records
     from cadcam.record.record import Deviation as Deviation
+    from cadcam.record.record import Finding as Finding
     from cadcam.record.record import Record as Record
     from cadcam.record.record import Source as Source
     from cadcam.record.store import open_store as open_store
@@ -234,6 +235,7 @@ _HOME = {
     "ExtendedPinhole": "cadcam.camera.extended_pinhole",
     "ExtendedUnified": "cadcam.camera.lens",
     "FieldOfView": "cadcam.camera.lens",
+    "Finding": "cadcam.record.record",
     "Fisheye": "cadcam.camera.lens",
     "FoundMark": "cadcam.target.marks.find",
     "Frame": "cadcam.locate.track.frames",

@@ -6,18 +6,22 @@ import errno
 import os
 import secrets
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from pathlib import Path
 
 from cadcam.errors import UnwritableFile
 
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}  # of a disk, a user's share of it, or the largest file
 _NO_SYNC = {errno.EINVAL, errno.ENOTSUP, errno.ENOSYS}  # of file systems that cannot be asked to have it on the disk
 _NEW = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 
 
-def write_whole(path: str | os.PathLike[str], data: bytes, *, durable: bool = True) -> None:
+def write_whole(path: str | os.PathLike[str], data: bytes | Iterable[bytes], *, durable: bool = True) -> None:
     """Write `data` to `path` so that the file is either the old one or complete; parent folders are made.
+
+    data: the bytes, or pieces of them that are asked for one after the other, of a file larger than should be in
+    memory; where one of them cannot be had, the old file stays, and the error that says so goes on.
 
     The bytes go to a temporary file in the same folder, which then replaces `path` in one step. durable: they are on
     the disk before, so that a power cut leaves no half file either, and the name is when this returns, where the system
@@ -26,12 +30,13 @@ def write_whole(path: str | os.PathLike[str], data: bytes, *, durable: bool = Tr
     file that it names is written; what is no file, such as /dev/stdout, takes the bytes as they come. Raises
     `UnwritableFile` with the system's reason.
     """
+    pieces = (data,) if isinstance(data, bytes) else data
     try:
         try:
-            _replace(os.fspath(path), data, durable)
-        except FileNotFoundError:  # mostly the folder is there
+            _replace(os.fspath(path), pieces, durable)
+        except FileNotFoundError:  # mostly the folder is there; no piece was asked for yet
             Path(path).parent.mkdir(parents=True, exist_ok=True)
-            _replace(os.fspath(path), data, durable)
+            _replace(os.fspath(path), pieces, durable)
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error), _remedy(error)) from error
     except ValueError as error:  # a zero byte in the name
@@ -53,11 +58,10 @@ def plain(text: str) -> str:
 
 
 def _remedy(error: OSError) -> str:
-    full = error.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG)
-    return "free some space, then run it again" if full else "choose a folder you may write to"
+    return "free some space, then run it again" if error.errno in FULL else "choose a folder you may write to"
 
 
-def _replace(target: str, data: bytes, durable: bool) -> None:
+def _replace(target: str, data: Iterable[bytes], durable: bool) -> None:
     old = _mode(target, os.lstat)
     if old is not None and stat.S_ISLNK(old):
         old = _mode(target, os.stat)
@@ -92,12 +96,14 @@ def _sync_folder(folder: str) -> None:
             os.close(handle)
 
 
-def _write(path: str, how: int, data: bytes, *, durable: bool) -> None:
+def _write(path: str, how: int, data: Iterable[bytes], *, durable: bool) -> None:
     """Write a file by the system's own calls: Python's ask more of it, and a data set has seven files a view."""
-    file, left = os.open(path, how, 0o666), memoryview(data)
+    file = os.open(path, how, 0o666)
     try:
-        while left:  # once, or where a disk is nearly full a few times
-            left = left[os.write(file, left) :]
+        for piece in data:
+            left = memoryview(piece)
+            while left:  # once, or where a disk is nearly full a few times
+                left = left[os.write(file, left) :]
         if durable:
             _sync(file)
     finally:

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from cadcam.record.export import write_records
-from cadcam.record.record import Deviation, Record
+from cadcam.record.record import Deviation, Finding, Record
 from cadcam.record.rows import record_of
 
 from .job import Ran
@@ -98,6 +98,43 @@ def test_a_trend_tells_mean_and_sigma(cadcam: Cadcam, here: Path) -> None:
     assert (said["verdicts"], said["without"]) == ({"": 3}, [])
     assert "sigma from part to part, mm" in cadcam("state", "trend", "rib").out
     assert cadcam("state", "trend", "rip").err.count("did you mean 'rib'") == 1
+
+
+def test_a_trend_of_many_prints_the_latest_and_counts_all(cadcam: Cadcam, here: Path) -> None:
+    cadcam("state", "add", "three.jsonl")
+    ran = cadcam("state", "trend", "rib", "--newest", "1")
+    assert "rib, 1 record, the latest of 3" in ran.out
+    assert (" S1 " in ran.out, " S2 " in ran.out) == (False, True)
+    assert "3 not judged" in ran.out
+    assert len(cadcam("state", "trend", "rib", "--newest", "1", "--json").json["points"]) == 3
+    refused = cadcam("state", "trend", "rib", "--newest", "0")
+    assert (refused.code, "--newest is 0; expected 1 or more" in refused.err) == (2, True)
+
+
+def test_since_when_a_part_is_missing(cadcam: Cadcam, here: Path) -> None:
+    verdicts = ("PASS", "FAIL", "FAIL")
+    kept = [
+        Record("block", f"B{n}", findings=(Finding("rib", verdict=verdict, reason=f"as of B{n}"),))
+        for n, verdict in enumerate(verdicts)
+    ]
+    write_records("block.jsonl", kept)
+    cadcam("state", "add", "block.jsonl")
+    assert "B1, 2 records" in cadcam("state", "trend", "rib").out
+    said = cadcam("state", "trend", "rib", "--json").json
+    assert said["at_the_end"] == {"verdict": "FAIL", "since_utc": said["points"][1]["time_utc"]}
+    assert said["points"][2]["reason"] == "as of B2"
+    assert not [key for key in said if key.startswith("mean")]
+
+
+def test_a_file_that_breaks_off_adds_nothing(cadcam: Cadcam, here: Path) -> None:
+    cadcam("state", "add", "three.jsonl")
+    many = Path("three.jsonl").read_text().splitlines()[0]
+    lines = [many.replace('"id": "', f'"id": "{n} ') for n in range(700)]
+    Path("cut.jsonl").write_text("\n".join([*lines, '{"part": ']))
+    ran = cadcam("state", "add", "cut.jsonl")
+    assert (ran.code, ran.out) == (2, "")
+    assert "cut.jsonl: line 701 is not JSON" in ran.err
+    assert cadcam("state", "list", "--json").json["of"] == 3
 
 
 def test_where_nothing_fits_it_is_said_why(cadcam: Cadcam, here: Path) -> None:

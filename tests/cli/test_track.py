@@ -94,6 +94,30 @@ def test_a_killed_run_goes_on(cadcam: Cadcam, here: Path) -> None:
     assert whole["found"] == N
 
 
+def test_a_video_that_breaks_off_is_told(cadcam: Cadcam, here: Path) -> None:
+    """The second half of its bytes is missing: what can be decoded is followed, and it is said how much that is."""
+    cv2 = pytest.importorskip("cv2")
+    size = CAMERA.size
+    film = cv2.VideoWriter("film.avi", cv2.VideoWriter_fourcc(*"MJPG"), 25.0, size)
+    for pose in (truth() * 2)[:8]:
+        film.write(np.repeat((255 * seen(CAMERA, pose)).astype(np.uint8).reshape(size[1], size[0], -1)[..., :1], 3, 2))
+    film.release()
+    whole = Path("film.avi").read_bytes()
+    Path("cut.avi").write_bytes(whole[: len(whole) // 2])
+    ran = cadcam("track", "cut.avi", *TRACK[2:], "--json")
+    frames = ran.json["frames"]
+    assert 0 < frames < 8
+    assert f"cut.avi: {frames} of the 8 frames that it says it has could be decoded; is it damaged" in ran.err
+    assert "could be decoded" not in cadcam("track", "film.avi", *TRACK[2:-1], "whole.jsonl").err
+
+
+def test_missing_pictures_are_told(cadcam: Cadcam, here: Path) -> None:
+    (here / "shots" / "2.png").unlink()
+    ran = cadcam(*TRACK, "--json")
+    assert "shots: 1 missing by the numbers of the names, the first after 1.png" in ran.err
+    assert ran.json["frames"] == N - 1
+
+
 def test_two_cameras_are_followed_together(cadcam: Cadcam, here: Path, shots: list[Path]) -> None:
     """The second is the first once more, said to stand at the same place: twice the evidence, and one pose."""
     write_camera("camera.json", CAMERA, camera_from_world=Rigid())

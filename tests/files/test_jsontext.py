@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from cadcam.errors import UnknownName, UnreadableFile
-from cadcam.files.jsontext import Place, parsed, parsed_line
+from cadcam.files.jsontext import Place, as_json, as_json_pieces, parsed, parsed_line
 from cadcam.files.matrix import read_matrix
 from cadcam.files.text import TextFile, read_text
 from cadcam.files.yamltext import parsed_yaml
@@ -111,3 +112,9 @@ def test_items_flags_and_whole_numbers_say_where_they_stand() -> None:
         text.flag()
     with pytest.raises(UnreadableFile, match=r"f.json: a.0 is not a list; write '- part' lines"):
         flag.items("write '- part' lines")
+
+
+@pytest.mark.parametrize("items", [[], [{"a": [1.5, {"b": "ü"}]}], [[1, 2], {}, "x"]])
+def test_a_document_in_pieces_is_the_document(items: list[Any]) -> None:
+    head = {"format": "f", "of": {"x": [1, 2]}}
+    assert b"".join(as_json_pieces(head, "items", iter(items))) == as_json(head | {"items": items})

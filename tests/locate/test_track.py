@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import errno
+import io
 import json
 import os
 import re
+import tracemalloc
 from collections.abc import Callable
 from dataclasses import replace
 from itertools import islice
@@ -14,6 +17,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, NothingInView, UnreadableFile, UnwritableFile
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
@@ -195,8 +199,6 @@ def folder(tmp_path: Path) -> Path:
 
 
 def opened(folder: Path) -> Frames:
-    from cadcam.camera.viewpoint import Viewpoint
-
     return Frames([folder], [Viewpoint.exact("camera", CAMERA, Rigid(), sigma_px=0.1)])
 
 
@@ -312,7 +314,7 @@ def test_only_a_log_is_overwritten(sighting: Install, folder: Path, tmp_path: Pa
     run(folder, log, 5)
     log.write_text(log.read_text().replace('"version": 2', '"version": 1'))
     with TrackLog.open(log, head, overwrite=True) as anew:
-        assert anew.entries == []
+        assert list(anew.entries) == []
     assert log.read_text() == json.dumps(head) + "\n"
     for other in ('{"part": "bracket"}\n', "serial 4711\n"):
         log.write_text(other)
@@ -365,3 +367,59 @@ def test_a_log_is_plain_json_lines(sighting: Install, folder: Path, tmp_path: Pa
     lines = [json.loads(line) for line in (tmp_path / "log.jsonl").read_text().splitlines()]
     assert lines[0]["format"] == "cadcam track"
     assert [line["frame"] for line in lines[1:]] == [0, 1]
+
+
+def test_the_memory_of_a_run_does_not_grow_with_its_film(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    """Of what is on the disk a fiftieth at most: where a line begins are 8 bytes of some thousand."""
+    sighting(12)
+    head = head_of(PART, opened(folder).viewpoints, FIRST)
+    one = next(iter(track_part(PART, frames(12), FIRST)))
+    with TrackLog.open(tmp_path / "log.jsonl", head) as log:
+        log.append(one)
+        tracemalloc.start()
+        for _ in range(300):
+            log.append(one)
+        grown, _ = tracemalloc.get_traced_memory()
+        tracemalloc.stop()
+        assert grown < (tmp_path / "log.jsonl").stat().st_size / 50
+        assert (len(log.entries), len(list(log.entries)), len(log.entries[-3:])) == (301, 301, 3)
+        assert log.entries[300] == log.entries[0]
+
+
+def test_a_full_disk_leaves_whole_lines_and_a_run_that_goes_on(
+    sighting: Install, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Half a line is taken, then no more: the file is named, and ends with the line before."""
+    sighting(12, hidden={3})
+    run(folder, tmp_path / "whole.jsonl")
+    writing, log = io.FileIO.write, tmp_path / "log.jsonl"
+
+    class Disk(io.FileIO):
+        def write(self, data: Any) -> int:
+            if self.tell() + len(data) > 9000:
+                if len(data) > 1:
+                    return writing(self, data[: len(data) // 2])
+                raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+            return writing(self, data)
+
+    with monkeypatch.context() as small:
+        small.setattr("cadcam.locate.track.appending.io.FileIO", Disk)
+        with pytest.raises(UnwritableFile, match=r"log\.jsonl: cannot be written: .*; free some space.* it goes on"):
+            run(folder, log)
+    kept = len(read_track_log(log))
+    assert 0 < kept < 12
+    assert len(run(folder, log)) == 12
+    for suffix in (".jsonl", ".csv"):
+        assert (tmp_path / f"log{suffix}").read_bytes() == (tmp_path / f"whole{suffix}").read_bytes()
+
+
+def test_a_run_that_was_killed_in_its_first_line_begins_anew(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    sighting(12)
+    run(folder, tmp_path / "whole.jsonl")
+    whole = (tmp_path / "whole.jsonl").read_bytes()
+    (tmp_path / "log.jsonl").write_bytes(whole[:40])
+    assert len(run(folder, tmp_path / "log.jsonl")) == 12
+    assert (tmp_path / "log.jsonl").read_bytes() == whole
+    (tmp_path / "log.jsonl").write_bytes(b'{"format": "something')
+    with pytest.raises(UnreadableFile, match="is not a log of tracked frames"):
+        run(folder, tmp_path / "log.jsonl")

@@ -16,7 +16,7 @@ import sqlalchemy as sql
 from cadcam.errors import BadValue, UnknownName, UnusableStore
 from cadcam.record import schema
 from cadcam.record.export import write_records
-from cadcam.record.record import Deviation, Record, Source
+from cadcam.record.record import Deviation, Finding, Record, Source
 from cadcam.record.store import open_store
 
 from .made import NOON, record
@@ -127,6 +127,61 @@ def test_hostile_names_are_only_names(where: str) -> None:
         assert [r.part for r in store.query(part=name)] == [name]
 
 
+@pytest.mark.parametrize("name", ["two\nlines\t", "\u202eabc", "a\0b", "e\u0301", "\x1b[31m", "%_\\"])
+def test_names_of_any_characters_are_kept_and_asked_for(where: str, name: str) -> None:
+    """The character 0, which PostgreSQL does not take, is spelled out; nothing else is changed."""
+    with open_store(where) as store:
+        kept = record(part=name, findings=(Finding(name, reason=name),), id=f"{name} 1")
+        store.add(kept, record(1))
+        for found in (store.query(part=name), store.query(feature=name), store.query(id_begins=name)):
+            assert [r.part for r in found] == [name.replace("\0", r"\x00")]
+        assert [len(r.findings) for r in store.of_feature(name)] == [1, 0]
+        same(store.query(part=name)[0], kept)
+
+
+def damaged(where: str, statement: str) -> None:
+    """Change what is in a store by other means."""
+    engine = engine_of(where)
+    with engine.begin() as connection:
+        connection.exec_driver_sql(statement)
+    engine.dispose()
+
+
+@pytest.mark.parametrize(
+    ("statement", "says"),
+    [
+        ("UPDATE deviation SET deviation_mm = NULL", "is damaged"),
+        ("UPDATE source SET sha256 = 'x'", "is damaged .*64 hexadecimal digits"),
+        ("UPDATE measurement SET uncertainty_mm_rad = '{}'", "is damaged"),
+        ("UPDATE measurement SET verdict = 'x'", "is damaged .*unknown verdict"),
+    ],
+)
+def test_a_row_that_was_not_written_here_is_no_bug_but_damage(where: str, statement: str, says: str) -> None:
+    with open_store(where) as store:
+        store.add(record())
+        damaged(where, statement)
+        with pytest.raises(UnusableStore, match=says):
+            store.query()
+
+
+def test_a_file_that_broke_is_called_damaged(tmp_path: Path) -> None:
+    """Zeros in place of all its pages but the first few, and text in place of JSON."""
+    with open_store(tmp_path / "parts.sqlite") as store:
+        store.add(*(record(n) for n in range(30)))
+    data = (tmp_path / "parts.sqlite").read_bytes()
+    for name, broken in (
+        ("zeros", data[:8192] + bytes(len(data) - 8192)),
+        ("JSON", data.replace(b'{"from_noise"', b'("from_noise"')),
+        ("text", data.replace(b"stiffener", b"\xfftiffener")),
+    ):
+        (tmp_path / f"{name}.sqlite").write_bytes(broken)
+        with (
+            pytest.raises(UnusableStore, match=r"is damaged .*sqlite3 FILE .recover"),
+            open_store(tmp_path / f"{name}.sqlite", create=False) as store,
+        ):
+            store.query()
+
+
 def test_the_same_record_is_not_added_twice(where: str) -> None:
     one = record()
     with open_store(where) as store:
@@ -184,7 +239,9 @@ def test_tables_of_another_version_are_refused_and_left_alone(where: str) -> Non
     engine = engine_of(where)
     with engine.begin() as connection:
         connection.execute(schema.store.update().values(version=schema.VERSION + 1, software="cadcam 9.9"))
-    with pytest.raises(UnusableStore, match=r"tables of version 2 \(made by cadcam 9.9\).*reads and writes version 1"):
+    with pytest.raises(
+        UnusableStore, match=r"tables of version 3 \(made by cadcam 9.9\).*reads and writes versions up to 2"
+    ):
         open_store(where)
     with engine.begin() as connection:
         assert len(connection.execute(sql.select(schema.measurement)).all()) == 1

@@ -173,3 +173,12 @@ def test_both_poses_of_a_flat_target_stand_side_by_side(estimate: CameraEstimate
     other = replace(estimate, camera_from_world=estimate.camera_from_world @ Rigid.exp(np.full(6, 0.01)))
     table = estimate_tables(replace(estimate, alternative=other))[-1]
     assert table.rows[-1][1:3] == (f"{estimate.thesis_residual:.3g}", f"{other.thesis_residual:.3g}")
+
+
+def test_what_steers_a_terminal_is_spelled_out() -> None:
+    """Names may hold line ends, colours and changes of direction: each row stays one line; letters stay letters."""
+    table = Table("a\nb", ("name",), (("x\ny",), ("\x1b[31mred",), ("\u202eabc",), ("\u05d1\u05b8 \u6f22",)), ("name",))
+    lines = table.lines()
+    assert [line.strip() for line in lines if "-" not in line] == [
+        r"a\nb", "name", r"x\ny", r"\x1b[31mred", r"\u202eabc", "\u05d1\u05b8 \u6f22"
+    ]  # fmt: skip

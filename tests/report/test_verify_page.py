@@ -185,6 +185,12 @@ def test_the_json_says_the_same_and_is_a_record(found: tuple[Verification, Photo
     assert record.verdict == "FAIL"
     by = {(d.feature, d.kind): d for d in record.deviations}
     assert by["rib <1>", "position"].deviation == pytest.approx(found[0].judgements[0].deviation)
+    without = {(j.feature, j.limit.quantity.name.lower()) for j in found[0].judgements if np.isnan(j.deviation)}
+    assert {(f.feature, f.kind) for f in record.findings} == without
+    lost = record_of(replace(found[0], judgements=(replace(found[0].judgements[0], deviation=np.nan),)), ORIGIN)
+    assert lost.deviations == ()
+    assert (lost.findings[0].feature, lost.findings[0].verdict) == ("rib <1>", "FAIL")
+    assert lost.findings[0].reason == found[0].judgements[0].reason
 
 
 def test_a_part_that_was_not_found_gets_no_verdict(found: tuple[Verification, Photo]) -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
@@ -191,6 +191,16 @@ def parsed_line(path: str | os.PathLike[str], number: int, line: str) -> Place:
 def as_json(value: Any) -> bytes:
     """Return indented JSON with rows of numbers on one line; floats keep every bit, NaN and infinity are refused."""
     return utf8(_written(value, "") + "\n")
+
+
+def as_json_pieces(head: dict[str, Any], key: str, items: Iterable[Any]) -> Iterator[bytes]:
+    """Yield the bytes of `as_json(head | {key: [*items]})` bit by bit, each item as it is asked for."""
+    opened = _written(head | {key: []}, "").removesuffix("[]\n}")
+    between = "[\n"
+    for item in items:
+        yield utf8(f"{opened}{between}    {_written(item, '    ')}")
+        opened, between = "", ",\n"
+    yield utf8(f"{opened}[]\n}}\n" if opened else "\n  ]\n}\n")
 
 
 def json_line(value: Any) -> str:

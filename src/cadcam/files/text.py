@@ -15,6 +15,8 @@ from cadcam.kinds import expect_path
 from cadcam.whole import utf8
 
 MAX_BYTES = 64_000_000  # a points file of a million lines; anything longer is the wrong file
+_UTF16 = (b"\xff\xfe", b"\xfe\xff")
+_EMPTY = "is empty", "copy it again from its source"
 _DELIMITERS = ("\t", ";", ",")
 
 
@@ -48,18 +50,52 @@ def read_bytes(path: str | os.PathLike[str], *, max_bytes: int = MAX_BYTES) -> b
         if size > max_bytes:
             raise UnreadableFile(path, f"is {size} bytes long, more than {max_bytes}", "is it the right file?")
         return Path(path).read_bytes()
-    except FileNotFoundError:
-        raise UnreadableFile(path, "no such file", "check the path") from None
-    except IsADirectoryError:
-        raise UnreadableFile(path, "is a folder", "name a file in it") from None
     except (OSError, ValueError) as error:
-        raise UnreadableFile(path, getattr(error, "strerror", None) or str(error)) from error
+        raise _unreadable(path, error) from error
+
+
+def _unreadable(path: str | os.PathLike[str], error: OSError | ValueError) -> UnreadableFile:
+    """Return the error that says why the system gave no bytes of a file."""
+    if isinstance(error, FileNotFoundError):
+        return UnreadableFile(path, "no such file", "check the path")
+    if isinstance(error, IsADirectoryError):
+        return UnreadableFile(path, "is a folder", "name a file in it")
+    return UnreadableFile(path, getattr(error, "strerror", None) or str(error))
+
+
+def lines_of_text(path: str | os.PathLike[str]) -> Iterator[tuple[int, str]]:
+    """Yield number, from 1, and text of each line of a UTF-8 file of any length, cut at line feeds alone.
+
+    Raises `UnreadableFile` as `read_text` does, and for a line longer than `MAX_BYTES`.
+    """
+    expect_path(path)
+    number, blank = 0, True
+    try:
+        with Path(path).open("rb") as file:
+            if file.peek(2)[:2] in _UTF16:  # as PowerShell writes them; a line feed is two bytes there
+                yield from enumerate(read_text(path).text.removesuffix("\n").split("\n"), 1)
+                return
+            while line := file.readline(MAX_BYTES):
+                number += 1
+                if len(line) == MAX_BYTES:
+                    raise UnreadableFile(
+                        path, f"line {number} has more than {MAX_BYTES} bytes", "is it the right file?"
+                    )
+                blank = blank and not line.strip()
+                yield number, line.decode("utf-8-sig" if number == 1 else "utf-8").removesuffix("\n")
+    except UnicodeDecodeError as error:
+        byte = f"byte {error.start} of line {number} is {error.object[error.start]:#04x}"
+        raise UnreadableFile(path, f"is not text: {byte}", "give a text file in UTF-8") from None
+    except (OSError, ValueError) as error:
+        raise _unreadable(path, error) from error
+    if blank:
+        raise UnreadableFile(path, *_EMPTY)
 
 
 def text_of(path: str | os.PathLike[str], data: bytes) -> TextFile:
     """Return the content of a file as UTF-8 text; `UnreadableFile` with the reason if it is empty or not text."""
     try:
-        text = data.decode("utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig")
+        text = data.decode("utf-16" if data[:2] in _UTF16 else "utf-8-sig")
     except UnicodeDecodeError as error:
         raise UnreadableFile(
             path, f"is not text: byte {error.start} is {data[error.start]:#04x}", "give a text file in UTF-8"
@@ -67,7 +103,7 @@ def text_of(path: str | os.PathLike[str], data: bytes) -> TextFile:
     if "\0" in text:
         raise UnreadableFile(path, "is not text: it contains zero bytes", "give a text file in UTF-8")
     if not text.strip():
-        raise UnreadableFile(path, "is empty", "copy it again from its source")
+        raise UnreadableFile(path, *_EMPTY)
     return TextFile(os.fspath(path), text, sha256(data).hexdigest())
 
 

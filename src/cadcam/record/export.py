@@ -3,8 +3,11 @@
 JSON: {"format": "cadcam records", "version": 1, "records": [...]}; JSON lines: one record per line. A record:
 {"id", "time_utc", "part", "serial", "station", "verdict", "reason", "quality", "pose": as `write_part_pose` writes
 it, or null, "deviations": [{"feature", "kind", "verdict", "k", "deviation_mm", "expanded_uncertainty_mm", "lower_mm",
-"upper_mm"}, ...] (_deg for angles), "sources": [{"role", "path", "sha256"}, ...], "software"}. CSV: a line for each
-deviation, that of a record without any left empty; covariances are not in it.
+"upper_mm"}, ...] (_deg for angles), "findings": [{"feature", "kind", "verdict", "reason"}, ...], "sources": [{"role",
+"path", "sha256"}, ...], "software"}. CSV: a line for each deviation and each finding, that of a record without any
+left empty; covariances are not in it.
+
+Files are written and read record by record: a store may hold more than memory does.
 """
 
 from __future__ import annotations
@@ -12,7 +15,7 @@ from __future__ import annotations
 import csv
 import io
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -20,35 +23,41 @@ from typing import Any
 import numpy as np
 
 from cadcam.errors import UnknownName, UnreadableFile
-from cadcam.files.jsontext import Place, as_json, json_line, parsed, parsed_line, split_lines
+from cadcam.files.jsontext import Place, as_json_pieces, json_line, parsed, parsed_line
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
-from cadcam.files.text import read_text
+from cadcam.files.text import lines_of_text, read_text
 from cadcam.kinds import expect_each, expect_path
-from cadcam.record.record import UNITS, Deviation, Record, Source
-from cadcam.whole import write_whole
+from cadcam.record.record import UNITS, Deviation, Finding, Record, Source
+from cadcam.record.selection import Selection, batches
+from cadcam.whole import utf8, write_whole
 
 FORMAT, VERSION = "cadcam records", 1
 SUFFIXES = (".csv", ".json", ".jsonl")
 _TEXTS = ("id", "part", "serial", "station", "verdict", "reason", "software")
+_FINDING = ("feature", "kind", "verdict", "reason")
 _LIMITS = ("deviation", "expanded_uncertainty", "lower", "upper")
 _MAX_BYTES = 1_000_000_000
 _POSE = ("x_mm", "y_mm", "z_mm", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)))
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg")
 
 
-def write_records(path: str | os.PathLike[str], records: Sequence[Record]) -> None:
-    """Write records as .csv, .json or .jsonl, whole or not at all. Raises `UnknownName` for another suffix."""
+def write_records(path: str | os.PathLike[str], records: Sequence[Record] | Selection) -> None:
+    """Write records as .csv, .json or .jsonl, whole or not at all. Raises `UnknownName` for another suffix.
+
+    Those of `Store.select` are read and written a few at a time.
+    """
     expect_path(path)
-    records = expect_each(records, "records", Record)
+    if not isinstance(records, Selection):
+        records = expect_each(records, "records", Record)
     suffix = Path(path).suffix.lower()
     if suffix not in SUFFIXES:
         raise UnknownName("suffix of a file of records", suffix, SUFFIXES)
-    text = {".csv": as_csv, ".jsonl": as_jsonl}.get(suffix)
-    if text is not None:
-        write_whole(path, text(records).encode())
+    if suffix == ".json":
+        head = {"format": FORMAT, "version": VERSION}
+        write_whole(path, as_json_pieces(head, "records", map(record_as_json, records)))
     else:
-        document = {"format": FORMAT, "version": VERSION, "records": [record_as_json(r) for r in records]}
-        write_whole(path, as_json(document))
+        texts = as_csv(records) if suffix == ".csv" else as_jsonl(records)
+        write_whole(path, (utf8("".join(some)) for some in batches(texts)))
 
 
 def read_records(path: str | os.PathLike[str]) -> list[Record]:
@@ -56,33 +65,50 @@ def read_records(path: str | os.PathLike[str]) -> list[Record]:
 
     Raises `UnreadableFile` naming line or key.
     """
+    return list(each_record(path))
+
+
+def each_record(path: str | os.PathLike[str]) -> Iterator[Record]:
+    """Yield the records that `read_records` returns; of a .jsonl file only the line at hand is in memory."""
+    expect_path(path)
+    suffix = Path(path).suffix.lower()
+    if suffix == ".jsonl":
+        for number, text in lines_of_text(path):
+            if text.strip():
+                yield record_at(parsed_line(path, number, text))
+        return
     file = read_text(path, max_bytes=_MAX_BYTES)
-    if Path(path).suffix.lower() == ".csv":
+    if suffix == ".csv":
         raise UnreadableFile(path, "is a table for spreadsheets", "give the export as .json or .jsonl")
-    if Path(path).suffix.lower() == ".jsonl":
-        lines = ((i, text) for i, text in enumerate(split_lines(file.text), 1) if text.strip())
-        return [record_at(parsed_line(file.path, i, text)) for i, text in lines]
     place = parsed(file)
     if place.object.get("format") != FORMAT:
         if not {"part", "deviations"} & set(place.object):
             raise place.error("is neither an export nor the JSON of `cadcam verify`: it has no 'part'")
-        return [record_at(place)]
+        yield record_at(place)
+        return
     if place.object.get("version") != VERSION:
         raise place.error(f"has version {place.object.get('version')!r}", f"version {VERSION} is read here")
-    return [record_at(one) for one in place.at("records").items()]
+    for one in place.at("records").items():
+        yield record_at(one)
 
 
 def record_as_json(record: Record) -> dict[str, Any]:
     """Return the JSON object of a record."""
     head = {name: getattr(record, name) for name in ("id", "part", "serial", "station", "verdict", "reason", "quality")}
     return {
-        "time_utc": record.time.replace(tzinfo=None).isoformat() + "Z",
+        "time_utc": time_as_text(record.time),
         **head,
         "pose": None if record.pose is None else pose_estimate_as_json(record.pose),
         "deviations": [_deviation_as_json(d) for d in record.deviations],
+        "findings": [{name: getattr(f, name) for name in _FINDING} for f in record.findings],
         "sources": [{"role": s.role, "path": s.path, "sha256": s.sha256} for s in record.sources],
         "software": record.software,
     }
+
+
+def time_as_text(time: datetime) -> str:
+    """Return a time in UTC as files have it: 2026-03-02T12:00:00Z."""
+    return time.replace(tzinfo=None).isoformat() + "Z"
 
 
 def record_at(place: Place) -> Record:
@@ -97,32 +123,43 @@ def record_at(place: Place) -> Record:
     if place.object.get("pose") is not None:
         given["pose"] = pose_estimate_at(place.at("pose"))
     given["deviations"] = tuple(_deviation_at(d) for d in place.at("deviations").items())
+    if "findings" in place.object:
+        given["findings"] = tuple(_finding_at(f) for f in place.at("findings").items())
     if "sources" in place.object:
         given["sources"] = tuple(_source_at(s) for s in place.at("sources").items())
     return place.build(lambda: Record(**given))
 
 
-def as_jsonl(records: Iterable[Record]) -> str:
-    """Return a line of JSON for each record."""
-    return "".join(json_line(record_as_json(r)) + "\n" for r in records)
+def as_jsonl(records: Iterable[Record]) -> Iterator[str]:
+    """Yield a line of JSON for each record."""
+    return (json_line(record_as_json(r)) + "\n" for r in records)
 
 
-def as_csv(records: Sequence[Record]) -> str:
-    """Return a table with a line for each deviation."""
-    roles = sorted({s.role for r in records for s in r.sources})
+def as_csv(records: Sequence[Record] | Selection) -> Iterator[str]:
+    """Yield the table with a line for each deviation and finding: its header, then the lines of each record."""
+    roles = sorted(records.roles() if isinstance(records, Selection) else {s.role for r in records for s in r.sources})
     text = io.StringIO()
     rows = csv.DictWriter(text, _columns(roles), restval="", lineterminator="\n")
     rows.writeheader()
     for record in records:
+        yield _emptied(text)
         head = _head_row(record, roles)
-        for deviation in record.deviations or (None,):
-            rows.writerow(head | ({} if deviation is None else _deviation_row(deviation)))
-    return text.getvalue()
+        judged = [_deviation_row(d) for d in record.deviations] + [_finding_row(f) for f in record.findings]
+        for row in judged or ({},):
+            rows.writerow(head | row)
+    yield _emptied(text)
+
+
+def _emptied(text: io.StringIO) -> str:
+    written = text.getvalue()
+    text.seek(0)
+    text.truncate()
+    return written
 
 
 def _columns(roles: Sequence[str]) -> list[str]:
     limits = [f"{name}_{unit}" for unit in UNITS for name in _LIMITS]
-    deviation = ["feature", "kind", *limits, "k", "feature_verdict"]
+    deviation = ["feature", "kind", *limits, "k", "feature_verdict", "feature_reason"]
     head = ["time_utc", "part", "serial", "station", "verdict", "reason", "quality"]
     return [*head, *deviation, *_POSE, *_SIGMAS, *(f"{role}_sha256" for role in roles), "software", "id"]
 
@@ -145,6 +182,11 @@ def _deviation_row(deviation: Deviation) -> dict[str, Any]:
     return row
 
 
+def _finding_row(finding: Finding) -> dict[str, Any]:
+    names = {"verdict": "feature_verdict", "reason": "feature_reason"}
+    return {names.get(name, name): getattr(finding, name) for name in _FINDING}
+
+
 def _deviation_as_json(deviation: Deviation) -> dict[str, Any]:
     limits = {f"{name}_{deviation.unit}": getattr(deviation, name) for name in _LIMITS}
     return {"feature": deviation.feature, "kind": deviation.kind, **limits, "k": deviation.k} | {
@@ -161,6 +203,10 @@ def _deviation_at(place: Place) -> Deviation:
     given |= {"k": place.at("k").number()} if "k" in place.object else {}
     given |= {name: place.at(f"{name}_{unit}").number() for name in ("deviation", "expanded_uncertainty")}
     return place.build(lambda: Deviation(place.at("feature").text(), unit=unit, **given))
+
+
+def _finding_at(place: Place) -> Finding:
+    return place.build(lambda: Finding(**{name: place.at(name).text() for name in _FINDING}))
 
 
 def _source_at(place: Place) -> Source:

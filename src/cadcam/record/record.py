@@ -59,6 +59,23 @@ class Deviation:
 
 
 @dataclass(frozen=True, slots=True)
+class Finding:
+    """What was judged of a feature without a number: that it is there, or a deviation that could not be measured.
+
+    kind: "presence", or of the deviation. verdict: PASS, FAIL, UNDECIDED, or empty. reason: one line for people.
+    """
+
+    feature: str
+    kind: str = "presence"
+    verdict: str = ""
+    reason: str = ""
+
+    def __post_init__(self) -> None:
+        _spell_out(self, "feature", "kind", "reason")
+        _check_verdict(self.verdict, self.feature)
+
+
+@dataclass(frozen=True, slots=True)
 class Source:
     """A source of the result: its role ("photo", "cad", "camera", "tolerances" ...), its path, its hash."""
 
@@ -79,7 +96,8 @@ class Record(Brief):
 
     part: the kind of part; serial: the individual; station: where it was measured; time: when, with its zone. pose:
     None where it was not found. quality: of the pose, in [0, 1]. verdict: over all deviations, empty where nothing was
-    judged; reason: one line for people. software: what measured. id: assigned by the record.
+    judged; reason: one line for people. findings: judgements without a number. software: what measured. id: assigned
+    by the record.
     """
 
     part: str
@@ -91,6 +109,7 @@ class Record(Brief):
     verdict: str = ""
     reason: str = ""
     deviations: tuple[Deviation, ...] = ()
+    findings: tuple[Finding, ...] = ()
     sources: tuple[Source, ...] = ()
     software: str = f"cadcam {__version__}"
     id: str = field(default_factory=lambda: uuid4().hex)
@@ -110,6 +129,7 @@ class Record(Brief):
         _spell_out(self, "part", "serial", "station", "reason", "software", "id")
         object.__setattr__(self, "time", in_utc("time of a record", self.time))
         object.__setattr__(self, "deviations", expect_each(self.deviations, "deviations", Deviation))
+        object.__setattr__(self, "findings", expect_each(self.findings, "findings", Finding))
         object.__setattr__(self, "sources", expect_each(self.sources, "sources", Source))
 
 
@@ -121,12 +141,17 @@ def in_utc(what: str, time: datetime) -> datetime:
         raise BadValue(what, time.isoformat(), "a time of the years 1 to 9999 in UTC, too") from None
 
 
-def _spell_out(of: Source | Record | Deviation, *names: str) -> None:
+def _spell_out(of: Source | Record | Deviation | Finding, *names: str) -> None:
     """Spell out what is no text in texts that may hold the name of a file: no database would take it."""
     for name in names:
         value = getattr(of, name)
         expect(value, f"{name} of a {type(of).__name__.lower()}", str)
-        object.__setattr__(of, name, plain(value))
+        object.__setattr__(of, name, as_kept(value))
+
+
+def as_kept(text: str) -> str:
+    """Return a text as a store keeps it: what is no text in it spelled out, and NUL, which PostgreSQL lacks."""
+    return plain(text).replace("\0", r"\x00")
 
 
 def _check_verdict(verdict: str, of: str) -> None:

@@ -11,11 +11,12 @@ import numpy as np
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.files.jsontext import or_null
 from cadcam.geometry.rigid import Rigid
-from cadcam.record.record import UNITS, Deviation, Record, Source
+from cadcam.record.record import UNITS, Deviation, Finding, Record, Source
 from cadcam.record.schema import LIMITS, PLACE, ROTATION
 
 Row = dict[str, Any]
 _PLAIN = ("id", "part", "serial", "station", "verdict", "reason", "quality", "software")
+SUMMARY = ("id", "time_utc", "part", "serial", "station", "verdict", "reason")
 
 
 def measurement_row(record: Record) -> Row:
@@ -47,6 +48,15 @@ def deviation_rows(record: Record) -> list[Row]:
     ]
 
 
+def finding_rows(record: Record) -> list[Row]:
+    """Return the rows of table finding."""
+    return [
+        {"measurement_id": record.id, "place": place, "feature": f.feature, "kind": f.kind, "verdict": f.verdict}
+        | {"reason": f.reason}
+        for place, f in enumerate(record.findings)
+    ]
+
+
 def source_rows(record: Record) -> list[Row]:
     """Return the rows of table source."""
     return [
@@ -56,7 +66,10 @@ def source_rows(record: Record) -> list[Row]:
 
 
 def record_of(
-    row: Mapping[str, Any], deviations: Iterable[Mapping[str, Any]], sources: Iterable[Mapping[str, Any]]
+    row: Mapping[str, Any],
+    deviations: Iterable[Mapping[str, Any]],
+    findings: Iterable[Mapping[str, Any]],
+    sources: Iterable[Mapping[str, Any]],
 ) -> Record:
     """Return the record of a row of table measurement and the rows that belong to it, in order."""
     return Record(
@@ -64,7 +77,21 @@ def record_of(
         time=row["time_utc"].replace(tzinfo=UTC),
         pose=_pose(row),
         deviations=tuple(_deviation(d) for d in deviations),
+        findings=tuple(_finding(f) for f in findings),
         sources=tuple(Source(s["role"], s["path"], s["sha256"]) for s in sources),
+    )
+
+
+def summary_of(
+    row: Mapping[str, Any], deviations: Iterable[Mapping[str, Any]], findings: Iterable[Mapping[str, Any]]
+) -> Record:
+    """Return the record of the columns `SUMMARY` of a row, with these deviations and findings, without its pose."""
+    return Record(
+        **{name: row[name] for name in SUMMARY if name != "time_utc"},
+        time=row["time_utc"].replace(tzinfo=UTC),
+        deviations=tuple(_deviation(d) for d in deviations),
+        findings=tuple(_finding(f) for f in findings),
+        software="",
     )
 
 
@@ -84,6 +111,10 @@ def _pose(row: Mapping[str, Any]) -> PoseEstimate | None:
 
 
 def _deviation(row: Mapping[str, Any]) -> Deviation:
-    unit = next(unit for unit in UNITS if row[f"deviation_{unit}"] is not None)
+    unit = next((unit for unit in UNITS if row[f"deviation_{unit}"] is not None), UNITS[0])  # of a damaged row neither
     values = {name: row[f"{name}_{unit}"] for name in LIMITS}
     return Deviation(row["feature"], kind=row["kind"], unit=unit, k=row["k"], verdict=row["verdict"], **values)
+
+
+def _finding(row: Mapping[str, Any]) -> Finding:
+    return Finding(row["feature"], row["kind"], row["verdict"], row["reason"])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from sqlalchemy import JSON, Column, DateTime, Double, ForeignKey, Index, Integer, MetaData, Table, Text
 
-VERSION = 1
+VERSION = 2  # 1 had no findings, and no index by serial
 
 tables = MetaData()
 
@@ -31,6 +31,7 @@ measurement = Table(
     Column("software", Text, nullable=False),
     Index("measurement_by_part", "part", "time_utc"),
     Index("measurement_by_time", "time_utc"),
+    Index("measurement_by_serial", "serial"),
 )
 
 
@@ -54,6 +55,20 @@ deviation = Table(
     *(Column(f"{name}_{unit}", Double) for unit in ("mm", "deg") for name in LIMITS),
     Index("deviation_by_feature", "feature"),
 )
+
+# what was judged without a number
+finding = Table(
+    "finding",
+    tables,
+    *_belongs(),
+    Column("feature", Text, nullable=False),
+    Column("kind", Text, nullable=False),
+    Column("verdict", Text, nullable=False),
+    Column("reason", Text, nullable=False),
+    Index("finding_by_feature", "feature"),
+)
+
+JUDGED = (deviation, finding)
 
 source = Table(
     "source",

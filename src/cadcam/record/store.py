@@ -9,30 +9,35 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from datetime import datetime
-from getpass import getuser
-from pathlib import Path
 from types import TracebackType
 from typing import Any, Literal, Self, TypedDict, Unpack, get_args
 
 import sqlalchemy as sql
-from sqlalchemy import event, exc
+from sqlalchemy import exc
 
 import cadcam
-from cadcam.errors import BadValue, MissingExtra, UnknownName, UnusableStore
+from cadcam.errors import BadValue, CadcamError, MissingExtra, UnknownName, UnusableStore
 from cadcam.kinds import expect, expect_count, expect_each, expect_known, expect_path
 from cadcam.record import schema
-from cadcam.record.record import VERDICTS, Record, in_utc
-from cadcam.record.rows import deviation_rows, measurement_row, record_of, source_rows
-from cadcam.whole import plain
+from cadcam.record.address import MENDED, check_file, engine_of, explained, url_of
+from cadcam.record.record import VERDICTS, Record, as_kept, in_utc
+from cadcam.record.rows import (
+    SUMMARY,
+    deviation_rows,
+    finding_rows,
+    measurement_row,
+    record_of,
+    source_rows,
+    summary_of,
+)
+from cadcam.record.selection import Selection, batches
 
-_WAIT_S = 60  # timeout of a writer that waits for others
 _LOCK = 0x63616463  # PostgreSQL's advisory lock while tables are created
-_DRIVERS = {"postgresql": "postgresql+pg8000", "postgres": "postgresql+pg8000"}
 
-
+_Belonging = Mapping[str, list[Mapping[str, Any]]]
 Named = Literal["part", "serial", "station"]
 NAMED: tuple[Named, ...] = get_args(Named)
 
@@ -62,12 +67,12 @@ def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
     another version's tables, `MissingExtra` without a driver. Use it in a `with` block, or `close` it.
     """
     expect_path(where, "store")
-    url = _url(os.fspath(where))
+    url = url_of(os.fspath(where))
     if url.get_backend_name() == "sqlite":
-        _check_file(str(url.database), create)
+        check_file(str(url.database), create)
     name = str(url.database) if url.get_backend_name() == "sqlite" else url.render_as_string(hide_password=True)
     try:
-        store = Store(_engine(url), name)
+        store = Store(engine_of(url), name)
     except ModuleNotFoundError as error:
         if error.name != "pg8000":
             raise UnusableStore(name, f"its driver {error.name!r} is not installed", "install it") from error
@@ -90,6 +95,7 @@ class Store:
         self.name = name
         self._engine = engine
         self._writing = engine.execution_options(writing=True)
+        self._version = schema.VERSION
 
     def __repr__(self) -> str:
         return f"Store({self.name!r})"
@@ -111,16 +117,29 @@ class Store:
 
         Raises `UnusableStore` if a record of the same id exists already.
         """
-        expect_each(records, "records", Record)
+        self.add_all(expect_each(records, "records", Record))
+
+    def add_all(self, records: Iterable[Record]) -> int:
+        """Store records as `add` does, a few at a time as they are asked for; return how many there were.
+
+        Where one cannot be had, none is stored. SQLite lets nobody else write meanwhile.
+        """
+        count = 0
         with self._transaction(self._writing) as connection:
-            for record in records:
-                try:
-                    connection.execute(schema.measurement.insert(), measurement_row(record))
-                except exc.IntegrityError:
-                    raise UnusableStore(self.name, f"holds a record {record.id} already", "nothing was added") from None
-                for table, rows in ((schema.deviation, deviation_rows(record)), (schema.source, source_rows(record))):
+            for some in batches(records):
+                for record in some:
+                    expect(record, "a record", Record)
+                self._check_new(connection, [record.id for record in some])
+                for table, rows in (
+                    (schema.measurement, [measurement_row(record) for record in some]),
+                    (schema.deviation, [row for record in some for row in deviation_rows(record)]),
+                    (schema.finding, [row for record in some for row in finding_rows(record)]),
+                    (schema.source, [row for record in some for row in source_rows(record)]),
+                ):
                     if rows:
                         connection.execute(table.insert(), rows)
+                count += len(some)
+        return count
 
     def query(self, *, newest: int | None = None, **which: Unpack[Which]) -> list[Record]:
         """Return the records that match all arguments, oldest first; without arguments all of them.
@@ -128,22 +147,41 @@ class Store:
         which: id_begins, part, serial, station, verdict, since, until, feature; see `Which`. newest: at most this many,
         the latest of them: no others are read.
         """
+        return list(self.select(newest=newest, **which))
+
+    def select(self, *, newest: int | None = None, **which: Unpack[Which]) -> Selection:
+        """Return the records that `query` returns, to go through: they are read a few at a time."""
         if newest is not None:
             expect_count(newest, "newest")
         m = schema.measurement.c
-        chosen = sql.select(m.id).where(*_wanted(which)).order_by(m.time_utc.desc(), m.id.desc()).limit(newest)
-        return self._records(chosen)
+        chosen = sql.select(m.id).where(*self._wanted(which)).order_by(m.time_utc.desc(), m.id.desc()).limit(newest)
+        with self._transaction(self._engine) as connection:
+            ids = connection.execute(chosen).scalars().all()
+        return Selection(ids[::-1], self._read, self._roles)
+
+    def of_feature(self, name: str, **which: Unpack[Which]) -> list[Record]:
+        """Return the records that `query` returns, with what was judged of one feature alone, for `trend`.
+
+        They lack pose, quality, sources, software and all other features: they take a twentieth of the memory.
+        """
+        m, wanted = schema.measurement.c, self._wanted(which)
+        heads = sql.select(*(m[column] for column in SUMMARY)).where(*wanted).order_by(m.time_utc, m.id)
+        with self._readable(), self._transaction(self._engine) as connection:
+            judged = self._what_was_judged(connection, sql.select(m.id).where(*wanted), feature=as_kept(name))
+            rows = connection.execute(heads).mappings()
+            return [summary_of(dict(row), *(one.get(row["id"], ()) for one in judged)) for row in rows]
 
     def count(self, **which: Unpack[Which]) -> int:
         """Return how many records match all arguments, which are those of `query`; none of them is read."""
-        counted = sql.select(sql.func.count()).select_from(schema.measurement).where(*_wanted(which))
+        counted = sql.select(sql.func.count()).select_from(schema.measurement).where(*self._wanted(which))
         with self._transaction(self._engine) as connection:
             return int(connection.execute(counted).scalar_one())
 
-    def values(self, name: Named) -> set[str]:
-        """Return the parts, serials or stations that the store holds records of."""
+    def values(self, name: Named | Literal["feature"]) -> set[str]:
+        """Return the parts, serials, stations or features that the store holds records of."""
+        tables = self._judged if name == "feature" else [schema.measurement]
         with self._transaction(self._engine) as connection:
-            return set(connection.execute(sql.select(schema.measurement.c[name]).distinct()).scalars())
+            return {one for t in tables for one in connection.execute(sql.select(t.c[name]).distinct()).scalars()}
 
     def reach(self) -> None:
         """Connect once. Raises `UnusableStore`, also where the driver does not know an option in the address."""
@@ -155,13 +193,16 @@ class Store:
             raise UnusableStore(self.name, f"its driver does not take all of the address ({error})", remedy) from None
 
     def prepare(self, *, create: bool) -> None:
-        """Create the tables where there are none; refuse those of another version."""
+        """Create the tables where there are none, and what those of an older version lack; refuse a newer one's."""
         with self._transaction(self._writing if create else self._engine) as connection:
             if connection.dialect.name == "postgresql":  # two programs that create the tables at once
                 connection.execute(sql.select(sql.func.pg_advisory_xact_lock(_LOCK)))
             there = set(sql.inspect(connection).get_table_names())
             if schema.store.name in there:
-                self._check_version(connection)
+                self._version = self._checked_version(connection)
+                if create and self._version < schema.VERSION:
+                    _bring_up(connection)
+                    self._version = schema.VERSION
             elif there & set(schema.tables.tables):
                 taken = ", ".join(sorted(there & set(schema.tables.tables)))
                 raise UnusableStore(self.name, f"has tables of other origin ({taken})", "give it a database of its own")
@@ -172,24 +213,91 @@ class Store:
                 row = {"version": schema.VERSION, "software": f"cadcam {cadcam.__version__}"}
                 connection.execute(schema.store.insert(), row)
 
-    def _records(self, chosen: sql.Select[Any]) -> list[Record]:
-        """Return the records whose ids are `chosen`."""
-        m = schema.measurement
-        with self._transaction(self._engine) as connection:
-            heads = sql.select(m).where(m.c.id.in_(chosen)).order_by(m.c.time_utc, m.c.id)
-            rows = [dict(row) for row in connection.execute(heads).mappings()]
-            parts = [_belonging(connection, table, chosen) for table in (schema.deviation, schema.source)]
-        return [record_of(row, *(belonging[row["id"]] for belonging in parts)) for row in rows]
+    @property
+    def _judged(self) -> list[sql.Table]:
+        """Return the tables of what was judged; one of version 1 that is only read has no findings."""
+        return [*schema.JUDGED] if self._version > 1 else [schema.deviation]
 
-    def _check_version(self, connection: sql.Connection) -> None:
+    def _wanted(self, which: Which) -> list[sql.ColumnElement[bool]]:
+        """Return the conditions that records have to meet."""
+        unknown = next((name for name in which if name not in Which.__annotations__), None)
+        if unknown is not None:
+            raise UnknownName("filter of records", unknown, Which.__annotations__)
+        # a name that is no text is asked for as `Record` keeps it
+        asked: dict[str, Any] = {
+            name: as_kept(value) if isinstance(value, str) else value for name, value in which.items()
+        }
+        m = schema.measurement.c
+        equal = {name: asked.get(name) for name in ("part", "serial", "station", "verdict")}
+        if verdict := asked.get("verdict"):
+            _check_known(verdict)
+        wanted = [m[name] == value for name, value in equal.items() if value is not None]
+        if begins := asked.get("id_begins"):
+            wanted.append(m.id.startswith(begins, autoescape=True))
+        if since := asked.get("since"):
+            wanted.append(m.time_utc >= _utc("since", since))
+        if until := asked.get("until"):
+            wanted.append(m.time_utc <= _utc("until", until))
+        if (feature := asked.get("feature")) is not None:
+            # not by `exists`, for which SQLite would go through all deviations of the feature for each measurement
+            having = (sql.select(t.c.measurement_id).where(t.c.feature == feature) for t in self._judged)
+            wanted.append(m.id.in_(sql.union_all(*having)))
+        return wanted
+
+    def _read(self, ids: Sequence[str]) -> list[Record]:
+        """Return the records of these ids, oldest first."""
+        m = schema.measurement
+        with self._readable(), self._transaction(self._engine) as connection:
+            heads = sql.select(m).where(m.c.id.in_(ids)).order_by(m.c.time_utc, m.c.id)
+            rows = connection.execute(heads).mappings().all()
+            belonging = [*self._what_was_judged(connection, ids), _belonging(connection, schema.source, ids)]
+            records = [record_of(dict(row), *(one.get(row["id"], ()) for one in belonging)) for row in rows]
+        if len(rows) < len(ids):
+            raise UnusableStore(self.name, f"lost {len(ids) - len(rows)} records while it was read", "try again")
+        return records
+
+    def _what_was_judged(
+        self, connection: sql.Connection, ids: Sequence[str] | sql.Select[Any], *, feature: str | None = None
+    ) -> list[_Belonging]:
+        """Return the deviations and the findings of these records, of one feature or all."""
+        tables = self._judged
+        return [_belonging(connection, t, ids, feature=feature) if t in tables else {} for t in schema.JUDGED]
+
+    def _roles(self, ids: Sequence[str]) -> set[str]:
+        """Return the roles of the sources of these records."""
+        s = schema.source.c
+        with self._transaction(self._engine) as connection:
+            return set(connection.execute(sql.select(s.role).where(s.measurement_id.in_(ids)).distinct()).scalars())
+
+    def _check_new(self, connection: sql.Connection, ids: Sequence[str]) -> None:
+        """Raise `UnusableStore` where one of these records is here already, or twice among them."""
+        m = schema.measurement.c
+        there = set(connection.execute(sql.select(m.id).where(m.id.in_(ids))).scalars())
+        for one in ids:
+            if one in there:
+                raise UnusableStore(self.name, f"holds a record {one} already", "nothing was added")
+            there.add(one)
+
+    def _checked_version(self, connection: sql.Connection) -> int:
         row = connection.execute(sql.select(schema.store)).mappings().one()
-        if row["version"] != schema.VERSION:
+        if not 1 <= row["version"] <= schema.VERSION:
             raise UnusableStore(
                 self.name,
                 f"has tables of version {row['version']} (made by {row['software']}); cadcam {cadcam.__version__} "
-                f"reads and writes version {schema.VERSION}",
+                f"reads and writes versions up to {schema.VERSION}",
                 "export it with the cadcam that made it (cadcam state export all.jsonl), and add that to a new store",
             )
+        return int(row["version"])
+
+    @contextmanager
+    def _readable(self) -> Iterator[None]:
+        """Raise `UnusableStore` where what is read cannot have been written by `add`: the disk, or other programs."""
+        try:
+            yield
+        except UnusableStore:
+            raise
+        except (CadcamError, ValueError, TypeError, KeyError) as error:
+            raise UnusableStore(self.name, f"is damaged ({error})", MENDED) from error
 
     @contextmanager
     def _transaction(self, engine: sql.Engine) -> Iterator[sql.Connection]:
@@ -198,100 +306,32 @@ class Store:
             with engine.begin() as connection:
                 yield connection
         except exc.DBAPIError as error:
-            raise UnusableStore(self.name, *_explained(error)) from error
+            raise UnusableStore(self.name, *explained(error)) from error
 
 
-def _wanted(which: Which) -> list[sql.ColumnElement[bool]]:
-    """Return the conditions that records have to meet."""
-    unknown = next((name for name in which if name not in Which.__annotations__), None)
-    if unknown is not None:
-        raise UnknownName("filter of records", unknown, Which.__annotations__)
-    # a name that is no text is asked for as `Record` keeps it
-    asked: dict[str, Any] = {name: plain(value) if isinstance(value, str) else value for name, value in which.items()}
-    m = schema.measurement.c
-    equal = {name: asked.get(name) for name in ("part", "serial", "station", "verdict")}
-    if verdict := asked.get("verdict"):
-        _check_known(verdict)
-    wanted = [m[name] == value for name, value in equal.items() if value is not None]
-    if begins := asked.get("id_begins"):
-        wanted.append(m.id.startswith(begins, autoescape=True))
-    if since := asked.get("since"):
-        wanted.append(m.time_utc >= _utc("since", since))
-    if until := asked.get("until"):
-        wanted.append(m.time_utc <= _utc("until", until))
-    if (feature := asked.get("feature")) is not None:
-        d = schema.deviation.c
-        wanted.append(sql.exists().where(d.measurement_id == m.id, d.feature == feature))
-    return wanted
-
-
-def _belonging(connection: sql.Connection, table: sql.Table, chosen: sql.Select[Any]) -> Mapping[str, list[Any]]:
-    """Return the rows of a table by the measurement that they belong to, in order."""
-    rows = sql.select(table).where(table.c.measurement_id.in_(chosen)).order_by(table.c.measurement_id, table.c.place)
-    out: dict[str, list[Any]] = defaultdict(list)
-    for row in connection.execute(rows).mappings():
+def _belonging(
+    connection: sql.Connection,
+    table: sql.Table,
+    ids: Sequence[str] | sql.Select[Any],
+    *,
+    feature: str | None = None,
+) -> _Belonging:
+    """Return the rows of a table by the measurement that they belong to, in order; feature: only those of this one."""
+    of = table.c.measurement_id
+    rows = sql.select(table).where(of.in_(ids), *([] if feature is None else [table.c.feature == feature]))
+    out: dict[str, list[Mapping[str, Any]]] = defaultdict(list)
+    for row in connection.execute(rows.order_by(of, table.c.place)).mappings():
         out[row["measurement_id"]].append(dict(row))
     return out
 
 
-def _url(where: str) -> sql.URL:
-    """Return the address of a database; anything without :// is the path of an SQLite file."""
-    if "://" not in where:
-        return sql.URL.create("sqlite", database=where)
-    try:
-        url = sql.make_url(where)
-    except (exc.ArgumentError, ValueError):
-        raise BadValue("address of a store", repr(where), "a file, or postgresql://user@host:port/name") from None
-    if url.get_backend_name() not in ("sqlite", "postgresql", "postgres"):
-        raise UnknownName("kind of store", url.get_backend_name(), ("sqlite", "postgresql"))
-    url = url.set(drivername=_DRIVERS.get(url.drivername, url.drivername))
-    if url.drivername == _DRIVERS["postgresql"] and url.username is None:
-        return url.set(username=getuser())  # as PostgreSQL's own programs do; pg8000 does not
-    return url
-
-
-def _engine(url: sql.URL) -> sql.Engine:
-    if url.get_backend_name() != "sqlite":
-        return sql.create_engine(url, pool_pre_ping=True)  # a connection dropped by the network is opened again
-    engine = sql.create_engine(url, connect_args={"timeout": _WAIT_S})
-    event.listen(engine, "connect", _sqlite_connected)
-    event.listen(engine, "begin", _sqlite_begins)
-    return engine
-
-
-def _sqlite_connected(connection: Any, _: Any) -> None:
-    connection.isolation_level = None  # transactions begin below: the module's own exclude the creation of tables
-    for pragma in ("foreign_keys=ON", "synchronous=EXTRA"):
-        connection.execute(f"PRAGMA {pragma}")
-
-
-def _sqlite_begins(connection: sql.Connection) -> None:
-    """Take the writers' lock at once: two that read first and then both want to write would deadlock."""
-    writing = connection.get_execution_options().get("writing")
-    connection.exec_driver_sql("BEGIN IMMEDIATE" if writing else "BEGIN")
-
-
-def _check_file(path: str, create: bool) -> None:
-    file = Path(path)
-    if file.is_dir():
-        raise UnusableStore(path, "is a folder", "name a file in it")
-    if not file.exists() and not create:
-        raise UnusableStore(path, "no such file", "check the path; `cadcam state add` begins a store")
-    if not file.parent.is_dir():
-        raise UnusableStore(path, f"there is no folder {str(file.parent)!r}", f"make it first: mkdir -p {file.parent}")
-
-
-def _explained(error: exc.DBAPIError) -> tuple[str, str]:
-    """Return reason and remedy of a database error."""
-    said = error.orig.args[0] if error.orig is not None and error.orig.args else error
-    reason = str(said.get("M", said) if isinstance(said, dict) else said).splitlines()[0]
-    if "not a database" in reason:
-        return "is not an SQLite file", "name a new file, or the right one"
-    if "locked" in reason:
-        return f"other programs kept it busy for {_WAIT_S} s", "try again"
-    if "readonly" in reason or "unable to open" in reason:
-        return f"cannot be used ({reason})", "choose a place you may write to"
-    return reason, "is the address right, and the server running?" if "connect" in reason.lower() else ""
+def _bring_up(connection: sql.Connection) -> None:
+    """Add what tables of an older version lack; what is in them stays as it is."""
+    schema.tables.create_all(connection)
+    for table in schema.tables.sorted_tables:
+        for index in table.indexes:
+            index.create(connection, checkfirst=True)
+    connection.execute(schema.store.update().values(version=schema.VERSION))
 
 
 def _utc(what: str, time: datetime) -> datetime:

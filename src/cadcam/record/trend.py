@@ -1,81 +1,106 @@
-"""One feature over many parts: mean, scatter, and the measurement's own share of it."""
+"""One feature over many parts: mean, scatter, the measurement's own share; since when its verdict stands."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 import numpy as np
 
 from cadcam.arrays import Array, Brief
 from cadcam.errors import BadValue, UnknownName
 from cadcam.kinds import expect_each
-from cadcam.record.record import Deviation, Record
+from cadcam.record.record import Deviation, Finding, Record
 
 
 @dataclass(frozen=True, slots=True, repr=False)
 class Trend(Brief):
-    """The deviations of one feature, oldest first, each with its record; all in `unit`.
+    """What was judged of one feature, oldest first, each with its record; lengths or angles in `unit`.
 
-    without: the records of the same kinds of part that have no such deviation: the feature was missing there, or could
-    not be measured, or was not asked for.
+    judged: deviations, and findings: that it was there or not, that its deviation could not be measured. unit: "" where
+    there are findings alone. without: the records of the same kinds of part that hold neither.
     """
 
     feature: str
     unit: str
-    points: tuple[tuple[Record, Deviation], ...]
+    judged: tuple[tuple[Record, Deviation | Finding], ...]
     without: tuple[Record, ...] = ()
 
     def __len__(self) -> int:
-        return len(self.points)
+        return len(self.judged)
+
+    @property
+    def points(self) -> tuple[tuple[Record, Deviation], ...]:
+        """Return the deviations, each with its record."""
+        return tuple((r, d) for r, d in self.judged if isinstance(d, Deviation))
+
+    @property
+    def unchanged(self) -> tuple[Record, ...]:
+        """Return the latest records that all have the same verdict on the feature, oldest first."""
+        last = self.judged[-1][1].verdict
+        return tuple(r for r, _ in takewhile(lambda one: one[1].verdict == last, reversed(self.judged)))[::-1]
 
     @property
     def mean(self) -> float:
-        """Return the mean deviation."""
-        first = self.points[0][1].deviation
-        return first + float(np.mean(self._from_first))
+        """Return the mean deviation; nan of findings alone."""
+        x = self._deviations
+        return float(x[0] + np.mean(x - x[0])) if len(x) else float("nan")
 
     @property
     def sigma(self) -> float:
-        """Return the standard deviation from part to part (n - 1 in the denominator); nan for a single part."""
-        return float(np.std(self._from_first, ddof=1)) if len(self) > 1 else float("nan")
+        """Return the standard deviation from part to part (n - 1 in the denominator); nan for a single part.
+
+        Of equal deviations it is exactly 0.
+        """
+        x = self._deviations
+        return float(np.std(x - x[0], ddof=1)) if len(x) > 1 else float("nan")
 
     @property
     def measured_sigma(self) -> float:
         """Return the standard uncertainty of one deviation, root mean square over all: it is part of `sigma`."""
-        return float(np.sqrt(np.mean([(d.expanded_uncertainty / d.k) ** 2 if d.k else 0.0 for _, d in self.points])))
+        own = [d.expanded_uncertainty / d.k for _, d in self.points]
+        return float(np.sqrt(np.mean(np.square(own)))) if own else float("nan")
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """Return how often each verdict was given on these deviations; "" counts those that were not judged."""
-        return dict(Counter(d.verdict for _, d in self.points))
+        """Return how often each verdict was given on the feature; "" counts deviations that were not judged."""
+        return dict(Counter(d.verdict for _, d in self.judged))
 
     @property
-    def _from_first(self) -> Array:
-        """Return the deviations (n,) less the first one: of equal ones exactly 0, as is then their scatter."""
-        return np.array([d.deviation for _, d in self.points]) - self.points[0][1].deviation
+    def _deviations(self) -> Array:
+        """Return the deviations (n,)."""
+        return np.array([d.deviation for _, d in self.points])
 
 
 def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -> Trend:
-    """Return the deviations of a feature in records, in their order; kind: of deviation, where it has several.
+    """Return what records judge of a feature, in their order; kind: of judgement, where there are several.
 
-    Raises `UnknownName` where no record has the feature or kind, `BadValue` where the feature has several kinds and
-    none was named, or where lengths and angles would be mixed.
+    Without it, the one kind of which there are deviations is meant, or else the only one. Raises `UnknownName` where no
+    record has the feature or kind, `BadValue` where the feature has several kinds and none was named, or where lengths
+    and angles would be mixed.
     """
     records = expect_each(records, "records", Record)
-    named = [(r, d) for r in records for d in r.deviations if d.feature == feature]
+    all_judged = [(r, one) for r in records for one in _judged(r)]
+    named = [(r, one) for r, one in all_judged if one.feature == feature]
     if not named:
-        raise UnknownName("feature", feature, {d.feature for r in records for d in r.deviations})
-    kinds = {d.kind for _, d in named}
-    if kind is None and len(kinds) > 1:
+        raise UnknownName("feature", feature, {one.feature for _, one in all_judged})
+    kinds, measured = {one.kind for _, one in named}, {one.kind for _, one in named if isinstance(one, Deviation)}
+    if kind is None and len(measured or kinds) > 1:
         raise BadValue(f"kinds of {feature!r}", ", ".join(sorted(kinds)), "one of them: name it")
     if kind is not None and kind not in kinds:
         raise UnknownName(f"kind of {feature!r}", kind, kinds)
-    points = tuple((r, d) for r, d in named if kind in (None, d.kind))
-    units = {d.unit for _, d in points}
+    (meant,) = {kind} if kind is not None else measured or kinds
+    judged = tuple((r, one) for r, one in named if one.kind == meant)
+    units = {one.unit for _, one in judged if isinstance(one, Deviation)}
     if len(units) > 1:
         raise BadValue(f"units of {feature!r}", ", ".join(sorted(units)), "one: ask for fewer records")
-    parts, having = {r.part for r, _ in points}, {r.id for r, _ in points}
+    parts, having = {r.part for r, _ in judged}, {r.id for r, _ in judged}
     without = tuple(r for r in records if r.part in parts and r.id not in having)
-    return Trend(feature, units.pop(), points, without)
+    return Trend(feature, next(iter(units), ""), judged, without)
+
+
+def _judged(record: Record) -> Iterator[Deviation | Finding]:
+    yield from record.deviations
+    yield from record.findings

@@ -147,12 +147,12 @@ def disagreements_as_json(location: Location) -> list[dict[str, Any]]:
 def track_table(entries: Sequence[Mapping[str, Any]]) -> Table:
     """Return the summary of a track: frames found by each method, and where the part was lost."""
     ways = Counter(entry["how"] for entry in entries)
-    found = [entry for entry in entries if entry["found"]]
+    found = [(entry["quality"], np.linalg.norm(entry["pose"]["sigma_mm"])) for entry in entries if entry["found"]]
     rows = [("frames", str(len(entries))), ("found", f"{len(found)}")]
     rows += [(f"  {how}", str(count)) for how, count in ways.items() if how != "lost"]
     if found:
-        sigma = np.median([np.linalg.norm(entry["pose"]["sigma_mm"]) for entry in found])
-        rows.append(("median quality", f"{np.median([entry['quality'] for entry in found]):.3f}"))
+        quality, sigma = np.median(found, axis=0)
+        rows.append(("median quality", f"{quality:.3f}"))
         rows.append(("median sigma of the place, mm", significant(float(sigma))))
     lost = lost_stretches(entries)
     notes = ("lost: " + ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in lost),) if lost else ()

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from cadcam.arrays import significant
-from cadcam.record.record import Deviation, Record
+from cadcam.record.record import Deviation, Finding, Record
 from cadcam.record.trend import Trend
 from cadcam.report.table import Table, counted, with_sigma
 
@@ -44,6 +44,10 @@ def record_tables(record: Record) -> list[Table]:
         columns = ("feature", "kind", "deviation", "tolerance", "verdict")
         rows5 = tuple((d.feature, d.kind, deviation_text(d), _tolerance(d), d.verdict) for d in record.deviations)
         tables.append(Table("Deviations +- expanded uncertainty", columns, rows5, columns))
+    if record.findings:
+        columns4 = ("feature", "kind", "verdict", "reason")
+        rows4 = tuple((f.feature, f.kind, f.verdict, f.reason) for f in record.findings)
+        tables.append(Table("Judged without a number", columns4, rows4, columns4))
     if record.sources:
         columns3 = ("what", "file", "sha256")
         tables.append(Table("Came from", columns3, tuple((s.role, s.path, s.sha256) for s in record.sources), columns3))
@@ -65,13 +69,32 @@ def pose_table(record: Record) -> Table:
     return Table("Pose", ("", ""), rows, ("",))
 
 
-def trend_tables(trend: Trend) -> list[Table]:
-    """Return one line for each part, and mean and scatter over them."""
-    rows = tuple((_time(r), r.part, r.serial, deviation_text(d), d.verdict) for r, d in trend.points)
-    columns = ("time (UTC)", "part", "serial", "deviation", "verdict")
+def trend_tables(trend: Trend, *, newest: int | None = None) -> list[Table]:
+    """Return one line for each part, or the newest of them, and mean and scatter over all of them."""
+    shown = trend.judged if newest is None else trend.judged[-newest:]
+    rows = tuple((_time(r), r.part, r.serial, _judged_text(one), one.verdict) for r, one in shown)
+    columns = ("time (UTC)", "part", "serial", "deviation" if trend.unit else "finding", "verdict")
     left = tuple(column for column in columns if column != "deviation")
-    lines = Table(f"{trend.feature}, {counted(len(trend), 'record')}", columns, rows, left)
-    own, several = trend.measured_sigma, len(trend) > 1
+    of = f", the latest of {len(trend)}" if len(shown) < len(trend) else ""
+    lines = Table(f"{trend.feature}, {counted(len(shown), 'record')}{of}", columns, rows, left)
+    said = _scatter_rows(trend) if trend.unit else []
+    said.append(("verdicts", _counts(trend.verdicts)))
+    unchanged = trend.unchanged
+    if (verdict := trend.judged[-1][1].verdict) and len(trend) > 1:
+        first = unchanged[0]
+        since = " ".join(filter(None, (_time(first), first.serial)))
+        said.append(("at the end", f"{verdict} since {since}, {counted(len(unchanged), 'record')}"))
+    if trend.without:
+        number, every = len(trend.without), len(trend.without) + len({r.id for r, _ in trend.judged})
+        of_parts = _counts(Counter(r.verdict for r in trend.without))
+        said.append(("without a value", f"{number} of {counted(every, 'record')}; as a whole {of_parts}"))
+    return [lines, Table("Over all parts", ("", ""), tuple(said), ("",))]
+
+
+def _scatter_rows(trend: Trend) -> list[tuple[str, str]]:
+    """Return mean and scatter of the deviations, and what the scatter is due to."""
+    points = len(trend.points)
+    own, several = trend.measured_sigma, points > 1
     mean, spread = with_sigma(trend.mean, trend.sigma if several and trend.sigma > 0 else own)
     spread = spread if trend.sigma > 0 else "0"
     said = [
@@ -81,12 +104,13 @@ def trend_tables(trend: Trend) -> list[Table]:
     ]
     if several and trend.sigma > own:
         said.append((f"of that the parts', {trend.unit}", f"{np.sqrt(trend.sigma**2 - own**2):.2g}"))
-    said.append(("verdicts", _counts(trend.verdicts)))
-    if trend.without:
-        number, every = len(trend.without), len(trend.without) + len({r.id for r, _ in trend.points})
-        of_parts = _counts(Counter(r.verdict for r in trend.without))
-        said.append(("without a value", f"{number} of {counted(every, 'record')}; as a whole {of_parts}"))
-    return [lines, Table("Over all parts", ("", ""), tuple(said), ("",))]
+    if points < len(trend):
+        said.append(("could not be measured", f"{len(trend) - points} of {counted(len(trend), 'record')}"))
+    return said
+
+
+def _judged_text(one: Deviation | Finding) -> str:
+    return deviation_text(one) if isinstance(one, Deviation) else one.reason
 
 
 def _counts(verdicts: Mapping[str, int]) -> str:
@@ -127,4 +151,4 @@ def _unjudged(record: Record) -> str:
 
 
 def _time(record: Record) -> str:
-    return record.time.strftime("%Y-%m-%d %H:%M:%S")
+    return record.time.replace(tzinfo=None).isoformat(" ", "seconds")

@@ -9,6 +9,17 @@ from typing import TextIO
 import numpy as np
 import numpy.typing as npt
 
+_STEERING = {*range(0x20), *range(0x7F, 0xA0), *range(0x2028, 0x202F), *range(0x2066, 0x206A)}
+_SPELLED = {code: ascii(chr(code))[1:-1] for code in _STEERING}
+
+
+def spelled(text: str) -> str:
+    r"""Return a text in one line, what steers a terminal in it spelled out: line ends, colours, changes of direction.
+
+    A name may hold them: of a file, a part, or in the JSON of another program.
+    """
+    return text if text.isprintable() else text.translate(_SPELLED)
+
 
 @dataclass(frozen=True, slots=True)
 class Table:
@@ -19,6 +30,10 @@ class Table:
     rows: tuple[tuple[str, ...], ...]
     left: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "title", spelled(self.title))
+        object.__setattr__(self, "rows", tuple(tuple(map(spelled, row)) for row in self.rows))
 
     @property
     def headed(self) -> bool:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import argparse
 import os
+from collections.abc import Iterable, Iterator, Sized
 from contextlib import suppress
 from datetime import UTC, date, datetime, time
+from itertools import chain, islice
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Run, Verbs, add_jobs, add_json, job, verb, whole
@@ -18,6 +20,7 @@ if TYPE_CHECKING:
 
 DEFAULT_STORE = "parts.sqlite"
 _SHORT_ID = 6
+_FIRST = 500  # records that are read before a store is created
 _DESCRIPTION = """\
 Keep what was measured of each part: pose, deviations with their uncertainties, verdict, the fingerprints of photo, CAD
 and camera, time and station. Records are only added, never changed. Once `add` has said so, a record is on the disk;
@@ -75,7 +78,7 @@ def _add_add(jobs: Verbs) -> None:
 def _add_list(jobs: Verbs) -> None:
     parser = _job(jobs, "list", run_list, "list records, the latest at the end")
     _add_filters(parser)
-    parser.add_argument("--newest", type=whole, default=30, metavar="N", help="no more than the latest N (default 30)")
+    _add_newest(parser, "no more than the latest N (default 30)")
 
 
 def _add_show(jobs: Verbs) -> None:
@@ -84,10 +87,12 @@ def _add_show(jobs: Verbs) -> None:
 
 
 def _add_trend(jobs: Verbs) -> None:
-    parser = _job(jobs, "trend", run_trend, "show a feature's deviation over the parts: mean, sigma, verdicts")
+    short = "show a feature's deviation or presence over the parts: mean, sigma, verdicts, since when"
+    parser = _job(jobs, "trend", run_trend, short)
     parser.add_argument("feature", help="the feature's name")
-    parser.add_argument("--kind", help="which of its deviations, where it has several: position, angle ...")
+    parser.add_argument("--kind", help="of its judgements, where it has several: position, angle, presence ...")
     _add_filters(parser)
+    _add_newest(parser, "a line for no more than the latest N (default 30); mean and sigma are of all")
 
 
 def _add_export(jobs: Verbs) -> None:
@@ -107,48 +112,43 @@ def _add_filters(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--until", type=_when, metavar="TIME", help="as --since; a day counts to its end")
 
 
-def _records(arguments: argparse.Namespace) -> list[Record]:
+def _add_newest(parser: argparse.ArgumentParser, what: str) -> None:
+    parser.add_argument("--newest", type=whole, default=30, metavar="N", help=what)
+
+
+def _records(arguments: argparse.Namespace) -> Iterator[Record]:
     from dataclasses import replace
 
-    from cadcam.record.export import read_records
+    from cadcam.record.export import each_record
 
     given = {name: value for name in ("part", "serial", "station") if (value := getattr(arguments, name)) is not None}
-    return [replace(record, **given) for file in arguments.files for record in read_records(file)]
+    for file in arguments.files:
+        for record in each_record(file):
+            yield replace(record, **given)
 
 
 def run_add(arguments: argparse.Namespace) -> None:
-    """Store records; a new store is created only once the records could be read."""
+    """Store records; a new store is created only once the first of them could be read."""
     from cadcam.record.store import open_store
-    from cadcam.report.table import counted
+    from cadcam.report.table import counted, spelled
+
+    added: list[tuple[str, str]] = []  # ids, and what is printed: the records themselves may be many
+
+    def noted(records: Iterable[Record]) -> Iterator[Record]:
+        for record in records:
+            added.append((record.id, spelled(f"{record.part} {record.serial} {record.verdict}".rstrip())))
+            yield record
 
     records = _records(arguments)
+    first = list(islice(records, _FIRST))
     with open_store(_address(arguments)) as store:
-        store.add(*records)
+        store.add_all(noted(chain(first, records)))
     if arguments.json:
-        print_json({"store": store.name, "added": [record.id for record in records]})
+        print_json({"store": store.name, "added": [name for name, _ in added]})
     else:
-        for record in records:
-            print(f"{record.id}  {record.part} {record.serial} {record.verdict}".rstrip())
-        say(f"{counted(len(records), 'record')} added to {store.name}")
-
-
-def _asked_for(arguments: argparse.Namespace, *, needed: bool = False) -> list[Record]:
-    """Return the records that pass the filters, oldest first; if there are none, the reason is printed, or raised."""
-    return _newest(arguments, None, needed=needed)[0]
-
-
-def _newest(arguments: argparse.Namespace, newest: int | None, *, needed: bool = False) -> tuple[list[Record], int]:
-    """Return as many of these records as are asked for, the newest, and the number of all; no more are read."""
-    asked = _asked(arguments)
-    with _there(arguments) as store:
-        records = store.query(**asked, newest=newest)
-        if records:
-            return records, len(records) if newest is None else store.count(**asked)
-        why = _why_none(store, asked)
-    if needed:
-        raise UnusableStore(store.name, why)
-    say(f"store {store.name}: {why}")
-    return [], 0
+        for name, words in added:
+            print(f"{name}  {words}")
+        say(f"{counted(len(added), 'record')} added to {store.name}")
 
 
 def _why_none(store: Store, asked: Which) -> str:
@@ -176,13 +176,26 @@ def run_list(arguments: argparse.Namespace) -> None:
     """Print the latest records."""
     from cadcam.report.state import list_table
 
-    if arguments.newest < 1:
-        raise BadValue("--newest", arguments.newest, "1 or more")
-    shown, of = _newest(arguments, arguments.newest)
+    _check_newest(arguments)
+    asked = _asked(arguments)
+    with _there(arguments) as store:
+        shown = store.query(**asked, newest=arguments.newest)
+        of = store.count(**asked) if shown else 0
+        _say_if_none(store, asked, shown)
     if arguments.json:
         print_json({"records": [_as_json(record) for record in shown], "of": of})
     else:
         print_tables([list_table(shown, of=of)])
+
+
+def _say_if_none(store: Store, asked: Which, found: Sized) -> None:
+    if not found:
+        say(f"store {store.name}: {_why_none(store, asked)}")
+
+
+def _check_newest(arguments: argparse.Namespace) -> None:
+    if arguments.newest < 1:
+        raise BadValue("--newest", arguments.newest, "1 or more")
 
 
 def run_show(arguments: argparse.Namespace) -> None:
@@ -205,20 +218,36 @@ def run_show(arguments: argparse.Namespace) -> None:
 
 def run_trend(arguments: argparse.Namespace) -> None:
     """Print a feature's deviation over the parts."""
+    from cadcam.files.jsontext import or_null
+    from cadcam.kinds import expect_known
+    from cadcam.record.record import Deviation
     from cadcam.record.trend import trend
     from cadcam.report.state import trend_tables
 
-    seen = trend(_asked_for(arguments, needed=True), arguments.feature, kind=arguments.kind)
+    _check_newest(arguments)
+    asked = _asked(arguments)
+    with _there(arguments) as store:
+        records = store.of_feature(arguments.feature, **asked)
+        if not records:
+            raise UnusableStore(store.name, _why_none(store, asked))
+        if not any(record.deviations or record.findings for record in records):
+            expect_known(arguments.feature, "feature", store.values("feature"))
+    seen = trend(records, arguments.feature, kind=arguments.kind)
     if not arguments.json:
-        print_tables(trend_tables(seen))
+        print_tables(trend_tables(seen, newest=arguments.newest))
         return
     points = [
-        {"time_utc": _as_json(r)["time_utc"], "serial": r.serial, "id": r.id}
-        | {f"deviation_{seen.unit}": d.deviation, f"expanded_uncertainty_{seen.unit}": d.expanded_uncertainty}
-        for r, d in seen.points
+        {"time_utc": _time_utc(r), "serial": r.serial, "id": r.id, "verdict": one.verdict}
+        | (
+            {f"deviation_{seen.unit}": one.deviation, f"expanded_uncertainty_{seen.unit}": one.expanded_uncertainty}
+            if isinstance(one, Deviation)
+            else {"reason": one.reason}
+        )
+        for r, one in seen.judged
     ]
-    said = {"mean": seen.mean, "sigma": seen.sigma if len(seen) > 1 else None, "measured_sigma": seen.measured_sigma}
-    counts = {"verdicts": seen.verdicts, "without": [record.id for record in seen.without]}
+    said = {name: or_null(getattr(seen, name)) for name in ("mean", "sigma", "measured_sigma") if seen.unit}
+    since = {"verdict": seen.judged[-1][1].verdict, "since_utc": _time_utc(seen.unchanged[0])}
+    counts = {"verdicts": seen.verdicts, "at_the_end": since, "without": [record.id for record in seen.without]}
     numbers = {f"{name}_{seen.unit}": value for name, value in said.items()}
     print_json({"feature": seen.feature, **numbers, **counts, "points": points})
 
@@ -229,8 +258,11 @@ def run_export(arguments: argparse.Namespace) -> None:
     from cadcam.report.table import counted
 
     check_target(arguments.output, SUFFIXES)
-    records = _asked_for(arguments)
-    write_records(arguments.output, records)
+    asked = _asked(arguments)
+    with _there(arguments) as store:
+        records = store.select(**asked)
+        _say_if_none(store, asked, records)
+        write_records(arguments.output, records)
     if arguments.json:
         print_json({"output": arguments.output, "records": len(records)})
     else:
@@ -251,6 +283,12 @@ def _asked(arguments: argparse.Namespace) -> Which:
         "since": since,
         "until": until,
     }
+
+
+def _time_utc(record: Record) -> str:
+    from cadcam.record.export import time_as_text
+
+    return time_as_text(record.time)
 
 
 def _as_json(record: Record) -> dict[str, Any]:

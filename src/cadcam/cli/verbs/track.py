@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -102,6 +103,8 @@ def run(arguments: argparse.Namespace) -> int:
     start, freedom = start_as_asked(arguments, viewpoints[0]) or said, freedom_as_asked(arguments)
     frames = Frames([file_of(path) for path in arguments.frames], viewpoints, full_scale=arguments.full_scale)
     refuse_own_folder(arguments.overlays, frames.files)
+    for gap in frames.gaps:
+        say(gap)
     _settle_white(arguments, frames)
     mesh, _ = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
@@ -121,6 +124,9 @@ def run(arguments: argparse.Namespace) -> int:
                     _write_overlay(arguments, part, frame, entry)
                 step()
         entries = log.entries
+    if frames.count and len(entries) < frames.count:  # of a video that breaks off or is damaged
+        whole = f"{len(entries)} of the {frames.count} frames that it says it has could be decoded"
+        say(f"{frames.sources[0]}: {whole}; is it damaged or cut off?")
     _report(arguments, entries)
     return 0 if any(entry["found"] for entry in entries) else NO
 
@@ -168,7 +174,7 @@ def _write_overlay(arguments: argparse.Namespace, part: Part, frame: Frame, entr
         write_picture(path, picture)
 
 
-def _report(arguments: argparse.Namespace, entries: list[dict[str, Any]]) -> None:
+def _report(arguments: argparse.Namespace, entries: Sequence[dict[str, Any]]) -> None:
     from cadcam.report.locate import lost_stretches, track_table
 
     found = sum(bool(entry["found"]) for entry in entries)

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from glob import glob
-from itertools import zip_longest
+from itertools import pairwise, zip_longest
 from pathlib import Path
 
 import numpy as np
@@ -75,6 +75,7 @@ class Frames:
         if len(set(counts.values())) > 1:
             said = ", ".join(f"{source} {count}" for source, count in counts.items())
             raise BadValue("numbers of pictures", said, "as many of each camera: the n-th of all were taken together")
+        _check_together([files for files in self._files if files is not None])
         self.count = next(iter(counts.values()), None) or video.count_frames(self.sources[0])
 
     @cached_property
@@ -91,6 +92,11 @@ class Frames:
     def files(self) -> tuple[str, ...]:
         """All pictures of all sources that are not videos."""
         return tuple(file for files in self._files if files is not None for file in files)
+
+    @property
+    def gaps(self) -> tuple[str, ...]:
+        """Where numbers are left out that count the pictures of a source, in words: a line for each such source."""
+        return tuple(filter(None, (_gaps(*pair) for pair in zip(self.sources, self._files, strict=True))))
 
     def __iter__(self) -> Iterator[Frame]:
         """Yield the frames. Raises `UnreadableFile`, or `SizeMismatch` where a picture is not of its camera's size."""
@@ -139,6 +145,48 @@ def picture_files(source: str) -> list[str]:
     else:
         return [source]
     return sorted(found, key=_natural)
+
+
+def _check_together(sources: Sequence[Sequence[str]]) -> None:
+    """Raise `BadValue` where each camera lacks a picture, but not the same one: from there on none belong together.
+
+    Only numbers that count pictures say so: those that mostly grow by 1. Times in names say nothing.
+    """
+    numbers = [[_last_number(file) for file in files] for files in sources]
+    first = numbers[0] if numbers else []
+    if len(numbers) < 2 or not all(map(_counts, numbers)):
+        return
+    for files, others in zip(sources[1:], numbers[1:], strict=True):
+        apart = [b - a for a, b in zip(first, others, strict=True)]
+        n = next((n for n, one in enumerate(apart) if one != apart[0]), None)
+        if n is not None:
+            pair = f"{sources[0][n]} and {files[n]}"
+            before = f"{sources[0][n - 1]} and {files[n - 1]}"
+            expected = f"numbers that go on as in {before}: a camera lacks a picture; remove what was taken beside it"
+            raise BadValue(f"pictures of frame {n}", pair, expected)
+
+
+def _gaps(source: str, files: Sequence[str] | None) -> str:
+    """Return how many pictures lack in the count of a source's names, and where the first; "" for none."""
+    numbers = [_last_number(file) for file in files or ()]
+    if not _counts(numbers):
+        return ""
+    missing = sum(b - a - 1 for a, b in pairwise(numbers) if b > a)
+    if not missing or files is None:
+        return ""
+    n = next(n for n, (a, b) in enumerate(pairwise(numbers)) if b > a + 1)
+    where = f"the first after {Path(files[n]).name}"
+    return f"{source}: {missing} missing by the numbers of the names, {where}; frames are counted without them"
+
+
+def _counts(numbers: Sequence[int]) -> bool:
+    steps = [b - a for a, b in pairwise(numbers)]
+    return min(numbers, default=-1) >= 0 and 2 * steps.count(1) > len(steps)
+
+
+def _last_number(file: str) -> int:
+    """Return the last number in the name of a file, -1 without one."""
+    return next((int(text) for text in reversed(re.findall(r"\d+", Path(file).stem))), -1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ import json
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from itertools import chain, takewhile
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -23,9 +24,8 @@ from typing import Any, Self
 import numpy as np
 
 from cadcam import __version__
-from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
-from cadcam.errors import UnreadableFile, UnwritableFile
+from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import Place, json_line, parsed_line, split_lines
 from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
@@ -34,6 +34,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect, expect_path
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
+from cadcam.locate.track.appending import append, lock, opened_to_append, write
+from cadcam.locate.track.entries import Entries, check_frame
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, Tracker
 from cadcam.whole import utf8
@@ -83,17 +85,17 @@ def track_part_to_log(
 
 def _tracked(log: TrackLog, tracker: Tracker, frames: Frames) -> Iterator[tuple[Frame, dict[str, Any]]]:
     """Yield each frame with its line in an open log, as `track_part_to_log`."""
-    rest, there, steps = iter(frames), list(log.entries), log.steps()
-    for entry, step in zip(there, steps, strict=True):
+    rest, there = iter(frames), len(log.entries)
+    for entry in log.entries:
         frame = next(rest, None)
         if frame is None:
-            raise UnreadableFile(log.path, f"has {len(there)} frames, more than there are pictures", "start a new log")
+            raise UnreadableFile(log.path, f"has {there} frames, more than there are pictures", "start a new log")
         if tuple(entry["sha256"]) != frame.sha256:
             raise UnreadableFile(
                 frame.names[0], f"is not the picture of frame {frame.index} in {log.path}", "start a new log"
             )
         _check_white(log.path, entry, frame)
-        tracker.recall(replace(step, photos=frame.photos))
+        tracker.recall(replace(_step(log.path, entry), photos=frame.photos))
         yield frame, entry
     for frame in rest:
         yield frame, log.append(tracker.next(frame))
@@ -105,9 +107,9 @@ class TrackLog:
     def __init__(
         self,
         path: str | os.PathLike[str],
-        file: io.BufferedWriter,
-        entries: list[dict[str, Any]],
-        table: io.BufferedWriter | None,
+        file: io.FileIO,
+        entries: Entries,
+        table: io.FileIO | None,
         *,
         filtered: bool,
     ) -> None:
@@ -134,16 +136,16 @@ class TrackLog:
         Raises `UnreadableFile` where the file holds another run, or with `overwrite` no log of tracked frames at all;
         `UnwritableFile` where another process has the log open.
         """
-        file = _appending(path)
+        file = opened_to_append(path)
         try:
-            _lock(file, path)
-            entries = _continued(path, head, anew=overwrite) if Path(path).stat().st_size else []
+            lock(file, path)
+            entries = _continued(path, head, anew=overwrite) if Path(path).stat().st_size else Entries(path)
             if not entries:
                 file.truncate(0)
-                _add(file, json_line(head) + "\n")
+                append(file, json_line(head) + "\n")
             if table is not None:
-                _write(table, ",".join(COLUMNS) + "\n" + "".join(_row(entry, filtered) for entry in entries))
-            return cls(path, file, entries, None if table is None else _appending(table), filtered=filtered)
+                write(table, chain([",".join(COLUMNS) + "\n"], (_row(entry, filtered) for entry in entries)))
+            return cls(path, file, entries, None if table is None else opened_to_append(table), filtered=filtered)
         except BaseException:
             file.close()
             raise
@@ -165,18 +167,14 @@ class TrackLog:
     def append(self, tracked: TrackedFrame) -> dict[str, Any]:
         """Append a frame; return its line once it is on disk."""
         entry = entry_of(tracked)
-        _add(self._file, json_line(entry) + "\n")
+        self.entries.note(append(self._file, json_line(entry) + "\n"))
         if self._table is not None:
-            _add(self._table, _row(entry, self._filtered))
-        self.entries.append(entry)
+            append(self._table, _row(entry, self._filtered))
         return entry
 
-    def steps(self) -> list[LoggedFrame]:
-        """Return the frames in the log, without their photos, for `track_part` to continue from."""
-        return [
-            LoggedFrame(entry["frame"], _pose_of(self.path, entry) if entry["found"] else None, entry["how"])
-            for entry in self.entries
-        ]
+    def steps(self) -> Iterator[LoggedFrame]:
+        """Yield the frames in the log, without their photos, for `track_part` to continue from."""
+        return (_step(self.path, entry) for entry in self.entries)
 
 
 def entry_of(tracked: TrackedFrame) -> dict[str, Any]:
@@ -224,7 +222,7 @@ def read_track_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
     """Return the lines of a log's frames, poses as `PoseEstimate`. Raises `UnreadableFile`, naming the line."""
     lines = split_lines(read_text(path, max_bytes=_MAX_BYTES).text)
     _check_head(path, _object(path, 1, lines[0]))
-    entries = [_frame(path, number, line) for number, line in enumerate(lines[1:], 2)]
+    entries = [check_frame(path, number, line) for number, line in enumerate(lines[1:], 2)]
     for number, entry in enumerate(entries, 2):
         for name in ("pose", "filtered"):
             if entry[name] is not None:
@@ -242,26 +240,41 @@ def _check_white(path: str, entry: Mapping[str, Any], frame: Frame) -> None:
         raise UnreadableFile(path, reason, f"{'' if brighter else f'--full-scale {one}, or '}start a new log")
 
 
-def _continued(path: str | os.PathLike[str], head: dict[str, Any], *, anew: bool) -> list[dict[str, Any]]:
-    """Return the complete lines of a log after its head; truncate the file after them. None if it is begun anew."""
+def _continued(path: str | os.PathLike[str], head: dict[str, Any], *, anew: bool) -> Entries:
+    """Return the complete lines of a log after its head; truncate the file after them. None if it is begun anew.
+
+    A log without them is of a run that failed at its first frame, perhaps by inputs that were mended since.
+    """
     if anew:
         with Path(path).open("rb") as file:
             _check_is_log(path, _object(path, 1, file.readline(_LONGEST_HEAD).decode(errors="replace")))
-        return []
-    data = Path(path).read_bytes()
-    whole = data[: data.rfind(b"\n") + 1]
-    lines = split_lines(whole.decode(errors="replace"))
-    there = _object(path, 1, lines[0]) if lines else {}
-    _check_head(path, there)
-    if len(lines) == 1:  # a run that failed at its first frame, perhaps by inputs that were mended since
-        return []
-    for key, value in json.loads(json.dumps(head)).items():
+        return Entries(path)
+    entries, wanted = Entries(path), json_line(head) + "\n"
+    with Path(path).open("rb") as file:
+        first = file.readline(_LONGEST_HEAD)
+        if not first.endswith(b"\n") and utf8(wanted).startswith(first):  # killed, or the disk full, at its beginning
+            return entries
+        there = _object(path, 1, first.decode(errors="replace")) if first.endswith(b"\n") else {}
+        _check_head(path, there)
+        end = file.tell()
+        lines = takewhile(lambda line: line.endswith(b"\n"), file)
+        for number, line in enumerate(lines, 2):
+            if number == 2:
+                _check_same(path, there, json.loads(wanted))
+            check_frame(path, number, line.decode(errors="replace").removesuffix("\n"))
+            entries.note(end)
+            end += len(line)
+    if entries and end < Path(path).stat().st_size:
+        os.truncate(path, end)
+    return entries
+
+
+def _check_same(path: str | os.PathLike[str], there: dict[str, Any], head: dict[str, Any]) -> None:
+    """Raise `UnreadableFile` where the first line of a log with frames is not that of this run."""
+    for key, value in head.items():
         if there.get(key) != value:
             reason = f"was begun {_differs(key, there.get(key), value)}"
             raise UnreadableFile(path, reason, "name a new log, or --overwrite this one")
-    if len(whole) < len(data):
-        os.truncate(path, len(whole))
-    return [_frame(path, number, line) for number, line in enumerate(lines[1:], 2)]
 
 
 def _differs(key: str, there: Any, now: Any) -> str:
@@ -293,30 +306,13 @@ def _check_head(path: str | os.PathLike[str], head: dict[str, Any]) -> None:
         raise UnreadableFile(path, f"has version {head.get('version')!r}", f"version {VERSION} is read here")
 
 
-def _frame(path: str | os.PathLike[str], number: int, line: str) -> dict[str, Any]:
-    """Return the line of a frame; `UnreadableFile` names what is missing in it, or of another kind."""
-    place = parsed_line(path, number, line)
-    for name in ("files", "sha256"):
-        place.at(name).texts()
-    for name in ("how", "reason"):
-        place.at(name).text()
-    place.at("frame").whole()
-    place.at("quality").number()
-    found, filtered = place.at("found").flag(), place.at("filtered")
-    for pose in (place.at("pose"), *([filtered] if found or filtered.value is not None else [])):
-        for name in ("sigma_mm", "sigma_deg"):
-            pose.at(name).array((3,))
-        for name, shape in (("rotation", (3, 3)), ("translation_mm", (3,))):
-            pose.at("world_from_part").at(name).array(shape)
-    return place.object
-
-
 def _object(path: str | os.PathLike[str], number: int, line: str) -> dict[str, Any]:
     return parsed_line(path, number, line).object
 
 
-def _pose_of(path: str, entry: dict[str, Any]) -> PoseEstimate:
-    return pose_estimate_at(Place(path, (f"frame {entry['frame']}", "pose"), entry["pose"]))
+def _step(path: str, entry: dict[str, Any]) -> LoggedFrame:
+    pose = pose_estimate_at(Place(path, (f"frame {entry['frame']}", "pose"), entry["pose"])) if entry["found"] else None
+    return LoggedFrame(entry["frame"], pose, entry["how"])
 
 
 def _row(entry: dict[str, Any], filtered: bool) -> str:
@@ -348,43 +344,3 @@ def _hash(arrays: Iterable[Any]) -> str:
     for array in arrays:
         digest.update(np.ascontiguousarray(np.asarray(array, np.float64)).tobytes())
     return digest.hexdigest()
-
-
-def _appending(path: str | os.PathLike[str]) -> io.BufferedWriter:
-    try:
-        return Path(path).open("ab")
-    except OSError as error:
-        raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
-
-
-def _lock(file: io.BufferedWriter, path: str | os.PathLike[str]) -> None:
-    """Keep others from writing to a log while it is open here: lines of two runs would stand between each other.
-
-    The system lets go of it when this process ends, however it ends. Where it has no locks, on some network drives,
-    nobody is kept away.
-    """
-    try:
-        import fcntl
-    except ImportError:
-        return
-    try:
-        fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        reason = "another run is writing to it"
-        raise UnwritableFile(path, reason, "wait for its end, or name another log") from None
-    except OSError:
-        return
-
-
-def _write(path: str | os.PathLike[str], text: str) -> None:
-    try:
-        Path(path).write_bytes(utf8(text))
-    except OSError as error:
-        raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
-
-
-def _add(file: io.BufferedWriter, line: str) -> None:
-    """Append a line and wait until it is on disk."""
-    file.write(utf8(line))
-    file.flush()
-    os.fsync(file.fileno())

@@ -12,7 +12,7 @@ from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.image.picture import PictureInfo
 from cadcam.kinds import expect, expect_each
 from cadcam.record.export import record_as_json
-from cadcam.record.record import Deviation, Record, Source
+from cadcam.record.record import Deviation, Finding, Record, Source
 from cadcam.report.locate import disagreements_as_json
 from cadcam.report.photos import photos_as_json
 from cadcam.report.verify.words import assumptions, role, rule_words, weakest_direction
@@ -56,6 +56,7 @@ def record_of(found: Verification, origin: VerificationOrigin) -> Record:
         pose=None if found.verdict is Verdict.NOT_FOUND or found.inspection is None else found.inspection.pose,
         quality=float(found.located.quality),
         deviations=tuple(_deviation(j) for j in found.judgements if np.isfinite(j.deviation)),
+        findings=tuple(_finding(j) for j in found.judgements if not np.isfinite(j.deviation)),
         verdict=_VERDICTS.get(found.verdict, "UNDECIDED"),
         reason=found.reason,
         sources=origin.sources,
@@ -108,6 +109,10 @@ def _deviation(j: Judgement) -> Deviation:
         upper=limit,
         verdict=_VERDICTS.get(j.verdict, "UNDECIDED"),
     )
+
+
+def _finding(j: Judgement) -> Finding:
+    return Finding(j.feature, j.limit.quantity.name.lower(), _VERDICTS.get(j.verdict, "UNDECIDED"), j.reason)
 
 
 def _judgement(j: Judgement) -> dict[str, Any]:
