@@ -122,6 +122,25 @@ def test_a_tolerance_that_names_nothing_is_an_error_that_lists_what_there_is(
     assert re.search(r"tolerances.yaml: feature 'rib': unknown part 'rip 1'; did you mean 'rib 1'\?", ran.err)
 
 
+@pytest.mark.parametrize("words", [("--tolerances",), ("--list", "rip 1")])
+def test_a_name_that_is_none_is_told_before_edges_are_found(
+    cadcam: Callable[..., Ran], cell: Path, words: Sequence[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Finding them takes long in large models, and no name depends on them."""
+    (cell / "tolerances.yaml").write_text(TOLERANCES.replace("rib 1", "rip 1"))
+    found: list[object] = []
+    monkeypatch.setattr("cadcam.locate.part.Scene.of", found.append)
+    files = ("--camera", cell / "camera.json", "--pose", cell / "pose.txt")
+    ran = (
+        cadcam("verify", cell / "plate.glb", *words)
+        if "--list" in words
+        else cadcam("verify", cell / "good.png", cell / "plate.glb", *files, *words, cell / "tolerances.yaml")
+    )
+    assert ran.code == 2
+    assert "did you mean 'rib 1'?" in ran.err
+    assert not found
+
+
 def test_names_and_a_template_are_printed_without_a_photo(cadcam: Callable[..., Ran], cell: Path) -> None:
     listed = cadcam("verify", cell / "plate.glb", "--list", "-o", cell / "names.png")
     assert listed.code == 0

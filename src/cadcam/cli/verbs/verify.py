@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -15,8 +16,9 @@ from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
+    from cadcam.cad.mesh import Mesh
     from cadcam.geometry.rigid import Rigid
     from cadcam.locate.freedom import Freedom
     from cadcam.locate.location import Location
@@ -127,29 +129,43 @@ def run(arguments: argparse.Namespace) -> int:
     asked = _asked(arguments)
     if asked is None and not arguments.template:
         raise BadValue("photos", "none given", "cadcam verify PHOTO MODEL --camera FILE; or --list, --template")
-    part = _part(arguments)
+    mesh = _mesh(arguments)
     if asked is None or arguments.template:
-        _template(arguments, part, asked)
+        _template(arguments, _part(mesh), asked)
         return 0
+    if asked.tolerances is not None:
+        with _in_file(arguments.tolerances):
+            asked.tolerances.check_names(mesh.part_names)  # before edges are found, which takes long in large models
+    part = _part(mesh)
     tolerances = whole_parts(part.scene) if asked.tolerances is None else asked.tolerances
-    try:
+    with _in_file(arguments.tolerances):
         tolerances.check(part.scene)
-    except CadcamError as error:
-        if arguments.tolerances is None:
-            raise
-        raise UnreadableFile(arguments.tolerances, str(error)) from None
     return _verified(arguments, part, asked, tolerances)
 
 
-def _part(arguments: argparse.Namespace) -> Part:
+def _mesh(arguments: argparse.Namespace) -> Mesh:
+    """Return the model, and keep what the report says of its file."""
     mesh, report = load_as_asked(arguments)
+    arguments.cad = (report.path, report.sha256)
+    return mesh
+
+
+def _part(mesh: Mesh) -> Part:
     from cadcam.locate.part import Part
 
-    arguments.cad = (report.path, report.sha256)
     with working("finding edges"):
-        part = Part.of(mesh)
-        _ = part.lines
-    return part
+        return Part.of(mesh)
+
+
+@contextmanager
+def _in_file(path: str | None) -> Iterator[None]:
+    """Let errors say in which file, if any, the names stand that they are about."""
+    try:
+        yield
+    except CadcamError as error:
+        if path is None:
+            raise
+        raise UnreadableFile(path, str(error)) from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -290,8 +306,11 @@ def _list(arguments: argparse.Namespace) -> None:
     for path in arguments.output:
         check_target(path, WRITABLE)
     asked = _asked(arguments)
-    part = _part(arguments)
+    mesh = _mesh(arguments)
     chosen = None if arguments.list is True else Selection(arguments.list)
+    if chosen is not None:
+        chosen.among(mesh.part_names)  # a name that is none is told before edges are found
+    part = _part(mesh)
     table = part_table(part.scene) if chosen is None else chain_table(part.scene, chosen)
     if arguments.json:
         print_json({"columns": list(table.columns), "rows": [list(row) for row in table.rows]})
