@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from cadcam.arrays import Array, Mask
+from cadcam.cad.contact import contact_tolerance
+from cadcam.cad.edges import FeatureEdges, feature_edges
 from cadcam.errors import DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
@@ -17,7 +20,7 @@ from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.bodies.likelihood import log_likelihoods
 from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
 from cadcam.verify.bodies.tones import Tones
-from cadcam.verify.bodies.uncovered import uncovered_ratio
+from cadcam.verify.bodies.uncovered import around, uncovered_ratio
 from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.presence import EdgeVisibility, Presence, edge_visibility, log_ratio
 from cadcam.verify.edges.survey import Survey, surveyed
@@ -37,7 +40,7 @@ class Case:
     """What is inspected, and how.
 
     freedom (6, k): motions that are free; reach_px: how far bodies are searched for; alarms: accepted share of false
-    ones; lacking: the part without some of its bodies, as far as computed.
+    ones; edges: of some of the part's bodies alone, as far as computed.
     """
 
     part: Part
@@ -47,17 +50,19 @@ class Case:
     freedom: Array
     reach_px: float
     alarms: float
-    lacking: dict[int, Part] = field(default_factory=dict)
+    edges: dict[bytes, FeatureEdges] = field(default_factory=dict)
 
-    def without(self, body: int, by: Array) -> Part:
-        """Return the part without one of its bodies, the others drawn displaced `by` (P, 3) mm.
+    def alone(self, parts: Mask, by: Array) -> Part:
+        """Return these parts (P,) without the others, drawn displaced `by` (P, 3) mm.
 
-        Its edges are computed once: as in `redrawn`, they are those of the CAD.
+        Their edges are computed once: as in `redrawn`, they are those of the CAD.
         """
-        if body not in self.lacking:
-            mesh = self.part.scene.mesh
-            self.lacking[body] = Part(Scene.of(mesh.select(mesh.part != body)))
-        return (redrawn(self.lacking[body], by) if by.any() else None) or self.lacking[body]
+        whole = self.part.scene.mesh
+        mesh, key = whole.select(parts[whole.part]), parts.tobytes()
+        if key not in self.edges:
+            self.edges[key] = feature_edges(mesh, contact_tolerance_mm=contact_tolerance(whole))
+        out = Part(Scene.of(mesh, edges=self.edges[key]))
+        return (redrawn(out, by) if by.any() else None) or out
 
     @property
     def eye(self) -> Array | None:
@@ -76,14 +81,6 @@ class Findings:
     presence: Sequence[Presence]
     measured: MeasuredEdges
     left_out: Sequence[int]
-
-    def explained(self, seen: EdgeVisibility, clutter: float) -> float:
-        """Return the log likelihood ratio of the photos' edges with all bodies present to all absent.
-
-        All looks are compared with the same estimate of how well edges are seen.
-        """
-        evidence = self.survey.evidence
-        return log_ratio(evidence, np.ones(len(evidence.seen), bool), seen, clutter)
 
 
 def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
@@ -132,15 +129,17 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
     evidence, clutter = look.survey.evidence, look.survey.clutter.share
     seen = edge_visibility(evidence, np.ones(len(evidence.seen), bool))
     for _ in range(_ROUNDS):
-        before = look.explained(seen, clutter)
+        before = _explained(look.survey, seen, clutter)
         for suspect in _suspects(case, look):
             to, gain = _likeliest(case, look, suspect)
-            again = None if to is None else _redrawn_look(case, look, suspect.part, to)
+            again = None if to is None else _resurveyed(case, look, suspect.part, to)
             if again is None:
                 continue
-            by_edges = again.explained(seen, clutter) - before
-            if _likelier(by_edges, gain, least=_least_gain(case, look, suspect), measured=suspect.moved is not None):
-                look = again
+            by_edges = _explained(again[1], seen, clutter) - before
+            if not _likelier(by_edges, gain, least=_least_gain(case, look, suspect), measured=suspect.moved is not None):
+                continue  # before its bodies are looked for one by one, which takes long where there are many
+            with suppress(DegenerateGeometry):
+                look = findings_of(case, *again)
                 break
         else:
             return look
@@ -243,18 +242,22 @@ def _with(by: Array, part: int, to: Array) -> Array:
     return out
 
 
-def _redrawn_look(case: Case, look: Findings, part: int, to: Array) -> Findings | None:
-    """Return the look with a part drawn displaced `to` (3,) mm; None where nothing is measured."""
+def _resurveyed(case: Case, look: Findings, part: int, to: Array) -> tuple[Part, Survey] | None:
+    """Return the whole with a part drawn displaced `to` (3,) mm, and its survey; None where bodies are not apart."""
     by = _with(look.survey.by, part, to)
     drawn = redrawn(case.part, by)
     if drawn is None:
         return None
     survey = surveyed(drawn, case.photos, case.world_from_part, case.asked, reach_px=case.reach_px, by=by)
-    try:
-        again = findings_of(case, drawn, survey)
-    except DegenerateGeometry:
-        return None
-    return again if survey.names == look.survey.names else None
+    return (drawn, survey) if survey.names == look.survey.names else None
+
+
+def _explained(survey: Survey, seen: EdgeVisibility, clutter: float) -> float:
+    """Return the log likelihood ratio of the photos' edges with all bodies present to all absent.
+
+    All looks are compared with the same estimate of how well edges are seen.
+    """
+    return log_ratio(survey.evidence, np.ones(len(survey.evidence.seen), bool), seen, clutter)
 
 
 def sure(presence: Sequence[Presence], alarms: float) -> float:
@@ -284,7 +287,7 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
             continue
         by_tones = tones.log_ratio(body, edges=found.log_ratio, any_light=found.in_any_light)
         if min(found.log_ratio, by_tones) < _RATHER_NOT and by_tones < DOUBTFUL:
-            by_tones += _uncovered(case, survey, body)
+            by_tones += _uncovered(case, drawn, survey, body)
         told = _unless_seen(by_tones, found.log_ratio)
         if told < DOUBTFUL:
             told = _with_pixels(told, found.log_ratio, _by_pixels(case, drawn, survey, body))
@@ -323,12 +326,13 @@ def _with_pixels(told: float, by_edges: float, by_pixels: float) -> float:
     return max(told, by_edges + min(by_pixels - _BY_CHANCE, _THERE)) if by_pixels > _BY_CHANCE else told
 
 
-def _uncovered(case: Case, survey: Survey, body: int) -> float:
-    """Return what the edges that a body would hide add to its log likelihood ratio; 0 if there is no other body."""
-    if (case.part.scene.mesh.part == body).all():
+def _uncovered(case: Case, drawn: Part, survey: Survey, body: int) -> float:
+    """Return what the edges that a body would hide add to its log likelihood ratio; 0 if nothing is behind it."""
+    others = around(drawn, case.photos, case.world_from_part, body, survey)
+    if not others.any():
         return 0.0
-    without = case.without(body, survey.by)
-    return uncovered_ratio(without, case.photos, case.world_from_part, body, survey)
+    near = case.alone(others, survey.by)
+    return uncovered_ratio(drawn, near, case.photos, case.world_from_part, body, survey)
 
 
 def _by_its_edges(survey: Survey, number: int) -> Presence:
@@ -359,9 +363,9 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, li
         if survey.stated:
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
-        tests = [(i, *_against_others(measured, i)) for i in bodies]
-        tested = [(i, p, loss) for i, p, loss in tests if np.isfinite(p)]
-        suspect = [(loss, i) for i, p, loss in tested if p <= OF_DISPLACED * case.alarms / len(tested)]
+        tested = [(i, p) for i, p in ((i, _p_in_place(measured, i)) for i in bodies) if np.isfinite(p)]
+        off = [i for i, p in tested if p <= OF_DISPLACED * case.alarms / len(tested)]
+        suspect = [(_if_off(measured, i), i) for i in off]
         if not suspect:
             return measured, left_out
         least = min(suspect)[0]
@@ -371,13 +375,24 @@ def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, li
         left_out += worst
 
 
-def _against_others(measured: MeasuredEdges, body: int) -> tuple[float, float]:
-    """Return the probability of a body's offsets if it is in place, and how improbable the photos are if it is off.
+def _p_in_place(measured: MeasuredEdges, body: int) -> float:
+    """Return the probability of a body's offsets if it is in place; nan: undetermined.
 
-    In place is relative to the rest of the datum, which also determines the errors of edges. If several bodies are
-    displaced relative to the others, the one whose displacement explains most is to blame: those from which it pulled
-    the pose away are in place without it.
+    In place is relative to the rest of the datum, which also determines the errors of edges.
     """
+    others = _others(measured, body)
+    return others.p_value(others.body == body)
+
+
+def _if_off(measured: MeasuredEdges, body: int) -> float:
+    """Return how improbable the photos are if a body is off.
+
+    If several are displaced relative to the others, the one whose displacement explains most is to blame: those from
+    which it pulled the pose away are in place without it.
+    """
+    return _others(measured, body).improbability(body)
+
+
+def _others(measured: MeasuredEdges, body: int) -> MeasuredEdges:
     its = (measured.body == body) | (measured.mate == body)
-    others = measured.fitted_to(measured.adjustment.datum & ~its)
-    return others.p_value(others.body == body), others.improbability(body)
+    return measured.fitted_to(measured.adjustment.datum & ~its)
