@@ -13,7 +13,7 @@ from .scene import part, photo, plate
 
 
 def test_a_fit_to_some_places_is_that_of_a_measurement_of_these(rng: np.random.Generator) -> None:
-    """A body's edges, and every other place of the rest: from sums known before as from the places anew, to rounding."""
+    """All edges but a body's, or every other place on them: sums known before are those of the places, to rounding."""
     survey = surveyed(part(), [photo(plate(), rng)], Rigid(), whole_parts(part().scene), reach_px=8.0)
     every = np.ones(len(survey.lines), bool)
     measured = MeasuredEdges.of(survey, every, every, np.zeros(3), np.eye(6))

@@ -142,7 +142,8 @@ def test_a_box_beside_the_part_says_where_its_edges_are() -> None:
 
 def test_names_are_checked_before_the_edges_that_they_have(tmp_path: Path) -> None:
     """Whatever stands first in the file: a box that holds nothing is known only once edges are found."""
-    text = "features: {a: {part: block, box_mm: [[0, 0, 0], [1, 1, 1]], position_mm: 1}, b: {part: blok, position_mm: 1}}"
+    box = "box_mm: [[0, 0, 0], [1, 1, 1]]"
+    text = f"features: {{a: {{part: block, {box}, position_mm: 1}}, b: {{part: blok, position_mm: 1}}}}"
     found = read_tolerances(written(tmp_path, text))
     for check in (lambda: found.check(part().scene), lambda: found.check_names(part().scene.mesh.part_names)):
         with pytest.raises(UnknownName, match="feature 'b': unknown part 'blok'; did you mean 'block'"):

@@ -99,7 +99,7 @@ class Adjustment:
 
     @cached_property
     def _normal(self) -> Array:
-        """(J F)^T V^-1 (J F, y, C) of the datum's offsets, (E, k, k + 1 + r): of each edge, as edges are independent."""
+        """(J F)^T V^-1 (J F, y, C) of the datum's offsets, (E, k, k + 1 + r): of each edge: they are independent."""
         sums = self.sums_of(self.datum) if self.sums is None else self.sums
         return sums.normal(self.errors.tau)
 

@@ -47,7 +47,7 @@ class EdgeNoise:
         return EdgeNoise(self.sigma[rows], number.reshape(-1).astype(np.int64), self.Z[rows], self.tau[edges])
 
     def only(self, rows: Mask) -> EdgeNoise:
-        """Return the errors of some offsets (mask over N); edges keep their numbers, also where none of them is left."""
+        """Return the errors of some offsets (mask over N); edges keep their numbers, also those without offsets."""
         return EdgeNoise(self.sigma[rows], self.edge[rows], self.Z[rows], self.tau)
 
     def with_more(self, more: Array) -> EdgeNoise:
@@ -163,8 +163,8 @@ class EdgeSums:
     """Sums over the offsets of E edges, from which a motion fitted to them follows whatever tau is.
 
     Of columns X (N, m) = (J, y, C): the fitted k, the offsets, and any more. With D = diag(sigma^-2) and S = Z^T D X of
-    each edge, for the p pairs of columns that are needed: plain (E, p) from X^T D X; crossed (3, E, p) from S_0 S_0, S_0
-    S_1 + S_1 S_0 and S_1 S_1. of_lines (E, 2, 2): Z^T D Z; log_noise (E,): log det of the noise alone.
+    each edge, for the p pairs of columns that are needed: plain (E, p) from X^T D X; crossed (3, E, p) from S_0 S_0,
+    S_0 S_1 + S_1 S_0 and S_1 S_1. of_lines (E, 2, 2): Z^T D Z; log_noise (E,): log det of the noise alone.
     """
 
     fitted: int
@@ -181,7 +181,8 @@ class EdgeSums:
         one, other = np.moveaxis(noise.sums(X * D[:, None]), 1, 0)
         i, j = _pairs(fitted, X.shape[1])
         crossed = one[:, i] * other[:, j] + other[:, i] * one[:, j]
-        every = [np.bincount(noise.edge, D * X[:, a] * X[:, b], minlength=noise.edges) for a, b in zip(i, j, strict=True)]
+        pairs = zip(i, j, strict=True)
+        every = [np.bincount(noise.edge, D * X[:, a] * X[:, b], minlength=noise.edges) for a, b in pairs]
         return cls(
             fitted,
             X.shape[1],

@@ -4,72 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadcam.arrays import Array, Mask
-from cadcam.cad.contact import contact_tolerance
-from cadcam.cad.edges import FeatureEdges, feature_edges
 from cadcam.errors import DegenerateGeometry
-from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
-from cadcam.locate.photo import Photo
-from cadcam.render.view import Scene
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
+from cadcam.verify.bodies.case import Case
 from cadcam.verify.bodies.likelihood import log_likelihoods
 from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
+from cadcam.verify.bodies.snooping import OF_DISPLACED, snooped
 from cadcam.verify.bodies.tones import Tones
 from cadcam.verify.bodies.uncovered import around, uncovered_ratio
 from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.presence import EdgeVisibility, Presence, edge_visibility, log_ratio
 from cadcam.verify.edges.survey import Survey, surveyed
-from cadcam.verify.tolerances.tolerance import Tolerances
 
-OF_DISPLACED = 0.25  # share of alarms for displacements, which are far beyond doubt if they matter; absences are not
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a body may be missing
 _RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which the edges behind a body are searched for
 _THERE = 3.5  # most that pixels say for a body: wrongly, at worst, for one missing body in 33
 _BY_CHANCE = 10.0  # log likelihood ratio of pixels that light and paint alone may make
 _CELL_PX = 1.5  # distance of places at which a shifted feature is searched for
 _ROUNDS = 4  # of redrawing displaced bodies where they were found
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Case:
-    """What is inspected, and how.
-
-    freedom (6, k): motions that are free; reach_px: how far bodies are searched for; alarms: accepted share of false
-    ones; edges: of some of the part's bodies alone, as far as computed.
-    """
-
-    part: Part
-    photos: Sequence[Photo]
-    world_from_part: Rigid
-    asked: Tolerances
-    freedom: Array
-    reach_px: float
-    alarms: float
-    edges: dict[bytes, FeatureEdges] = field(default_factory=dict)
-
-    def alone(self, parts: Mask, by: Array) -> Part:
-        """Return these parts (P,) without the others, drawn displaced `by` (P, 3) mm.
-
-        Their edges are computed once: as in `redrawn`, they are those of the CAD.
-        """
-        whole = self.part.scene.mesh
-        mesh, key = whole.select(parts[whole.part]), parts.tobytes()
-        if key not in self.edges:
-            self.edges[key] = feature_edges(mesh, contact_tolerance_mm=contact_tolerance(whole))
-        out = Part(Scene.of(mesh, edges=self.edges[key]))
-        return (redrawn(out, by) if by.any() else None) or out
-
-    @property
-    def eye(self) -> Array | None:
-        """Return the camera's place (3,) in the part frame; None if there are several photos."""
-        if len(self.photos) > 1:
-            return None
-        return np.asarray((self.photos[0].camera_from_world @ self.world_from_part).inv.translation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,7 +47,7 @@ def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
     Raises `DegenerateGeometry` where the visible part of the datum does not determine the pose.
     """
     presence = _presences(case, drawn, survey)
-    measured, left_out = _snooped(survey, _there(presence), case)
+    measured, left_out = snooped(survey, _there(presence), case)
     return Findings(drawn, survey, presence, measured, left_out)
 
 
@@ -98,7 +56,7 @@ def contradictions(case: Case, look: Findings) -> tuple[str, ...]:
 
     They stay in it, for it is stated. They pull the pose away, and so what is measured from it.
     """
-    _, out = _snooped(replace(look.survey, stated=False), _there(look.presence), case)
+    _, out = snooped(replace(look.survey, stated=False), _there(look.presence), case)
     return tuple(look.survey.names[i] for i in out)
 
 
@@ -135,8 +93,8 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
             again = None if to is None else _resurveyed(case, look, suspect.part, to)
             if again is None:
                 continue
-            by_edges = _explained(again[1], seen, clutter) - before
-            if not _likelier(by_edges, gain, least=_least_gain(case, look, suspect), measured=suspect.moved is not None):
+            by_edges, least = _explained(again[1], seen, clutter) - before, _least_gain(case, look, suspect)
+            if not _likelier(by_edges, gain, least=least, measured=suspect.moved is not None):
                 continue  # before its bodies are looked for one by one, which takes long where there are many
             with suppress(DegenerateGeometry):
                 look = findings_of(case, *again)
@@ -183,14 +141,14 @@ def _likeliest(case: Case, look: Findings, suspect: _Suspect) -> tuple[Array | N
     survey, number, part = look.survey, suspect.number, suspect.part
     measured = None if suspect.moved is None else suspect.moved.vector
     places = _places(case, survey, number, survey.by[part], measured)
-    guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
-    drawable = [(p, guess) for p, guess in guesses if guess is not None]
-    drawn = [look.drawn, *(guess for _, guess in drawable)]
+    drawn = case.beside(look.drawn, part, [survey.by, *(_with(survey.by, part, p) for p in places)])
+    if not drawn:
+        return None, 0.0
     likelihood, without, _ = log_likelihoods(case.photos, case.world_from_part, drawn, part, survey.shown)
     best = int(np.argmax(likelihood))
     if best == 0 or likelihood[best] <= without:
         return None, 0.0
-    place = drawable[best - 1][0]
+    place = places[best - 1]
     if measured is not None and off_px(survey, survey.rows(number), place - measured) <= AGREES_PX:
         return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it really is
     return place, float(likelihood[best] - likelihood[0])
@@ -206,12 +164,11 @@ def _places(case: Case, survey: Survey, number: int, now: Array, measured: Array
 
 def elsewhere_by(case: Case, look: Findings, part: int) -> float:
     """Return the log likelihood ratio of a body where it is drawn to its nominal place, over all its pixels."""
-    there = redrawn(case.part, _with(look.survey.by, part, np.zeros(3)))
-    if there is None:
+    by = look.survey.by
+    guesses = case.beside(look.drawn, part, [by, _with(by, part, np.zeros(3))])
+    if not guesses:
         return 0.0
-    (drawn, in_place), *_ = log_likelihoods(
-        case.photos, case.world_from_part, [look.drawn, there], part, look.survey.shown
-    )
+    (drawn, in_place), *_ = log_likelihoods(case.photos, case.world_from_part, guesses, part, look.survey.shown)
     return float(drawn - in_place)
 
 
@@ -346,53 +303,3 @@ def _by_its_edges(survey: Survey, number: int) -> Presence:
 def _there(presence: Sequence[Presence]) -> Mask:
     """Return which bodies are rather present than not: those whose edges are measured."""
     return np.array([p.seen > 0 and p.log_ratio > 0 for p in presence], bool)
-
-
-def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, list[int]]:
-    """Return the measurement with the pose fitted to the bodies that agree, and the bodies that do not.
-
-    Bodies between which the photos hardly decide are left out together: the rest then shows which of them is in place.
-    Feet on a body that does not agree are not used: they move with it.
-    """
-    left_out: list[int] = []
-    while True:
-        used = there[survey.body] & ~np.isin(survey.mate, left_out)
-        datum = survey.datum & ~np.isin(survey.body, left_out)
-        measured = MeasuredEdges.of(survey, used, datum, case.eye, case.freedom)
-        measured.adjustment.pose()  # an error here says which motion is free
-        if survey.stated:
-            return measured, left_out
-        bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
-        tested = [(i, p) for i, p in ((i, _p_in_place(measured, i)) for i in bodies) if np.isfinite(p)]
-        off = [i for i, p in tested if p <= OF_DISPLACED * case.alarms / len(tested)]
-        suspect = [(_if_off(measured, i), i) for i in off]
-        if not suspect:
-            return measured, left_out
-        least = min(suspect)[0]
-        worst = [i for loss, i in suspect if loss - least <= -2 * np.log(case.alarms)]
-        if measured.pose_without(np.isin(measured.body, [*left_out, *worst])) is None:
-            return measured, left_out  # the others would not determine the pose: they cannot outvote it
-        left_out += worst
-
-
-def _p_in_place(measured: MeasuredEdges, body: int) -> float:
-    """Return the probability of a body's offsets if it is in place; nan: undetermined.
-
-    In place is relative to the rest of the datum, which also determines the errors of edges.
-    """
-    others = _others(measured, body)
-    return others.p_value(others.body == body)
-
-
-def _if_off(measured: MeasuredEdges, body: int) -> float:
-    """Return how improbable the photos are if a body is off.
-
-    If several are displaced relative to the others, the one whose displacement explains most is to blame: those from
-    which it pulled the pose away are in place without it.
-    """
-    return _others(measured, body).improbability(body)
-
-
-def _others(measured: MeasuredEdges, body: int) -> MeasuredEdges:
-    its = (measured.body == body) | (measured.mate == body)
-    return measured.fitted_to(measured.adjustment.datum & ~its)

@@ -12,7 +12,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.edges.association import associated, nearby_edges, searchable
 from cadcam.verify.edges.presence import EdgeEvidence, edge_visibility, log_ratio
-from cadcam.verify.edges.shown import ShownFaces, may_show
+from cadcam.verify.edges.shown import ShownFaces, in_window, may_show
 from cadcam.verify.edges.sightlines import REACH_PX, STEP_PX, Sightlines, sightlines
 from cadcam.verify.edges.surroundings import edge_surroundings
 from cadcam.verify.edges.survey import Survey
@@ -31,10 +31,7 @@ def around(drawn: Part, photos: Sequence[Photo], world_from_part: Rigid, body: i
     for photo, shown in zip(photos, survey.shown, strict=True):
         window = shown.window(body, _ROOM_PX)
         if window is not None:
-            rows, columns = window
-            size = (columns.stop - columns.start, rows.stop - rows.start)
-            camera = photo.camera.crop(columns.start, rows.start, size)
-            seen |= may_show(mesh, camera, photo.camera_from_world @ world_from_part)
+            seen |= may_show(mesh, photo.camera.crop(*in_window(window)), photo.camera_from_world @ world_from_part)
     out = np.zeros(len(mesh.part_names), bool)
     out[mesh.part[seen]] = True
     out[body] = False

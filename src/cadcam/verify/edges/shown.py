@@ -49,8 +49,7 @@ class ShownFaces:
         mesh, camera, camera_from_part = part.scene.mesh, photo.camera, photo.camera_from_world @ world_from_part
         kept = mesh.part != without
         if window is not None:
-            rows, columns = window
-            camera = camera.crop(columns.start, rows.start, (columns.stop - columns.start, rows.stop - rows.start))
+            camera = camera.crop(*in_window(window))
             kept &= may_show(mesh, camera, camera_from_part)  # a renderer of all faces costs more than the window
         if kept.any():
             scene = part.scene if kept.all() else Scene.of(mesh.select(kept), edges=NO_EDGES)
@@ -90,8 +89,8 @@ class ShownFaces:
         behind = ShownFaces.of(part, photo, world_from_part, without=body, window=window)
         face = self.face.copy()
         face[window] = np.where(self.shows(body)[window], len(self.part) + behind.face, face[window])
-        joined = (np.concatenate([getattr(self, k), getattr(behind, k)]) for k in ("normal", "color", "part", "surface"))
-        return ShownFaces(face, *joined)
+        of_faces = ("normal", "color", "part", "surface")
+        return ShownFaces(face, *(np.concatenate([getattr(self, k), getattr(behind, k)]) for k in of_faces))
 
     def light(self, photo: Photo, *, without: Mask | None = None) -> FittedLight:
         """Return the light that explains a whole photo; without (H, W): pixels left out."""
@@ -111,6 +110,12 @@ def window_around(mask: Mask, room: int) -> Window:
         slice(max(low[0] - room, 0), min(high[0] + room, mask.shape[0])),
         slice(max(low[1] - room, 0), min(high[1] + room, mask.shape[1])),
     )
+
+
+def in_window(window: Window) -> tuple[int, int, tuple[int, int]]:
+    """Return left, top and (width, height) of a window, as a camera is cropped by."""
+    rows, columns = window
+    return columns.start, rows.start, (columns.stop - columns.start, rows.stop - rows.start)
 
 
 def may_show(mesh: Mesh, camera: Camera, camera_from_part: Rigid) -> Mask:
