@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import re
@@ -15,6 +16,7 @@ import pytest
 from cadcam.cad.write import write_model
 from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.observations import Observations
+from cadcam.cli.main import main
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
@@ -260,3 +262,24 @@ def test_a_part_that_is_not_there_ends_with_3_and_says_so_in_the_report(cadcam: 
     page = (cell / "empty.html").read_text()
     assert "NOT FOUND" in page
     assert "PASS:" not in page
+
+
+class _Terminal(io.StringIO):
+    """A text file that claims to be a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_on_a_terminal_it_is_shown_how_far_it_has_come(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stages with a count each: all five bodies of the plate in the end, on every terminal wide enough for them."""
+    shown = _Terminal()
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", shown)
+    words = ("--camera", cell / "camera.json", "--pose", cell / "pose.txt", "--tolerances", cell / "tolerances.yaml")
+    assert main(["verify", *map(str, (cell / "good.png", cell / "plate.glb", *words))]) == 0
+    lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.getvalue())
+    for stage in ("looking for bodies", "measuring bodies", "doubting edges"):
+        assert re.search(rf"{stage}[^\n]* 5/5", lines), stage
+    assert re.search(r"measuring edges[^\n]* (\d+)/\1\b", lines)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 from cadcam.cli.arguments import Verbs, add_json, real, refuse, share, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
-from cadcam.cli.output import check_target, print_json, print_tables, say_written, working
+from cadcam.cli.output import check_target, print_json, print_tables, say_written, stages, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import WRITABLE
@@ -218,8 +218,10 @@ def _verified(arguments: argparse.Namespace, part: Part, asked: _Asked, toleranc
     from cadcam.verify.tolerances.verdict import Verdict
 
     located, shots = _located(arguments, part, asked), asked.shots
-    with working("comparing edges"):
-        found = verify_part(part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom)
+    with stages("searching edges") as tell:
+        found = verify_part(
+            part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom, tell=tell
+        )
     _report(arguments, shots, found, _origin(arguments, shots))
     if not found.judgements:
         return found.verdict.exit_code if found.verdict is Verdict.NOT_FOUND else 0

@@ -16,6 +16,7 @@ from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
 from cadcam.verify.bodies.likelihood import window_of
 from cadcam.verify.bodies.redrawn import moved_apart
+from cadcam.verify.bodies.stages import Stages, untold
 from cadcam.verify.edges.shown import in_window, may_show
 from cadcam.verify.tolerances.tolerance import Tolerances
 
@@ -25,7 +26,7 @@ class Case:
     """What is inspected, and how.
 
     freedom (6, k): motions that are free; reach_px: how far bodies are searched for; alarms: accepted share of false
-    ones; edges: of some of the part's bodies alone, as far as computed.
+    ones; tell: called with how far it has come; edges: of some of the part's bodies alone, as far as computed.
     """
 
     part: Part
@@ -35,6 +36,7 @@ class Case:
     freedom: Array
     reach_px: float
     alarms: float
+    tell: Stages = untold
     edges: dict[bytes, FeatureEdges] = field(default_factory=dict)
 
     def alone(self, parts: Mask, by: Array) -> Part:

@@ -16,6 +16,7 @@ from cadcam.verify.bodies.case import Case
 from cadcam.verify.bodies.likelihood import log_likelihoods
 from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
 from cadcam.verify.bodies.snooping import OF_DISPLACED, snooped
+from cadcam.verify.bodies.stages import each
 from cadcam.verify.bodies.tones import Tones
 from cadcam.verify.bodies.uncovered import around, uncovered_ratio
 from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
@@ -88,7 +89,7 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
     seen = edge_visibility(evidence, np.ones(len(evidence.seen), bool))
     for _ in range(_ROUNDS):
         before = _explained(look.survey, seen, clutter)
-        for suspect in _suspects(case, look):
+        for suspect in each(_suspects(case, look), "trying other places", case.tell):
             to, gain = _likeliest(case, look, suspect)
             again = None if to is None else _resurveyed(case, look, suspect.part, to)
             if again is None:
@@ -238,7 +239,8 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     """
     out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
     tones = Tones(drawn, case.photos, case.world_from_part, survey.shown)
-    for i, found in enumerate(out):
+    for i in each(range(len(out)), "looking for bodies", case.tell):
+        found = out[i]
         body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
         if body is None:
             continue

@@ -6,6 +6,7 @@ import numpy as np
 
 from cadcam.arrays import Mask
 from cadcam.verify.bodies.case import Case
+from cadcam.verify.bodies.stages import each
 from cadcam.verify.deviations.measured import MeasuredEdges
 from cadcam.verify.edges.survey import Survey
 
@@ -27,7 +28,8 @@ def snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, lis
         if survey.stated:
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
-        tested = [(i, p) for i, p in ((i, _p_in_place(measured, i)) for i in bodies) if np.isfinite(p)]
+        every = [(i, _p_in_place(measured, i)) for i in each(bodies, "comparing bodies", case.tell)]
+        tested = [(i, p) for i, p in every if np.isfinite(p)]
         off = [i for i, p in tested if p <= OF_DISPLACED * case.alarms / len(tested)]
         suspect = [(_if_off(measured, i), i) for i in off]
         if not suspect:
