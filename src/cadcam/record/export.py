@@ -9,8 +9,6 @@ deviation, that of a record without any left empty; covariances are not in it.
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
@@ -22,7 +20,7 @@ import numpy as np
 from cadcam.errors import UnknownName, UnreadableFile
 from cadcam.files.jsontext import Place, as_json, json_line, parsed, parsed_line, split_lines
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
-from cadcam.files.text import read_text
+from cadcam.files.text import read_text, spreadsheet_rows
 from cadcam.kinds import expect_each, expect_path
 from cadcam.record.record import UNITS, Deviation, Record, Source
 from cadcam.whole import write_whole
@@ -110,14 +108,14 @@ def as_jsonl(records: Iterable[Record]) -> str:
 def as_csv(records: Sequence[Record]) -> str:
     """Return a table with a line for each deviation."""
     roles = sorted({s.role for r in records for s in r.sources})
-    text = io.StringIO()
-    rows = csv.DictWriter(text, _columns(roles), restval="", lineterminator="\n")
-    rows.writeheader()
+    columns = _columns(roles)
+    rows: list[Sequence[object]] = [columns]
     for record in records:
         head = _head_row(record, roles)
         for deviation in record.deviations or (None,):
-            rows.writerow(head | ({} if deviation is None else _deviation_row(deviation)))
-    return text.getvalue()
+            row = head | ({} if deviation is None else _deviation_row(deviation))
+            rows.append([row.get(name, "") for name in columns])
+    return spreadsheet_rows(rows)
 
 
 def _columns(roles: Sequence[str]) -> list[str]:
