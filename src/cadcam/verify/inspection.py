@@ -280,21 +280,23 @@ def _edge(part: Part, survey: Survey, measured: MeasuredEdges, number: int) -> E
     rows = measured.lines.edge == number
     pose = measured.pose_without(rows) if rows.any() else None
     value, sigma, variances = measured.across(rows, pose=pose)
-    middle = np.flatnonzero(every)[int(every.sum()) // 2]
+    own = np.flatnonzero(every)
+    its = lines.select(own)  # few of many: no edge keeps the arrays of all
+    middle = len(its) // 2
     return EdgeDeviation(
-        part=part.scene.mesh.part_names[int(lines.part[middle])],
-        kind=EdgeKind(int(lines.kind[middle])).name.lower(),
-        chain=int(lines.chain[middle]),
-        photo=int(lines.photo[middle]),
-        features=tuple(n for n, m in zip(survey.names, survey.members, strict=True) if m[middle]),
+        part=part.scene.mesh.part_names[int(its.part[middle])],
+        kind=EdgeKind(int(its.kind[middle])).name.lower(),
+        chain=int(its.chain[middle]),
+        photo=int(its.photo[middle]),
+        features=tuple(n for n, m in zip(survey.names, survey.members, strict=True) if m[own[middle]]),
         value=value,
         sigma=sigma,
         variances=variances,
-        direction=lines.direction[middle],
-        p=lines.p[middle],
-        q=lines.q[every],
-        mm_per_px=float(np.median(lines.mm_per_px[every])),
-        places=int(every.sum()),
+        direction=its.direction[middle],
+        p=its.p[middle],
+        q=its.q,
+        mm_per_px=float(np.median(its.mm_per_px)),
+        places=len(its),
         seen=int(rows.sum()),
         station=measured.stations(rows, pose=pose) if rows.any() else np.zeros((0, 3)),
     )

@@ -15,10 +15,12 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 
-_LEAST_PX, _MOST_PX = 1e-4, 3.0  # range in which tau is searched for
+# Range in which tau is searched for. At twice the least it is a 50th of what edges have in common in most photos (0.01
+# px), 0.04 % of that variance: none. At the most it is twice as large as an edge may be off and be taken for a line's.
+_LEAST_PX, _MOST_PX = 1e-4, 3.0
 _NEAR = 1e-2  # of the logarithm of tau, when it is found: 1 %, while few edges tell it to better than 30 %
-_LEAST_FOR_SCALE = 5
-_GOLDEN = (np.sqrt(5.0) - 1) / 2
+_LEAST_FOR_SCALE = 5  # places: from 3 degrees of freedom on Wilson and Hilferty's median is right to 0.7 %
+_GOLDEN = (np.sqrt(5.0) - 1) / 2  # the golden section's share
 
 
 @dataclass(frozen=True, slots=True, eq=False)
