@@ -17,15 +17,13 @@ from cadcam.render.view import Channel, View
 from cadcam.verify.deviations.deviation import Extra
 
 # Shorter curves may be texture: of noise whose grain has an sd of up to 2 px, one in 4 Mpx is as long as this, of noise
-# of 4 px three are (24 pictures of each).
+# of 4 px three are (6 pictures of each grain).
 LEAST_PX = 25.0
-# How far from a line an edge is the line's own: of 47442 points in 12 pictures of a good block 0.05 % lay more than 3 px
-# off, 0.01 % more than 4 px, at corners that smoothing rounds.
+# How far from a line an edge is the line's own: of 47442 points in 12 pictures of a good block 0.05 % lay more than 3
+# px off, 0.01 % more than 4 px, at corners that smoothing rounds.
 EXPLAINED_PX = 4.0
-_SMOOTHED_PX = 1.5  # as `EXPLAINED_PX` and `LEAST_PX` were counted
-_STEP_PX = (
-    1.9  # of neighbours on a curve: more than a pixel's diagonal (999 of 1000 are within 1.6), less than two pixels
-)
+_SMOOTHED_PX = 1.5  # as both were counted
+_STEP_PX = 1.9  # of neighbours on a curve: above a pixel's diagonal (999 of 1000 are within 1.6), below two pixels
 _RIM_PX = int(EXPLAINED_PX)  # inside the part's outline, which is one of its lines
 
 
