@@ -134,7 +134,7 @@ def _cells(j: Judgement) -> list[str]:
         what,
         deviation.replace(" ", _HELD),
         said,
-        limit,
+        limit.replace(" ", _HELD),
         tolerance_bar(j),
         tag,
         escape(j.reason),
