@@ -173,7 +173,10 @@ class Feature:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Tolerances(Brief):
-    """Features with their limits, and the datum that the pose is fitted to (empty: everything that is not judged)."""
+    """Features with their limits, and the datum that the pose is fitted to.
+
+    An empty one is everything that is not judged; where every part is, those that agree with each other.
+    """
 
     features: tuple[Feature, ...] = ()
     datum: tuple[Selection, ...] = ()
@@ -212,6 +215,11 @@ class Tolerances(Brief):
         datum = [(f"datum {i}", chosen) for i, chosen in enumerate(self.datum)]
         return [*datum, *((f"feature {f.name!r}", f.selection) for f in self.features)]
 
+    def judge_every_part(self, names: Sequence[str]) -> bool:
+        """Return whether each of the names of parts is judged as a whole: then no other is left to measure from."""
+        judged = [f.selection.among(names) for f in self.features if f.limits and f.selection.whole]
+        return bool(judged) and bool(np.any(judged, axis=0).all())
+
     def _check_what_is_left(self, names: Sequence[str]) -> None:
         """Raise `BadValue` where whole bodies that are judged are all that the pose may be fitted to."""
         judged = [(f, f.selection.among(names)) for f in self.features if f.limits and f.selection.whole]
@@ -220,9 +228,6 @@ class Tolerances(Brief):
             placed = any(limit.quantity is not Quantity.PRESENCE for limit in f.limits)
             if placed and not (datum & ~bodies).any():
                 raise BadValue("datum", f"all within feature {f.name!r}", "parts beside it: it is measured from them")
-        if not self.datum and judged and np.any([bodies for _, bodies in judged], axis=0).all():
-            every = "datum: [{part: '*'}] (a feature is always measured from the others)"
-            raise BadValue("datum", "not stated, and every part is judged", f"some to measure from, such as {every}")
 
 
 @contextmanager
