@@ -14,7 +14,8 @@ from scipy.stats import chi2
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
-from cadcam.verify.bodies.findings import Case, elsewhere_by, findings_of, sure
+from cadcam.verify.bodies.case import Case
+from cadcam.verify.bodies.findings import elsewhere_by, findings_of, sure
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.bodies.states import state_of
 from cadcam.verify.deviations import astray

@@ -15,10 +15,10 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Channel
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.bodies import findings
+from cadcam.verify.bodies.case import Case
 from cadcam.verify.bodies.findings import (
     _BY_CHANCE,
     DOUBTFUL,
-    Case,
     _anywhere,
     _likelier,
     _Suspect,

@@ -12,7 +12,8 @@ from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.verify.bodies import findings
-from cadcam.verify.bodies.findings import Case, findings_of, findings_redrawn
+from cadcam.verify.bodies.case import Case
+from cadcam.verify.bodies.findings import findings_of, findings_redrawn
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.bodies.uncovered import around, uncovered_ratio
 from cadcam.verify.edges.presence import EdgeEvidence, EdgeVisibility, log_ratio

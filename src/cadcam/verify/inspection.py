@@ -18,8 +18,8 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import false_discoveries_below
 from cadcam.verify.bodies.behind import covered_places, hidden_apart
+from cadcam.verify.bodies.case import Case
 from cadcam.verify.bodies.findings import (
-    Case,
     Findings,
     contradictions,
     elsewhere_by,

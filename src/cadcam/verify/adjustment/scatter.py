@@ -191,7 +191,7 @@ class EdgeSums:
             np.stack(every, axis=1),
             np.stack([one[:, i] * one[:, j], crossed, other[:, i] * other[:, j]]),
             noise.sums(noise.Z * D[:, None]),
-            np.bincount(noise.edge, 2 * np.log(noise.sigma), minlength=noise.edges),
+            np.asarray(np.bincount(noise.edge, 2 * np.log(noise.sigma), minlength=noise.edges), np.float64),
         )
 
     def where(self, kept: Mask, other: EdgeSums) -> EdgeSums:
