@@ -13,6 +13,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cadcam.cad.edges import feature_edges
+from cadcam.cad.mesh import Mesh
 from cadcam.cad.write import write_model
 from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.observations import Observations
@@ -193,6 +195,32 @@ def test_a_template_of_a_single_part_can_be_verified(cadcam: Callable[..., Ran],
     blind = cadcam("verify", MODELS / "bracket.stl", "--template", "-o", tmp_path / "any.yaml")
     assert blind.code == 0, blind.err
     assert cadcam(*words, "--tolerances", tmp_path / "any.yaml").code in (0, 3)
+
+
+def test_the_template_of_a_round_part_names_an_edge_that_the_model_has(
+    cadcam: Callable[..., Ran], tmp_path: Path
+) -> None:
+    """Of a slender pin the photo shows most of its contours, whose numbers are those of one view alone."""
+    turn = 2 * np.pi * np.arange(48) / 48
+    ring = 10.0 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    ends = [np.column_stack([ring, np.full(48, z)]) for z in (0.0, 150.0)]
+    i, j = np.arange(48), np.roll(np.arange(48), -1)
+    sides = [np.stack([i, j, j + 48], axis=1), np.stack([i, j + 48, i + 48], axis=1)]
+    lids = [np.stack([j, i, np.full(48, 96)], axis=1), np.stack([i + 48, j + 48, np.full(48, 97)], axis=1)]
+    middles = np.array([[0, 0, 0], [0, 0, 150.0]])
+    pin = Mesh.single(np.concatenate([*ends, middles]), np.concatenate([*sides, *lids]), name="pin", color=(0.6,) * 3)
+    write_model(tmp_path / "pin.glb", pin)
+    write_camera(tmp_path / "camera.json", CAMERA)
+    pose = Rigid.look_at((300.0, -420.0, 420.0), (0.0, 0.0, 70.0))
+    rows = "\n".join(" ".join(repr(float(v)) for v in row) for row in pose.matrix)
+    (tmp_path / "pose.txt").write_text(f"# camera_from_part, mm\n{rows}\n")
+    write_picture(tmp_path / "photo.png", photographed(pin, np.random.default_rng(3), pose))
+    words = ("verify", tmp_path / "photo.png", tmp_path / "pin.glb", "--camera", tmp_path / "camera.json")
+    more = ("--pose", tmp_path / "pose.txt", "--template", "-o", tmp_path / "t.yaml")
+    written = cadcam(*words, *more)
+    assert written.code == 0, written.err
+    (chain,) = re.findall(r"chains: \[(\d+)\]", (tmp_path / "t.yaml").read_text())
+    assert int(chain) < len(np.unique(feature_edges(pin).chain))
 
 
 def test_names_that_are_no_text_are_spelled_out(cadcam: Callable[..., Ran], cell: Path) -> None:

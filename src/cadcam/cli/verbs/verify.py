@@ -285,11 +285,12 @@ def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -
     seen: tuple[str, ...] = ()
     chain = None
     if asked is not None:
+        from cadcam.cad.edges import EdgeKind
         from cadcam.verify.edges.sightlines import sightlines
 
         pose = _located(arguments, part, asked).pose.world_from_part
         lines = sightlines(part, asked.shots.photos, pose)[0]
-        shown, chains = set(lines.part.tolist()), lines.chain[lines.chain >= 0]  # contours have none
+        shown, chains = set(lines.part.tolist()), lines.chain[lines.kind != EdgeKind.CONTOUR]  # others in every view
         seen = tuple(name for i, name in enumerate(part.scene.mesh.part_names) if i in shown)
         chain = int(np.bincount(chains).argmax()) if len(chains) else None
     text = template(part.scene, seen=seen, chain=chain)
