@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import io
 import json
 import os
 import re
@@ -12,9 +13,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cadcam.cad.edges import feature_edges
+from cadcam.cad.mesh import Mesh
 from cadcam.cad.write import write_model
 from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.observations import Observations
+from cadcam.cli.main import main
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
@@ -122,6 +126,25 @@ def test_a_tolerance_that_names_nothing_is_an_error_that_lists_what_there_is(
     assert re.search(r"tolerances.yaml: feature 'rib': unknown part 'rip 1'; did you mean 'rib 1'\?", ran.err)
 
 
+@pytest.mark.parametrize("words", [("--tolerances",), ("--list", "rip 1")])
+def test_a_name_that_is_none_is_told_before_edges_are_found(
+    cadcam: Callable[..., Ran], cell: Path, words: Sequence[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Finding them takes long in large models, and no name depends on them."""
+    (cell / "tolerances.yaml").write_text(TOLERANCES.replace("rib 1", "rip 1"))
+    found: list[object] = []
+    monkeypatch.setattr("cadcam.locate.part.Scene.of", found.append)
+    files = ("--camera", cell / "camera.json", "--pose", cell / "pose.txt")
+    ran = (
+        cadcam("verify", cell / "plate.glb", *words)
+        if "--list" in words
+        else cadcam("verify", cell / "good.png", cell / "plate.glb", *files, *words, cell / "tolerances.yaml")
+    )
+    assert ran.code == 2
+    assert "did you mean 'rib 1'?" in ran.err
+    assert not found
+
+
 def test_names_and_a_template_are_printed_without_a_photo(cadcam: Callable[..., Ran], cell: Path) -> None:
     listed = cadcam("verify", cell / "plate.glb", "--list", "-o", cell / "names.png")
     assert listed.code == 0
@@ -172,6 +195,32 @@ def test_a_template_of_a_single_part_can_be_verified(cadcam: Callable[..., Ran],
     blind = cadcam("verify", MODELS / "bracket.stl", "--template", "-o", tmp_path / "any.yaml")
     assert blind.code == 0, blind.err
     assert cadcam(*words, "--tolerances", tmp_path / "any.yaml").code in (0, 3)
+
+
+def test_the_template_of_a_round_part_names_an_edge_that_the_model_has(
+    cadcam: Callable[..., Ran], tmp_path: Path
+) -> None:
+    """Of a slender pin the photo shows most of its contours, whose numbers are those of one view alone."""
+    turn = 2 * np.pi * np.arange(48) / 48
+    ring = 10.0 * np.stack([np.cos(turn), np.sin(turn)], axis=1)
+    ends = [np.column_stack([ring, np.full(48, z)]) for z in (0.0, 150.0)]
+    i, j = np.arange(48), np.roll(np.arange(48), -1)
+    sides = [np.stack([i, j, j + 48], axis=1), np.stack([i, j + 48, i + 48], axis=1)]
+    lids = [np.stack([j, i, np.full(48, 96)], axis=1), np.stack([i + 48, j + 48, np.full(48, 97)], axis=1)]
+    middles = np.array([[0, 0, 0], [0, 0, 150.0]])
+    pin = Mesh.single(np.concatenate([*ends, middles]), np.concatenate([*sides, *lids]), name="pin", color=(0.6,) * 3)
+    write_model(tmp_path / "pin.glb", pin)
+    write_camera(tmp_path / "camera.json", CAMERA)
+    pose = Rigid.look_at((300.0, -420.0, 420.0), (0.0, 0.0, 70.0))
+    rows = "\n".join(" ".join(repr(float(v)) for v in row) for row in pose.matrix)
+    (tmp_path / "pose.txt").write_text(f"# camera_from_part, mm\n{rows}\n")
+    write_picture(tmp_path / "photo.png", photographed(pin, np.random.default_rng(3), pose))
+    words = ("verify", tmp_path / "photo.png", tmp_path / "pin.glb", "--camera", tmp_path / "camera.json")
+    more = ("--pose", tmp_path / "pose.txt", "--template", "-o", tmp_path / "t.yaml")
+    written = cadcam(*words, *more)
+    assert written.code == 0, written.err
+    (chain,) = re.findall(r"chains: \[(\d+)\]", (tmp_path / "t.yaml").read_text())
+    assert int(chain) < len(np.unique(feature_edges(pin).chain))
 
 
 def test_names_that_are_no_text_are_spelled_out(cadcam: Callable[..., Ran], cell: Path) -> None:
@@ -241,3 +290,24 @@ def test_a_part_that_is_not_there_ends_with_3_and_says_so_in_the_report(cadcam: 
     page = (cell / "empty.html").read_text()
     assert "NOT FOUND" in page
     assert "PASS:" not in page
+
+
+class _Terminal(io.StringIO):
+    """A text file that claims to be a terminal."""
+
+    def isatty(self) -> bool:
+        return True
+
+
+def test_on_a_terminal_it_is_shown_how_far_it_has_come(cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Stages with a count each: all five bodies of the plate in the end, on every terminal wide enough for them."""
+    shown = _Terminal()
+    monkeypatch.setenv("COLUMNS", "100")
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr("sys.stderr", shown)
+    words = ("--camera", cell / "camera.json", "--pose", cell / "pose.txt", "--tolerances", cell / "tolerances.yaml")
+    assert main(["verify", *map(str, (cell / "good.png", cell / "plate.glb", *words))]) == 0
+    lines = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", shown.getvalue())
+    for stage in ("looking for bodies", "measuring bodies", "doubting edges"):
+        assert re.search(rf"{stage}[^\n]* 5/5", lines), stage
+    assert re.search(r"measuring edges[^\n]* (\d+)/\1\b", lines)

@@ -50,6 +50,15 @@ def test_csv_has_a_line_for_each_deviation_with_units_in_its_header(tmp_path: Pa
     assert float(rows[0]["sigma_rx_deg"]) == np.degrees(np.sqrt(records[0].pose.covariance[3, 3]))
 
 
+def test_no_name_is_a_formula_in_a_spreadsheet(tmp_path: Path) -> None:
+    """And a negative deviation stays a number."""
+    deviations = (Deviation("=HYPERLINK(A1)", -0.25, 0.1, upper=1.0),)
+    write_records(tmp_path / "all.csv", [record(1, part="@part", deviations=deviations)])
+    with (tmp_path / "all.csv").open(newline="") as file:
+        (row,) = csv.DictReader(file)
+    assert (row["feature"], row["part"], row["deviation_mm"]) == ("'=HYPERLINK(A1)", "'@part", "-0.25")
+
+
 def test_a_verification_is_read_by_its_keys_and_may_hold_more(tmp_path: Path) -> None:
     """The least: part and deviations; what a verification says besides is its own."""
     least = {"format": "cadcam verification", "part": "p", "deviations": [], "plots": [1, 2], "verdict": "FAIL"}

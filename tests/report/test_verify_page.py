@@ -32,7 +32,7 @@ from cadcam.verify.reasons import direction_words
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
-from ..verify.scene import displaced, part, photo, plate
+from ..verify.scene import CAMERA, POSE, displaced, part, photo, plate
 
 ORIGIN = VerificationOrigin("plate", (Source("photo", "photo.png", "0" * 64), Source("cad", "plate.step", "a" * 64)))
 ASKED = Tolerances(
@@ -228,6 +228,41 @@ def test_numbers_after_a_name_that_is_written_leftwards_keep_their_order(found: 
     svg = overlay_svg(found[1], 0, verdict.inspection)
     assert re.search(rf">{name}\u200e: \d\.\d\d ± ", svg)  # without the mark browsers show U first
     assert "\u200e" not in overlay_svg(found[1], 0, called("rib", found[0]).inspection or verdict.inspection)
+
+
+@pytest.mark.parametrize(("count", "all_shown"), [(12, True), (60, False)])
+def test_labels_of_many_parts_in_one_spot_stay_in_the_photo_and_apart(
+    found: tuple[Verification, Photo], count: int, all_shown: bool
+) -> None:
+    """Near its lower border, too; the farthest off are named, and how many have no room is said."""
+    seen = found[0].inspection
+    assert seen is not None
+    rib = seen.feature("rib <1>")
+    assert rib.displacement is not None
+    low = seen.pose.world_from_part.inv @ POSE.inv @ (CAMERA.unproject(np.array([240.0, 340.0])) * 900.0)
+    many = tuple(
+        replace(
+            rib, name=f"bolt {i}", p=low, displacement=replace(rib.displacement, value=(1 + i) * rib.displacement.value)
+        )
+        for i in range(count)
+    )
+    svg = overlay_svg(found[1], 0, replace(seen, features=many))
+    size = float(re.findall(r'font-size="(\d+)"', svg)[0])
+    boxes = []
+    for x, y, end, text in re.findall(r'<text x="(\d+)" y="(\d+)"( text-anchor="end")?[^>]*>([^<]*)</text>', svg):
+        length = 0.62 * size * len(text)
+        left = float(x) - (length if end else 0.0)
+        boxes.append((left, float(y) - 0.9 * size, left + length, float(y) + 0.25 * size, text))
+        assert boxes[-1][1] > -1, text  # to the whole pixels that are written
+        assert boxes[-1][3] < CAMERA.height + 1, text
+    for i, (a, b, c, d, _) in enumerate(boxes):
+        for left, top, right, bottom, _ in boxes[:i]:
+            assert a >= right or left >= c or b > bottom - 1 or top > d - 1
+    named = [text for *_, text in boxes if text.startswith("bolt")]
+    assert named[0].startswith(f"bolt {count - 1}:")
+    left_out = count - len(named)
+    assert (left_out == 0) is all_shown
+    assert (f"{left_out} more below" in svg) is not all_shown
 
 
 @pytest.mark.parametrize("name", ["rib <1>", LONG])

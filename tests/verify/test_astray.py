@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -12,13 +14,15 @@ from scipy.stats import chi2
 from cadcam.arrays import Array
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
-from cadcam.verify.bodies.findings import Case, elsewhere_by, findings_of, sure
+from cadcam.verify.bodies.case import Case
+from cadcam.verify.bodies.findings import elsewhere_by, findings_of, sure
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.bodies.states import state_of
+from cadcam.verify.deviations import astray
 from cadcam.verify.deviations.astray import Doubt, EdgeGroup, _possible, broken_edges
 from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.ground import _uneven, uneven_edges
-from cadcam.verify.deviations.measured import Displacement
+from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.presence import in_place_ratio
 from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.sightlines import pieces
@@ -122,6 +126,26 @@ def test_doubt_adds_what_edges_astray_explain() -> None:
     assert Doubt(tuple(EdgeGroup((e,)) for e in range(4)), 4, tried[:1]).astray == 1
     others = Doubt(tuple(EdgeGroup((e,)) for e in range(4)), 1, tried[:1])
     assert others.astray == 0  # the one that matters is not its own
+
+
+def test_edges_so_far_off_that_no_chance_is_left_are_doubted_like_others(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of eight edges six are looked at, not the first: without any of them the probability underflows, as with all."""
+    places = [np.arange(8) == i for i in range(8)]
+    far = np.arange(8.0)
+    monkeypatch.setattr(astray, "side_by_side", lambda *_: places)
+    monkeypatch.setattr(astray, "_off", lambda *_: (far, far))
+    monkeypatch.setattr(astray, "_holding", lambda *_: [])
+    moved = SimpleNamespace(p_value=0.0)
+    measured = SimpleNamespace(
+        moved=lambda _: moved,
+        members=(np.ones(8, bool),),
+        displacement=lambda *_, **__: moved,
+        lines=SimpleNamespace(edge=np.arange(8)),
+    )
+    doubt = Doubt.of(cast("MeasuredEdges", measured), 0)
+    assert {int(np.argmax(ps)) for ps in doubt.tried} < {2, 3, 4, 5, 6, 7}
+    assert doubt.gone == 4
+    assert doubt.p_value(0.0, np.full(8, 0.1)) < 1e-300
 
 
 def test_edges_are_led_far_astray_more_rarely_and_oftenest_beside_uneven_ground() -> None:

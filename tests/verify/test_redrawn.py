@@ -15,10 +15,10 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Channel
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.bodies import findings
+from cadcam.verify.bodies.case import Case
 from cadcam.verify.bodies.findings import (
     _BY_CHANCE,
     DOUBTFUL,
-    Case,
     _anywhere,
     _likelier,
     _Suspect,
@@ -26,9 +26,11 @@ from cadcam.verify.bodies.findings import (
     findings_of,
     findings_redrawn,
 )
+from cadcam.verify.bodies.likelihood import log_likelihoods
 from cadcam.verify.bodies.redrawn import displaced as displaced_by
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.edges.presence import Presence
+from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.tolerances.tolerance import whole_parts
 
@@ -211,3 +213,33 @@ def test_tones_do_not_move_a_body_whose_edges_say_that_it_is_in_place(
     monkeypatch.setattr("cadcam.verify.bodies.findings._suspects", lambda case, look: [suspect])
     monkeypatch.setattr("cadcam.verify.bodies.findings._likeliest", lambda *_: told.pop(0))
     assert bool(findings_redrawn(case, look).survey.by[body].any()) is not measured
+
+
+def test_lines_of_moved_bodies_are_those_of_a_model_made_so() -> None:
+    """What the drawer takes over from the CAD in place is what it would find anew, moved through one another too."""
+    for by in ((4.0, -2.0, 0.0), (-60.0, 0.0, 5.0)):
+        to = np.zeros((5, 3))
+        to[plate().part_names.index("block")] = by
+        drawn = redrawn(part(), to)
+        assert drawn is not None
+        anew = Part(drawn.scene).lines.draw(CAMERA, POSE).visible
+        taken = drawn.lines.draw(CAMERA, POSE).visible
+        for name in ("q", "p", "segment", "start", "kind", "part", "chain"):
+            np.testing.assert_array_equal(getattr(taken, name), getattr(anew, name))
+
+
+def test_places_of_a_body_are_compared_by_what_is_near_them(rng: np.random.Generator) -> None:
+    """All pixels of the places are those of the whole part's picture; what is far away is not drawn."""
+    asked, shot = whole_parts(part().scene), photo(displaced("rib 2", np.array([0.0, 2.0, 0.0])), rng)
+    case = Case(part(), [shot], Rigid(), asked, np.eye(6), 8.0, 0.01)
+    rib = plate().part_names.index("rib 2")
+    places = np.zeros((3, 5, 3))
+    places[1:, rib] = (0.0, 2.0, 0.0), (0.0, -3.0, 0.0)
+    near = case.beside(part(), rib, list(places))
+    whole = [drawn for drawn in (redrawn(part(), by) for by in places) if drawn is not None]
+    shown = [ShownFaces.of(part(), shot, Rigid())]
+    told, expected = (log_likelihoods([shot], Rigid(), guesses, rib, shown) for guesses in (near, whole))
+    np.testing.assert_allclose(told[0], expected[0], rtol=1e-12)
+    np.testing.assert_allclose(told[1:], expected[1:], rtol=1e-12)
+    assert int(np.argmax(told[0])) == 1
+    assert near[0].scene.mesh.n_faces < plate().n_faces

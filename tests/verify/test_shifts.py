@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array
-from cadcam.verify.edges.shifts import all_round, best_shift, grown
+from cadcam.verify.edges.shifts import _grid, all_round, best_shift, grown, support
 
 NORMALS = np.stack([np.cos(t := np.arange(24) * 2 * np.pi / 24), np.sin(t)], axis=1)
 REACH = 8.0
@@ -52,3 +52,15 @@ def test_only_what_faces_several_ways_tells_its_size() -> None:
     assert all_round(NORMALS[:14])
     assert not all_round(NORMALS[:8])
     assert not all_round(np.tile([[0.6, 0.8]], (24, 1)))
+
+
+def test_amid_its_nodes_the_grid_keeps_seven_eighths_of_the_support(rng: np.random.Generator) -> None:
+    """The least support of a shift that all places agree on, at the node nearest to it: its step is chosen so."""
+    way = rng.uniform(0, 2 * np.pi, 400)
+    normal = np.stack([np.cos(way), np.sin(way)], axis=1)
+    grid = _grid(8.0)
+    shares = []
+    for shift in rng.uniform(-4, 4, (60, 2)):
+        found = (normal @ shift)[:, None]
+        shares.append(support(found, normal, grid).max() / len(normal))
+    assert min(shares) >= 7 / 8

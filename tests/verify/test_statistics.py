@@ -50,6 +50,25 @@ def test_a_displacement_errs_as_its_covariance_says(rng: np.random.Generator, ta
     assert abs(square / 800 - 1) < 4 * np.sqrt(2 / 800)
 
 
+def test_the_pose_is_that_of_the_datum_s_offsets_alone(rng: np.random.Generator) -> None:
+    """Also of edges that belong to the datum in part: by the dense covariance of what is left, to rounding."""
+    edge, along, J = geometry(rng)
+    C = 0.05 * rng.normal(size=(len(edge), 3))
+    noise = EdgeNoise.of(rng.uniform(0.5, 2, len(edge)) * SIGMA, edge, along, 0.1)
+    y, datum = rng.normal(0, 0.3, len(edge)), rng.random(len(edge)) < 0.7
+    datum[edge < 5] = edge[edge < 5] < 3
+    out = edge == 7
+    used = datum & ~out
+    Z = noise.Z[:, :, None] * np.eye(EDGES)[edge][:, None]  # (N, 2, edges)
+    V = np.diag(noise.sigma**2) + noise.tau[0] ** 2 * np.einsum("nie,mie->nm", Z, Z)
+    W = np.linalg.solve(V[np.ix_(used, used)], np.column_stack([J, y, C])[used])
+    solved = np.linalg.solve(J[used].T @ W[:, :6], J[used].T @ W[:, 6:])
+    found = Adjustment(y, J, C, noise, datum).pose(without=out)
+    np.testing.assert_allclose(found.xi, solved[:, 0], rtol=1e-8)
+    np.testing.assert_allclose(found.by_cause, solved[:, 1:], rtol=1e-7, atol=1e-12)
+    np.testing.assert_allclose(found.covariance, np.linalg.inv(J[used].T @ W[:, :6]), rtol=1e-7, atol=1e-14)
+
+
 def test_each_cause_is_felt(rng: np.random.Generator) -> None:
     """Leaving any cause out of the covariance makes it smaller: none of them is zero, and they add up."""
     edge, along, J = geometry(rng)

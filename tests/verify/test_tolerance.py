@@ -117,11 +117,7 @@ def test_what_is_wrong_is_named_with_what_there_is(tmp_path: Path, old: str, new
         ('[features.rib]\npart = "rib 1"\n', r"is not YAML|'key: value' lines are expected"),
         ('k = 2\npart = "rib 1"\n', r"'key: value' lines are expected"),
         ('{"features": {"rib": {"part": "rib 1", "position_mm": 0.5}', r"is not YAML: .* is it cut off\?"),
-        ("features: {every: {part: '*', presence: required}}\n", r"datum is not stated, and every part is judged"),
-        (
-            "features: {a: {part: 'rib*', position_mm: 1}, b: {part: '[!r]*', position_mm: 1}}\n",
-            r"such as datum: \[\{part: '\*'\}\]",
-        ),
+        ("features: {every: {part: '*', position_mm: 1}}\n", r"datum is all within feature 'every'; expected parts"),
     ],
 )
 def test_a_file_of_another_kind_or_without_a_datum_says_what_to_write(tmp_path: Path, text: str, said: str) -> None:
@@ -138,6 +134,16 @@ def test_json_is_yaml_and_every_feature_may_be_measured_from_the_others(tmp_path
 def test_a_box_beside_the_part_says_where_its_edges_are() -> None:
     with pytest.raises(BadValue, match=r"a box_mm within \[70.0, -70.0, 12.0\] to \[120.0, -10.0, 45.0\]"):
         Selection("block", box=np.array([[0, 0, 0], [1, 1, 1.0]])).check(part().scene)
+
+
+def test_names_are_checked_before_the_edges_that_they_have(tmp_path: Path) -> None:
+    """Whatever stands first in the file: a box that holds nothing is known only once edges are found."""
+    box = "box_mm: [[0, 0, 0], [1, 1, 1]]"
+    text = f"features: {{a: {{part: block, {box}, position_mm: 1}}, b: {{part: blok, position_mm: 1}}}}"
+    found = read_tolerances(written(tmp_path, text))
+    for check in (lambda: found.check(part().scene), lambda: found.check_names(part().scene.mesh.part_names)):
+        with pytest.raises(UnknownName, match="feature 'b': unknown part 'blok'; did you mean 'block'"):
+            check()
 
 
 def test_the_template_is_a_valid_file(tmp_path: Path) -> None:

@@ -115,6 +115,33 @@ def working(text: str) -> Iterator[None]:
 
 
 @contextmanager
+def stages(first: str) -> Iterator[Callable[[str, int, int], None]]:
+    """Show on a terminal a bar for each stage of some work, the `first` without a count.
+
+    Yield what to call with a stage's name, the number of its pieces that are done, and of all; it may begin again.
+    """
+    if not sys.stderr.isatty():
+        yield lambda stage, done, pieces: None
+        return
+    from rich.console import Console
+    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
+
+    columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeElapsedColumn())
+    with Progress(*columns, console=Console(file=sys.stderr)) as bar:
+        tasks = {first: bar.add_task(first, total=None)}
+
+        def tell(stage: str, done: int, pieces: int) -> None:
+            bar.update(tasks[first], total=1, completed=1)
+            if stage not in tasks:
+                tasks[stage] = bar.add_task(stage)
+            elif bar.tasks[tasks[stage]].finished and done == 0:
+                bar.reset(tasks[stage])
+            bar.update(tasks[stage], completed=done, total=pieces)
+
+        yield tell
+
+
+@contextmanager
 def progress(text: str, total: int) -> Iterator[Callable[[], None]]:
     """Show on a terminal a bar with count, rate and time left; yield what to call after each of `total` pieces."""
     if not sys.stderr.isatty():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import io
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -17,6 +18,7 @@ from cadcam.whole import utf8
 MAX_BYTES = 64_000_000  # a points file of a million lines; anything longer is the wrong file
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _EMPTY = "is empty", "copy it again from its source"
+_FORMULAS = ("=", "+", "-", "@", "\t", "\r", "\uff1d", "\uff0b", "\uff0d", "\uff20")  # the last four are full-width
 _DELIMITERS = ("\t", ";", ",")
 
 
@@ -140,6 +142,23 @@ def rows_of_cells(header: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes
     if not all(name for name, *_ in lines):
         raise BadValue("name", "''", "one line of text")
     return utf8("".join(",".join(map(_cell, line)) + "\n" for line in lines))
+
+
+def spreadsheet_rows(rows: Iterable[Sequence[object]]) -> str:
+    """Return rows as CSV that is read by people in spreadsheets, and not by us.
+
+    There a cell that begins as a formula is one, whatever it was meant to be: a text gets an apostrophe before it,
+    which says "text". Numbers stay numbers. Files that we read back (`rows_of_cells`) keep names as they are.
+    """
+    out = io.StringIO()
+    write = csv.writer(out, lineterminator="\n").writerow
+    for row in rows:
+        write([f"'{cell}" if isinstance(cell, str) and _is_formula(cell) else cell for cell in row])
+    return out.getvalue()
+
+
+def _is_formula(text: str) -> bool:
+    return text.startswith(_FORMULAS) and not is_number(text)
 
 
 def _cell(text: str) -> str:

@@ -12,8 +12,6 @@ Files are written and read record by record: a store may hold more than memory d
 
 from __future__ import annotations
 
-import csv
-import io
 import os
 from collections.abc import Iterable, Iterator, Sequence
 from datetime import UTC, datetime
@@ -25,7 +23,7 @@ import numpy as np
 from cadcam.errors import UnknownName, UnreadableFile
 from cadcam.files.jsontext import Place, as_json_pieces, json_line, parsed, parsed_line
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
-from cadcam.files.text import lines_of_text, read_text
+from cadcam.files.text import lines_of_text, read_text, spreadsheet_rows
 from cadcam.kinds import expect_each, expect_path
 from cadcam.record.record import UNITS, Deviation, Finding, Record, Source
 from cadcam.record.selection import Selection, batches
@@ -138,23 +136,13 @@ def as_jsonl(records: Iterable[Record]) -> Iterator[str]:
 def as_csv(records: Sequence[Record] | Selection) -> Iterator[str]:
     """Yield the table with a line for each deviation and finding: its header, then the lines of each record."""
     roles = sorted(records.roles() if isinstance(records, Selection) else {s.role for r in records for s in r.sources})
-    text = io.StringIO()
-    rows = csv.DictWriter(text, _columns(roles), restval="", lineterminator="\n")
-    rows.writeheader()
+    columns = _columns(roles)
+    yield spreadsheet_rows([columns])
     for record in records:
-        yield _emptied(text)
         head = _head_row(record, roles)
         judged = [_deviation_row(d) for d in record.deviations] + [_finding_row(f) for f in record.findings]
-        for row in judged or ({},):
-            rows.writerow(head | row)
-    yield _emptied(text)
-
-
-def _emptied(text: io.StringIO) -> str:
-    written = text.getvalue()
-    text.seek(0)
-    text.truncate()
-    return written
+        rows = [head | row for row in judged or ({},)]
+        yield spreadsheet_rows([[row.get(name, "") for name in columns] for row in rows])
 
 
 def _columns(roles: Sequence[str]) -> list[str]:

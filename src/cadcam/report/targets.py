@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
+from cadcam.files.text import spreadsheet_rows
 from cadcam.report.table import Table
 from cadcam.target.marks.find import FoundMark
 
@@ -35,9 +34,7 @@ def marks_table(title: str, marks: Sequence[FoundMark]) -> Table:
 
 def marks_csv(found: Mapping[str, Sequence[FoundMark]]) -> str:
     """Return all marks of all pictures, one line each."""
-    text = io.StringIO()
-    lines = csv.writer(text, lineterminator="\n")
-    lines.writerow(_COLUMNS)
+    lines: list[Sequence[object]] = [_COLUMNS]
     for file, marks in found.items():
         for i, one in enumerate(marks):
             place = [f"{v:.5f}" for v in one.pixel]
@@ -46,8 +43,8 @@ def marks_csv(found: Mapping[str, Sequence[FoundMark]]) -> str:
             number = "" if one.number is None else str(one.number)
             quality = [f"{one.score:.5f}", f"{one.contrast:.5f}", f"{one.blur:.4f}"]
             flags = " ".join(flag.replace(" ", "-") for flag in one.flags)
-            lines.writerow([file, i + 1, *place, *spread, angle, number, *quality, flags, one.method])
-    return text.getvalue()
+            lines.append([file, i + 1, *place, *spread, angle, number, *quality, flags, one.method])
+    return spreadsheet_rows(lines)
 
 
 def marks_as_json(mark: str, found: Mapping[str, Sequence[FoundMark]]) -> dict[str, Any]:

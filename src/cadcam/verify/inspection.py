@@ -18,8 +18,8 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import false_discoveries_below
 from cadcam.verify.bodies.behind import covered_places, hidden_apart
+from cadcam.verify.bodies.case import Case
 from cadcam.verify.bodies.findings import (
-    Case,
     Findings,
     contradictions,
     elsewhere_by,
@@ -28,6 +28,7 @@ from cadcam.verify.bodies.findings import (
     surely_elsewhere,
 )
 from cadcam.verify.bodies.redrawn import off_px
+from cadcam.verify.bodies.stages import Stages, each, untold
 from cadcam.verify.bodies.states import FeatureEvidence, displaced_px
 from cadcam.verify.deviations.astray import Doubt, broken_edges, chances, side_by_side
 from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation
@@ -115,21 +116,23 @@ def inspect(
     tolerances: Tolerances | None = None,
     options: InspectionOptions = PLAIN_OPTIONS,
     freedom: Array | None = None,
+    tell: Stages = untold,
 ) -> Inspection:
     """Return what deviates from the CAD, given the pose `world_from_part` to a pixel or so.
 
     tolerances state the features and the datum; by default every body of the model is a feature, and the pose is fitted
     to those that agree: while the worst of them is significantly displaced relative to the others, it is left out (data
     snooping; W. Baarda, Netherlands Geodetic Commission 2/5, 1968). freedom (6, k): motions that are free
-    (`PoseEstimate`), default all. The part is not found where the visible edges of the datum do not determine its pose,
-    or hardly any are seen. Raises `UnknownName` or `BadValue` for names that the part does not have.
+    (`PoseEstimate`), default all. tell: called with how far it has come (`cadcam.verify.bodies.stages`). The part is
+    not found where the visible edges of the datum do not determine its pose, or hardly any are seen. Raises
+    `UnknownName` or `BadValue` for names that the part does not have.
     """
     asked = whole_parts(part.scene) if tolerances is None else tolerances
     asked.check(part.scene)
     F = np.eye(6) if freedom is None else np.asarray(freedom, np.float64)
     pose, contradicting = world_from_part, None
     for _ in range(_SURVEYS):
-        case = Case(part, photos, pose, asked, F, options.reach_px, options.alarms)
+        case = Case(part, photos, pose, asked, F, options.reach_px, options.alarms, tell)
         survey = surveyed(part, photos, pose, asked, reach_px=options.reach_px)
         reason = _why_not(survey)
         if reason:
@@ -187,7 +190,7 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
     return Inspection(
         pose=pose,
         features=features,
-        edges=_edges(part, survey, measured, options.alarms),
+        edges=_edges(case, part, survey, measured),
         extra=tuple(unexplained(part, photos, pose.world_from_part, shifted=shifted)),
         datum=tuple(names[i] for i in np.unique(measured.body[measured.adjustment.datum])),
         left_out=tuple(names[i] for i in look.left_out),
@@ -210,8 +213,10 @@ def _doubted(case: Case, look: Findings) -> tuple[MeasuredEdges, list[Doubt], li
     Where a feature is in place but for edges astray, the measurement is without these, and no doubt is left.
     """
     survey, measured = look.survey, look.measured
-    moved = [measured.moved(i) for i in range(len(measured.members))]
-    doubts = [Doubt.of(measured, i, doubted=not _elsewhere(case, look, i, moved[i])) for i in range(len(moved))]
+    every = range(len(measured.members))
+    moved = [measured.moved(i) for i in each(every, "measuring bodies", case.tell)]
+    doubted = each(every, "doubting edges", case.tell)
+    doubts = [Doubt.of(measured, i, doubted=not _elsewhere(case, look, i, moved[i])) for i in doubted]
     often = chances(doubts, measured, lambda: uneven_edges(survey, case.photos), broken_edges(survey))
     members, p_values = list(measured.members), []
     for i, (found, doubt, chance) in enumerate(zip(moved, doubts, often, strict=True)):
@@ -256,14 +261,15 @@ def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdge
     return out
 
 
-def _edges(part: Part, survey: Survey, measured: MeasuredEdges, alarms: float) -> tuple[EdgeDeviation, ...]:
-    """Return the deviation of every edge; `off` are those that deviate, at most the share `alarms` of them wrongly."""
+def _edges(case: Case, part: Part, survey: Survey, measured: MeasuredEdges) -> tuple[EdgeDeviation, ...]:
+    """Return the deviation of every edge; `off` are those that deviate, hardly any of them wrongly (`case.alarms`)."""
     from scipy.special import stdtr
 
-    edges = [_edge(part, survey, measured, int(e)) for e in np.unique(survey.lines.edge[survey.usable])]
+    every = np.unique(survey.lines.edge[survey.usable]).tolist()
+    edges = [_edge(part, survey, measured, e) for e in each(every, "measuring edges", case.tell)]
     dof = measured.dof
     p_values = [2 * float(stdtr(dof, -abs(e.value) / e.sigma)) if np.isfinite(e.sigma) else np.nan for e in edges]
-    off = false_discoveries_below(p_values, alarms)
+    off = false_discoveries_below(p_values, case.alarms)
     return tuple(replace(e, off=bool(alarm)) for e, alarm in zip(edges, off, strict=True))
 
 
@@ -274,21 +280,23 @@ def _edge(part: Part, survey: Survey, measured: MeasuredEdges, number: int) -> E
     rows = measured.lines.edge == number
     pose = measured.pose_without(rows) if rows.any() else None
     value, sigma, variances = measured.across(rows, pose=pose)
-    middle = np.flatnonzero(every)[int(every.sum()) // 2]
+    own = np.flatnonzero(every)
+    its = lines.select(own)  # few of many: no edge keeps the arrays of all
+    middle = len(its) // 2
     return EdgeDeviation(
-        part=part.scene.mesh.part_names[int(lines.part[middle])],
-        kind=EdgeKind(int(lines.kind[middle])).name.lower(),
-        chain=int(lines.chain[middle]),
-        photo=int(lines.photo[middle]),
-        features=tuple(n for n, m in zip(survey.names, survey.members, strict=True) if m[middle]),
+        part=part.scene.mesh.part_names[int(its.part[middle])],
+        kind=EdgeKind(int(its.kind[middle])).name.lower(),
+        chain=int(its.chain[middle]),
+        photo=int(its.photo[middle]),
+        features=tuple(n for n, m in zip(survey.names, survey.members, strict=True) if m[own[middle]]),
         value=value,
         sigma=sigma,
         variances=variances,
-        direction=lines.direction[middle],
-        p=lines.p[middle],
-        q=lines.q[every],
-        mm_per_px=float(np.median(lines.mm_per_px[every])),
-        places=int(every.sum()),
+        direction=its.direction[middle],
+        p=its.p[middle],
+        q=its.q,
+        mm_per_px=float(np.median(its.mm_per_px)),
+        places=len(its),
         seen=int(rows.sum()),
         station=measured.stations(rows, pose=pose) if rows.any() else np.zeros((0, 3)),
     )

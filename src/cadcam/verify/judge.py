@@ -18,6 +18,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.adjustment.datum_fit import shares_of
+from cadcam.verify.bodies.stages import Stages, untold
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
 from cadcam.verify.deviations.measured import DISAGREE, MeasuredEdges
 from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
@@ -65,6 +66,7 @@ def verify_part(
     *,
     options: InspectionOptions = PLAIN_OPTIONS,
     freedom: Freedom = FREE,
+    tell: Stages = untold,
 ) -> Verification:
     """Return the verdict on the part that `located` has in the photos.
 
@@ -72,7 +74,8 @@ def verify_part(
     fitted without it. A part that was not found gets no verdict but NOT FOUND, and why. Photos that `located` left out
     are not used; where it rests on photos that disagree, no place is judged, because a wrong camera displaces bodies of
     a good part. How far cameras are off that disagree by less is part of U. Of a part without limits the reason says
-    what is displaced or missing. Raises as `inspect`.
+    what is displaced or missing. tell: called with how far it has come: a stage's name, pieces done, pieces. Raises as
+    `inspect`.
     """
     expect(part, "part", Part)
     photos = expect_each(photos, "photos", Photo)
@@ -86,7 +89,7 @@ def verify_part(
     pose: Rigid = located.pose.world_from_part
     kept = [k for k in range(len(photos)) if k not in located.left_out]
     few = [_as_sure(photos[k], part, located) for k in kept]
-    seen = inspect(part, few, pose, tolerances=tolerances, options=options, freedom=freedom.at(pose))
+    seen = inspect(part, few, pose, tolerances=tolerances, options=options, freedom=freedom.at(pose), tell=tell)
     if not seen.found:
         return _nothing(seen.reason, tolerances, located, seen)
     seen = _in_agreement(seen, kept, disputed=located.disputed)

@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import Verbs, add_json, real, refuse, share, verb
 from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
-from cadcam.cli.output import check_target, print_json, print_tables, say_written, working
+from cadcam.cli.output import check_target, print_json, print_tables, say_written, stages, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
+    from cadcam.cad.mesh import Mesh
     from cadcam.geometry.rigid import Rigid
     from cadcam.locate.freedom import Freedom
     from cadcam.locate.location import Location
@@ -127,29 +129,43 @@ def run(arguments: argparse.Namespace) -> int:
     asked = _asked(arguments)
     if asked is None and not arguments.template:
         raise BadValue("photos", "none given", "cadcam verify PHOTO MODEL --camera FILE; or --list, --template")
-    part = _part(arguments)
+    mesh = _mesh(arguments)
     if asked is None or arguments.template:
-        _template(arguments, part, asked)
+        _template(arguments, _part(mesh), asked)
         return 0
+    if asked.tolerances is not None:
+        with _in_file(arguments.tolerances):
+            asked.tolerances.check_names(mesh.part_names)  # before edges are found, which takes long in large models
+    part = _part(mesh)
     tolerances = whole_parts(part.scene) if asked.tolerances is None else asked.tolerances
-    try:
+    with _in_file(arguments.tolerances):
         tolerances.check(part.scene)
-    except CadcamError as error:
-        if arguments.tolerances is None:
-            raise
-        raise UnreadableFile(arguments.tolerances, str(error)) from None
     return _verified(arguments, part, asked, tolerances)
 
 
-def _part(arguments: argparse.Namespace) -> Part:
+def _mesh(arguments: argparse.Namespace) -> Mesh:
+    """Return the model, and keep what the report says of its file."""
     mesh, report = load_as_asked(arguments)
+    arguments.cad = (report.path, report.sha256)
+    return mesh
+
+
+def _part(mesh: Mesh) -> Part:
     from cadcam.locate.part import Part
 
-    arguments.cad = (report.path, report.sha256)
     with working("finding edges"):
-        part = Part.of(mesh)
-        _ = part.lines
-    return part
+        return Part.of(mesh)
+
+
+@contextmanager
+def _in_file(path: str | None) -> Iterator[None]:
+    """Let errors say in which file, if any, the names stand that they are about."""
+    try:
+        yield
+    except CadcamError as error:
+        if path is None:
+            raise
+        raise UnreadableFile(path, str(error)) from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,8 +218,10 @@ def _verified(arguments: argparse.Namespace, part: Part, asked: _Asked, toleranc
     from cadcam.verify.tolerances.verdict import Verdict
 
     located, shots = _located(arguments, part, asked), asked.shots
-    with working("comparing edges"):
-        found = verify_part(part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom)
+    with stages("searching edges") as tell:
+        found = verify_part(
+            part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom, tell=tell
+        )
     _report(arguments, shots, found, _origin(arguments, shots))
     if not found.judgements:
         return found.verdict.exit_code if found.verdict is Verdict.NOT_FOUND else 0
@@ -267,11 +285,12 @@ def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -
     seen: tuple[str, ...] = ()
     chain = None
     if asked is not None:
+        from cadcam.cad.edges import EdgeKind
         from cadcam.verify.edges.sightlines import sightlines
 
         pose = _located(arguments, part, asked).pose.world_from_part
         lines = sightlines(part, asked.shots.photos, pose)[0]
-        shown, chains = set(lines.part.tolist()), lines.chain[lines.chain >= 0]  # contours have none
+        shown, chains = set(lines.part.tolist()), lines.chain[lines.kind != EdgeKind.CONTOUR]  # others in every view
         seen = tuple(name for i, name in enumerate(part.scene.mesh.part_names) if i in shown)
         chain = int(np.bincount(chains).argmax()) if len(chains) else None
     text = template(part.scene, seen=seen, chain=chain)
@@ -290,8 +309,11 @@ def _list(arguments: argparse.Namespace) -> None:
     for path in arguments.output:
         check_target(path, WRITABLE)
     asked = _asked(arguments)
-    part = _part(arguments)
+    mesh = _mesh(arguments)
     chosen = None if arguments.list is True else Selection(arguments.list)
+    if chosen is not None:
+        chosen.among(mesh.part_names)  # a name that is none is told before edges are found
+    part = _part(mesh)
     table = part_table(part.scene) if chosen is None else chain_table(part.scene, chosen)
     if arguments.json:
         print_json({"columns": list(table.columns), "rows": [list(row) for row in table.rows]})

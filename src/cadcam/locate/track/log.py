@@ -9,7 +9,6 @@ only continued with the same inputs, and by one process at a time.
 
 from __future__ import annotations
 
-import csv
 import hashlib
 import io
 import json
@@ -29,7 +28,7 @@ from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import Place, json_line, parsed_line, split_lines
 from cadcam.files.matrix import pose_as_json
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
-from cadcam.files.text import read_text
+from cadcam.files.text import read_text, spreadsheet_rows
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect, expect_path
 from cadcam.locate.freedom import FREE, Freedom
@@ -323,9 +322,7 @@ def _row(entry: dict[str, Any], filtered: bool) -> str:
         T = pose["world_from_part"]
         row += [*T["translation_mm"], *(v for line in T["rotation"] for v in line)]
         row += [*pose["sigma_mm"], *pose["sigma_deg"]]
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow(row + [""] * (len(COLUMNS) - len(row)))
-    return text.getvalue()
+    return spreadsheet_rows([row + [""] * (len(COLUMNS) - len(row))])
 
 
 def _numbers(view: Viewpoint) -> Iterable[Any]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Mask
@@ -26,6 +28,12 @@ class Topology:
         self.owner = mesh.part[self.table.faces[:, 0]]
         self._boxes = part_boxes(mesh)
         self.flipped = _flipped(mesh, self.table)
+
+    def moved(self, mesh: Mesh) -> Topology:
+        """Return that of the same mesh with its parts moved as wholes: what meets at an edge, and how, stays."""
+        out = copy(self)
+        out.mesh, out.bounds, out._boxes = mesh, mesh.bounds, part_boxes(mesh)
+        return out
 
     def shut(self, eye: Array) -> Mask:
         """Return the parts (P,) that are watertight and do not have the eye inside their material."""

@@ -81,18 +81,25 @@ def edge_points(scene: Scene, camera: Camera, camera_from_world: Rigid, *, apart
 
 
 class LineDrawer:
-    """Draws wireframes of a scene: what does not depend on the view is computed once."""
+    """Draws wireframes of a scene: what does not depend on the view is computed once.
 
-    def __init__(self, scene: Scene, *, caster: Caster | None = None) -> None:
+    like: a drawer of the same scene before its parts were moved as wholes, none sharing a vertex with another, from
+    which all is taken over that stays.
+    """
+
+    def __init__(self, scene: Scene, *, caster: Caster | None = None, like: LineDrawer | None = None) -> None:
         mesh = scene.mesh
         self.scene = scene
         caster = caster or Caster(mesh)
         self._diagonal, self._contact = 2 * caster.radius, contact_tolerance(mesh)
         self._occluders = OccludingFaces(mesh, caster)
-        self._topology = Topology(mesh)
-        self._edge = self._topology.number_of(scene.edges.vertices)
-        self._points = np.zeros(len(mesh.vertices), np.int64)
-        self._points[mesh.faces.ravel()] = corner_points(mesh).ravel()
+        if like is None:
+            self._topology = Topology(mesh)
+            self._edge = self._topology.number_of(scene.edges.vertices)
+            self._points = np.zeros(len(mesh.vertices), np.int64)
+            self._points[mesh.faces.ravel()] = corner_points(mesh).ravel()
+        else:
+            self._topology, self._edge, self._points = like._topology.moved(mesh), like._edge, like._points
         a, b = (mesh.vertices[self._topology.table.vertices[:, k]] for k in range(2))
         self._pierced = self._occluders.piercings(a, b, COINCIDENT_SHARE * self._diagonal)
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import csv
-import io
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from cadcam.camera.measurement import Measurement
+from cadcam.files.text import spreadsheet_rows
 from cadcam.report.table import Table, counted, with_sigma
 from cadcam.station.budget import budget_of
 from cadcam.station.cross_prediction import DeviationMap, Split
@@ -162,14 +161,12 @@ def distance_tables(checks: Sequence[DistanceCheck], seen: DifferenceTrend | Non
 
 def distances_csv(checks: Sequence[DistanceCheck]) -> str:
     """Return all distances against the drawing as a table for spreadsheets, units in its header."""
-    text = io.StringIO()
-    rows = csv.writer(text, lineterminator="\n")
     columns = ("mark", "other", "measured_mm", "half_width_95_mm", "drawn_mm", "drawn_less_measured_mm", "angle_deg")
-    rows.writerow(columns)
+    rows: list[Sequence[object]] = [columns]
     for c in checks:
         numbers = (c.measured, c.half_width, c.drawn, c.difference, float(np.degrees(c.angle)))
-        rows.writerow((c.one, c.other, *(f"{x:.6f}" for x in numbers)))
-    return text.getvalue()
+        rows.append((c.one, c.other, *(f"{x:.6f}" for x in numbers)))
+    return spreadsheet_rows(rows)
 
 
 def trend_table(seen: DifferenceTrend) -> Table:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import base64
 import os
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from html import escape
 from unicodedata import bidirectional
 
@@ -29,6 +30,8 @@ _MOST_TIMES, _LEAST_ARROW = 100.0, 40  # greatest magnification of arrows; their
 _ARROW_SHARE = 0.09  # of the photo's width: the longest arrow
 _LABEL_SHARE, _LETTER = 1 / 32, 0.62  # of the photo's width: a label's height; of that: a wide font's letter
 _APART = 8.0  # px from a label to what it names
+_MORE = "{} more below"  # labels that have no room; all are in the tables
+_LINE = 1.2  # distance of labels, in heights of a label
 _MOST_LETTERS = int(1 / (_LABEL_SHARE * _LETTER)) - 2  # of a label that is as long as the photo is wide
 _LEFT_TO_RIGHT = "\u200e"  # Unicode's mark, without width
 
@@ -122,22 +125,26 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: 
     times = min(max(_ARROW_SHARE * width / longest, 1.0), _MOST_TIMES) if longest > 0 else 1.0
     arrows = [(q, times * d) for _, q, d in moves if np.hypot(*d) * times > width / _LEAST_ARROW]
     out = [_arrow(q, d, width) for q, d in arrows]
-    labels = []
-    for (f, _, d), q in zip(moves, _spaced([q for _, q, _ in moves], width / 26), strict=True):
-        text = _label_text(f, judgements)
-        labels.append(_label(q, text, width, leftwards=_leftwards(q, d, text, width)))
-    if arrows:
-        scale = f"arrows: displacements x {times:.0f}"
-        labels.append(_label(np.array([8.0, 0.97 * photo.camera.height]), scale, width, leftwards=False))
-    if labels:
-        size = _LABEL_SHARE * width
+    labels = [_Label.of(q, d, _label_text(f, judgements), width) for f, q, d in moves]
+    notes = [f"arrows: displacements x {times:.0f}"] if arrows else []
+    placed = _spaced(labels, photo.camera.size, notes)
+    if len(placed) < len(labels):
+        placed = _spaced(labels, photo.camera.size, [*notes, _MORE.format(len(labels))])
+        notes.append(_MORE.format(len(labels) - len(placed)))
+    if placed:
+        out += [label.leader(width) for label in placed if label.moved]
+        texts = [label.svg() for label in placed]
+        texts += [_Label.at_bottom("; ".join(notes), photo.camera.size).svg()] if notes else []
         style = 'font-family="sans-serif" fill="#ffffff" stroke="#000000" paint-order="stroke"'
-        out.append(f'<g class="labels" font-size="{size:.0f}" {style}>{"".join(labels)}</g>')
+        out.append(f'<g class="labels" font-size="{_LABEL_SHARE * width:.0f}" {style}>{"".join(texts)}</g>')
     return out
 
 
 def _moves(photo: Photo, seen: Inspection) -> list[tuple[FeatureDeviation, Array, Array]]:
-    """Return the displaced and missing features in the picture, each with its pixel (2,) and its displacement, px."""
+    """Return the missing and displaced features in the picture, each with its pixel (2,) and its displacement, px.
+
+    In the order in which labels get their room: the missing ones, and those displaced the farthest.
+    """
     camera_from_part = photo.camera_from_world @ seen.pose.world_from_part
     moves = []
     for f in seen.features:
@@ -147,17 +154,76 @@ def _moves(photo: Photo, seen: Inspection) -> list[tuple[FeatureDeviation, Array
         q = photo.camera.project(camera_from_part @ ends)
         if np.isfinite(q).all() and photo.camera.sees(q[0]):
             moves.append((f, q[0], q[1] - q[0]))
-    return moves
+    return sorted(moves, key=lambda move: -np.inf if move[0].state is State.MISSING else -move[0].size)
 
 
-def _spaced(places: Sequence[Array], least: float) -> list[Array]:
-    """Return the places of labels (2,) px, each moved down until it is `least` px away from those before it."""
-    placed = list[Array]()
-    for place in places:
-        q = place.copy()
-        while any(np.abs(q - other).max() < least for other in placed):
-            q[1] += least
-        placed.append(q)
+@dataclass(frozen=True, slots=True)
+class _Label:
+    """A label in a photo: its text from x (px) on, or up to it, on a baseline y; what it names is at the place (2,)."""
+
+    text: str
+    x: float
+    y: float
+    size: float
+    leftwards: bool
+    place: tuple[float, float]
+    moved: bool = False
+
+    @classmethod
+    def of(cls, q: Array, d: Array, text: str, width: int) -> _Label:
+        """Return the label beside pixel q (2,), on the other side than its arrow d (2,) px if there is room."""
+        size, length = _LABEL_SHARE * width, _label_length(text, width)
+        leftwards = _leftwards(q, d, text, width)
+        x = float(q[0]) - _APART if leftwards else min(float(q[0]) + _APART, max(width - length, 0.0) + _APART)
+        return cls(text, x, float(q[1]) - 0.4 * size, size, leftwards, (float(q[0]), float(q[1])))
+
+    @classmethod
+    def at_bottom(cls, text: str, size: tuple[int, int]) -> _Label:
+        """Return the label at the bottom left of a photo."""
+        at = (_APART, 0.97 * size[1])
+        return cls(text, 2 * _APART, at[1] - 0.4 * _LABEL_SHARE * size[0], _LABEL_SHARE * size[0], False, at)
+
+    @property
+    def box(self) -> tuple[float, float, float, float]:
+        """Return left, top, right and bottom (px) of the text: its letters reach a quarter of its height below."""
+        length = _LETTER * len(self.text) * self.size
+        left = self.x - length if self.leftwards else self.x
+        return left, self.y - 0.9 * self.size, left + length, self.y + 0.25 * self.size
+
+    def meets(self, other: _Label) -> bool:
+        """Return whether two labels would overlap."""
+        (a, b, c, d), (left, top, right, bottom) = self.box, other.box
+        return a < right and left < c and b < bottom and top < d
+
+    def svg(self) -> str:
+        """Return it as text."""
+        anchor = ' text-anchor="end"' if self.leftwards else ""
+        place = f'x="{self.x:.0f}" y="{self.y:.0f}"'
+        return f'<text {place}{anchor} stroke-width=".18em">{escape(self.text)}</text>'
+
+    def leader(self, width: int) -> str:
+        """Return a line from the label to what it names."""
+        path = f"M{self.place[0]:.0f} {self.place[1]:.0f}L{self.x:.0f} {self.y - 0.3 * self.size:.0f}"
+        colors = (("#000000", width / 400), ("#ffffff", width / 900))
+        return "".join(f'<path d="{path}" fill="none" stroke="{c}" stroke-width="{w:.2g}"/>' for c, w in colors)
+
+
+def _spaced(labels: Sequence[_Label], size: tuple[int, int], notes: Sequence[str]) -> list[_Label]:
+    """Return the labels that have room in a photo, each moved up or down, as little as that takes, off those before it.
+
+    notes: what stands at the bottom, and keeps its room.
+    """
+    line = _LINE * _LABEL_SHARE * size[0]
+    lines = int(size[1] / line) + 1
+    fixed = [_Label.at_bottom("; ".join(notes), size)] if notes else []
+    placed = list[_Label]()
+    for label in labels:
+        for n in sorted(range(-lines, lines + 1), key=lambda n: (abs(n), -n)):
+            tried = replace(label, y=label.y + n * line, moved=n != 0)
+            _, top, _, bottom = tried.box
+            if top >= 0 and bottom <= size[1] and not any(tried.meets(other) for other in (*fixed, *placed)):
+                placed.append(tried)
+                break
     return placed
 
 
@@ -207,14 +273,6 @@ def _leftwards(q: Array, d: Array, text: str, width: int) -> bool:
     length = _label_length(text, width)
     fits_left, fits_right = q[0] > length, width - q[0] > length
     return bool(fits_left and (d[0] > 0 or not fits_right))
-
-
-def _label(q: Array, text: str, width: int, *, leftwards: bool) -> str:
-    size = _LABEL_SHARE * width
-    anchor = ' text-anchor="end"' if leftwards else ""
-    x = q[0] - _APART if leftwards else min(q[0] + _APART, max(width - _label_length(text, width), 0.0) + _APART)
-    place = f'x="{x:.0f}" y="{q[1] - 0.4 * size:.0f}"'
-    return f'<text {place}{anchor} stroke-width=".18em">{escape(text)}</text>'
 
 
 def _label_length(text: str, width: int) -> float:

@@ -100,7 +100,8 @@ def _overlays(found: Verification, seen: Inspection, photos: Sequence[Photo]) ->
     if any(f.state is State.MISSING for f in seen.features):
         keys.append(_key(MISSING, "missing", "dashed"))
     if seen.extra:
-        keys.append(_key(EXTRA, "in the photo, but no edge of the CAD: shadows, dirt, what was added", "dotted"))
+        said = "in the photo, but no edge of the CAD: shadows, rounded edges, dirt, what was added"
+        keys.append(_key(EXTRA, said, "dotted"))
     views = "".join(
         (f"<h3>{escape(photo.viewpoint.name)}</h3>" if len(photos) > 1 else "")
         + overlay_svg(photo, i, seen, judgements=found.judgements)
@@ -134,7 +135,7 @@ def _cells(j: Judgement) -> list[str]:
         what,
         deviation.replace(" ", _HELD),
         said,
-        limit,
+        limit.replace(" ", _HELD),
         tolerance_bar(j),
         tag,
         escape(j.reason),

@@ -111,8 +111,8 @@ def feature_notes(seen: Inspection) -> list[str]:
         notes.append(f"{contradicting(seen.contradictions)}, or what is measured from it is off")
     if seen.extra:
         notes.append(
-            f"{counted(len(seen.extra), 'curve')} inside the part that no edge of the model explains: shadows, dirt, "
-            "or things that are not in the CAD"
+            f"{counted(len(seen.extra), 'curve')} inside the part that no edge of the model explains: shadows, "
+            "rounded edges, dirt, or things that are not in the CAD"
         )
     return notes
 

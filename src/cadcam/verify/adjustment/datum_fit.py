@@ -16,7 +16,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Mask
 from cadcam.errors import DegenerateGeometry
-from cadcam.verify.adjustment.scatter import EdgeNoise
+from cadcam.verify.adjustment.scatter import EdgeNoise, EdgeSums
 
 CAUSES = ("noise", "edges", "pose", "calibration")
 CAUSE_WORDS = {
@@ -79,7 +79,10 @@ class FittedPose:
 
 @dataclass(frozen=True)
 class Adjustment:
-    """Offsets (N,) px of edges with J (N, 6), C (N, r), their errors, and which of them the pose is fitted to."""
+    """Offsets (N,) px of edges with J (N, 6), C (N, r), their errors, and which of them the pose is fitted to.
+
+    sums: those of the datum's offsets, where they are known before.
+    """
 
     offset: Array
     J: Array
@@ -87,15 +90,22 @@ class Adjustment:
     errors: EdgeNoise
     datum: Mask
     freedom: Array = field(default_factory=lambda: np.eye(6))
+    sums: EdgeSums | None = None
+
+    def sums_of(self, rows: Mask) -> EdgeSums:
+        """Return the sums over the offsets of `rows` (N,) that a pose follows from; see `EdgeSums`."""
+        X = np.column_stack([self.J[rows] @ self.freedom, self.offset[rows], self.C[rows]])
+        return EdgeSums.of(X, self.errors.only(rows), fitted=self.freedom.shape[1])
 
     @cached_property
-    def _white(self) -> Array:
-        """V^-1 (J F, y, C) of all offsets; edges are independent, so the rows of an edge depend on it alone."""
-        return self.errors.white(np.column_stack([self.J @ self.freedom, self.offset, self.C]))
+    def _normal(self) -> Array:
+        """(J F)^T V^-1 (J F, y, C) of the datum's offsets, (E, k, k + 1 + r): of each edge: they are independent."""
+        sums = self.sums_of(self.datum) if self.sums is None else self.sums
+        return sums.normal(self.errors.tau)
 
     @cached_property
-    def _datum_sums(self) -> Array:
-        return np.asarray((self.J[self.datum] @ self.freedom).T @ self._white[self.datum])
+    def _every(self) -> Array:
+        return np.asarray(self._normal.sum(axis=0))
 
     def pose(self, *, without: Mask | None = None) -> FittedPose:
         """Return the motion xi fitted to the datum's offsets, without the whole edges `without` (N,).
@@ -103,12 +113,13 @@ class Adjustment:
         Raises `DegenerateGeometry` where the others do not determine the pose.
         """
         F, k = self.freedom, self.freedom.shape[1]
-        sums = self._datum_sums
+        normal = self._every
         if without is not None:
-            gone = self.datum & without
-            sums = sums - (self.J[gone] @ F).T @ self._white[gone]
-        inverse = _inverse(sums[:, :k], F)
-        solution = inverse @ sums[:, k:]
+            gone = np.zeros(len(self._normal), bool)
+            gone[self.errors.edge[without]] = True
+            normal = normal - self._normal[gone].sum(axis=0)
+        inverse = _inverse(normal[:, :k], F)
+        solution = inverse @ normal[:, k:]
         return FittedPose(F @ solution[:, 0], F @ inverse @ F.T, F @ solution[:, 1:])
 
     def information(self, rows: Mask, design: Array) -> Array:

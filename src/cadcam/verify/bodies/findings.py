@@ -3,68 +3,32 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadcam.arrays import Array, Mask
 from cadcam.errors import DegenerateGeometry
-from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
-from cadcam.locate.photo import Photo
-from cadcam.render.view import Scene
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
+from cadcam.verify.bodies.case import Case
 from cadcam.verify.bodies.likelihood import log_likelihoods
 from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
+from cadcam.verify.bodies.snooping import OF_DISPLACED, snooped
+from cadcam.verify.bodies.stages import each
 from cadcam.verify.bodies.tones import Tones
-from cadcam.verify.bodies.uncovered import uncovered_ratio
+from cadcam.verify.bodies.uncovered import around, uncovered_ratio
 from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.presence import EdgeVisibility, Presence, edge_visibility, log_ratio
 from cadcam.verify.edges.survey import Survey, surveyed
-from cadcam.verify.tolerances.tolerance import Tolerances
 
-OF_DISPLACED = 0.25  # share of alarms for displacements, which are far beyond doubt if they matter; absences are not
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a body may be missing
 _RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which the edges behind a body are searched for
 _THERE = 3.5  # most that pixels say for a body: wrongly, at worst, for one missing body in 33
 _BY_CHANCE = 10.0  # log likelihood ratio of pixels that light and paint alone may make
 _CELL_PX = 1.5  # distance of places at which a shifted feature is searched for
 _ROUNDS = 4  # of redrawing displaced bodies where they were found
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Case:
-    """What is inspected, and how.
-
-    freedom (6, k): motions that are free; reach_px: how far bodies are searched for; alarms: accepted share of false
-    ones; lacking: the part without some of its bodies, as far as computed.
-    """
-
-    part: Part
-    photos: Sequence[Photo]
-    world_from_part: Rigid
-    asked: Tolerances
-    freedom: Array
-    reach_px: float
-    alarms: float
-    lacking: dict[int, Part] = field(default_factory=dict)
-
-    def without(self, body: int, by: Array) -> Part:
-        """Return the part without one of its bodies, the others drawn displaced `by` (P, 3) mm.
-
-        Its edges are computed once: as in `redrawn`, they are those of the CAD.
-        """
-        if body not in self.lacking:
-            mesh = self.part.scene.mesh
-            self.lacking[body] = Part(Scene.of(mesh.select(mesh.part != body)))
-        return (redrawn(self.lacking[body], by) if by.any() else None) or self.lacking[body]
-
-    @property
-    def eye(self) -> Array | None:
-        """Return the camera's place (3,) in the part frame; None if there are several photos."""
-        if len(self.photos) > 1:
-            return None
-        return np.asarray((self.photos[0].camera_from_world @ self.world_from_part).inv.translation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,14 +41,6 @@ class Findings:
     measured: MeasuredEdges
     left_out: Sequence[int]
 
-    def explained(self, seen: EdgeVisibility, clutter: float) -> float:
-        """Return the log likelihood ratio of the photos' edges with all bodies present to all absent.
-
-        All looks are compared with the same estimate of how well edges are seen.
-        """
-        evidence = self.survey.evidence
-        return log_ratio(evidence, np.ones(len(evidence.seen), bool), seen, clutter)
-
 
 def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
     """Return what a survey of the part, drawn in any places, shows.
@@ -92,7 +48,7 @@ def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
     Raises `DegenerateGeometry` where the visible part of the datum does not determine the pose.
     """
     presence = _presences(case, drawn, survey)
-    measured, left_out = _snooped(survey, _there(presence), case)
+    measured, left_out = snooped(survey, _there(presence), case)
     return Findings(drawn, survey, presence, measured, left_out)
 
 
@@ -101,7 +57,7 @@ def contradictions(case: Case, look: Findings) -> tuple[str, ...]:
 
     They stay in it, for it is stated. They pull the pose away, and so what is measured from it.
     """
-    _, out = _snooped(replace(look.survey, stated=False), _there(look.presence), case)
+    _, out = snooped(replace(look.survey, stated=False), _there(look.presence), case)
     return tuple(look.survey.names[i] for i in out)
 
 
@@ -132,15 +88,17 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
     evidence, clutter = look.survey.evidence, look.survey.clutter.share
     seen = edge_visibility(evidence, np.ones(len(evidence.seen), bool))
     for _ in range(_ROUNDS):
-        before = look.explained(seen, clutter)
-        for suspect in _suspects(case, look):
+        before = _explained(look.survey, seen, clutter)
+        for suspect in each(_suspects(case, look), "trying other places", case.tell):
             to, gain = _likeliest(case, look, suspect)
-            again = None if to is None else _redrawn_look(case, look, suspect.part, to)
+            again = None if to is None else _resurveyed(case, look, suspect.part, to)
             if again is None:
                 continue
-            by_edges = again.explained(seen, clutter) - before
-            if _likelier(by_edges, gain, least=_least_gain(case, look, suspect), measured=suspect.moved is not None):
-                look = again
+            by_edges, least = _explained(again[1], seen, clutter) - before, _least_gain(case, look, suspect)
+            if not _likelier(by_edges, gain, least=least, measured=suspect.moved is not None):
+                continue  # before its bodies are looked for one by one, which takes long where there are many
+            with suppress(DegenerateGeometry):
+                look = findings_of(case, *again)
                 break
         else:
             return look
@@ -184,14 +142,14 @@ def _likeliest(case: Case, look: Findings, suspect: _Suspect) -> tuple[Array | N
     survey, number, part = look.survey, suspect.number, suspect.part
     measured = None if suspect.moved is None else suspect.moved.vector
     places = _places(case, survey, number, survey.by[part], measured)
-    guesses = [(p, redrawn(case.part, _with(survey.by, part, p))) for p in places]
-    drawable = [(p, guess) for p, guess in guesses if guess is not None]
-    drawn = [look.drawn, *(guess for _, guess in drawable)]
+    drawn = case.beside(look.drawn, part, [survey.by, *(_with(survey.by, part, p) for p in places)])
+    if not drawn:
+        return None, 0.0
     likelihood, without, _ = log_likelihoods(case.photos, case.world_from_part, drawn, part, survey.shown)
     best = int(np.argmax(likelihood))
     if best == 0 or likelihood[best] <= without:
         return None, 0.0
-    place = drawable[best - 1][0]
+    place = places[best - 1]
     if measured is not None and off_px(survey, survey.rows(number), place - measured) <= AGREES_PX:
         return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it really is
     return place, float(likelihood[best] - likelihood[0])
@@ -207,12 +165,11 @@ def _places(case: Case, survey: Survey, number: int, now: Array, measured: Array
 
 def elsewhere_by(case: Case, look: Findings, part: int) -> float:
     """Return the log likelihood ratio of a body where it is drawn to its nominal place, over all its pixels."""
-    there = redrawn(case.part, _with(look.survey.by, part, np.zeros(3)))
-    if there is None:
+    by = look.survey.by
+    guesses = case.beside(look.drawn, part, [by, _with(by, part, np.zeros(3))])
+    if not guesses:
         return 0.0
-    (drawn, in_place), *_ = log_likelihoods(
-        case.photos, case.world_from_part, [look.drawn, there], part, look.survey.shown
-    )
+    (drawn, in_place), *_ = log_likelihoods(case.photos, case.world_from_part, guesses, part, look.survey.shown)
     return float(drawn - in_place)
 
 
@@ -243,18 +200,22 @@ def _with(by: Array, part: int, to: Array) -> Array:
     return out
 
 
-def _redrawn_look(case: Case, look: Findings, part: int, to: Array) -> Findings | None:
-    """Return the look with a part drawn displaced `to` (3,) mm; None where nothing is measured."""
+def _resurveyed(case: Case, look: Findings, part: int, to: Array) -> tuple[Part, Survey] | None:
+    """Return the whole with a part drawn displaced `to` (3,) mm, and its survey; None where bodies are not apart."""
     by = _with(look.survey.by, part, to)
     drawn = redrawn(case.part, by)
     if drawn is None:
         return None
     survey = surveyed(drawn, case.photos, case.world_from_part, case.asked, reach_px=case.reach_px, by=by)
-    try:
-        again = findings_of(case, drawn, survey)
-    except DegenerateGeometry:
-        return None
-    return again if survey.names == look.survey.names else None
+    return (drawn, survey) if survey.names == look.survey.names else None
+
+
+def _explained(survey: Survey, seen: EdgeVisibility, clutter: float) -> float:
+    """Return the log likelihood ratio of the photos' edges with all bodies present to all absent.
+
+    All looks are compared with the same estimate of how well edges are seen.
+    """
+    return log_ratio(survey.evidence, np.ones(len(survey.evidence.seen), bool), seen, clutter)
 
 
 def sure(presence: Sequence[Presence], alarms: float) -> float:
@@ -278,13 +239,14 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     """
     out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
     tones = Tones(drawn, case.photos, case.world_from_part, survey.shown)
-    for i, found in enumerate(out):
+    for i in each(range(len(out)), "looking for bodies", case.tell):
+        found = out[i]
         body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
         if body is None:
             continue
         by_tones = tones.log_ratio(body, edges=found.log_ratio, any_light=found.in_any_light)
         if min(found.log_ratio, by_tones) < _RATHER_NOT and by_tones < DOUBTFUL:
-            by_tones += _uncovered(case, survey, body)
+            by_tones += _uncovered(case, drawn, survey, body)
         told = _unless_seen(by_tones, found.log_ratio)
         if told < DOUBTFUL:
             told = _with_pixels(told, found.log_ratio, _by_pixels(case, drawn, survey, body))
@@ -323,12 +285,13 @@ def _with_pixels(told: float, by_edges: float, by_pixels: float) -> float:
     return max(told, by_edges + min(by_pixels - _BY_CHANCE, _THERE)) if by_pixels > _BY_CHANCE else told
 
 
-def _uncovered(case: Case, survey: Survey, body: int) -> float:
-    """Return what the edges that a body would hide add to its log likelihood ratio; 0 if there is no other body."""
-    if (case.part.scene.mesh.part == body).all():
+def _uncovered(case: Case, drawn: Part, survey: Survey, body: int) -> float:
+    """Return what the edges that a body would hide add to its log likelihood ratio; 0 if nothing is behind it."""
+    others = around(drawn, case.photos, case.world_from_part, body, survey)
+    if not others.any():
         return 0.0
-    without = case.without(body, survey.by)
-    return uncovered_ratio(without, case.photos, case.world_from_part, body, survey)
+    near = case.alone(others, survey.by)
+    return uncovered_ratio(drawn, near, case.photos, case.world_from_part, body, survey)
 
 
 def _by_its_edges(survey: Survey, number: int) -> Presence:
@@ -342,42 +305,3 @@ def _by_its_edges(survey: Survey, number: int) -> Presence:
 def _there(presence: Sequence[Presence]) -> Mask:
     """Return which bodies are rather present than not: those whose edges are measured."""
     return np.array([p.seen > 0 and p.log_ratio > 0 for p in presence], bool)
-
-
-def _snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, list[int]]:
-    """Return the measurement with the pose fitted to the bodies that agree, and the bodies that do not.
-
-    Bodies between which the photos hardly decide are left out together: the rest then shows which of them is in place.
-    Feet on a body that does not agree are not used: they move with it.
-    """
-    left_out: list[int] = []
-    while True:
-        used = there[survey.body] & ~np.isin(survey.mate, left_out)
-        datum = survey.datum & ~np.isin(survey.body, left_out)
-        measured = MeasuredEdges.of(survey, used, datum, case.eye, case.freedom)
-        measured.adjustment.pose()  # an error here says which motion is free
-        if survey.stated:
-            return measured, left_out
-        bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
-        tests = [(i, *_against_others(measured, i)) for i in bodies]
-        tested = [(i, p, loss) for i, p, loss in tests if np.isfinite(p)]
-        suspect = [(loss, i) for i, p, loss in tested if p <= OF_DISPLACED * case.alarms / len(tested)]
-        if not suspect:
-            return measured, left_out
-        least = min(suspect)[0]
-        worst = [i for loss, i in suspect if loss - least <= -2 * np.log(case.alarms)]
-        if measured.pose_without(np.isin(measured.body, [*left_out, *worst])) is None:
-            return measured, left_out  # the others would not determine the pose: they cannot outvote it
-        left_out += worst
-
-
-def _against_others(measured: MeasuredEdges, body: int) -> tuple[float, float]:
-    """Return the probability of a body's offsets if it is in place, and how improbable the photos are if it is off.
-
-    In place is relative to the rest of the datum, which also determines the errors of edges. If several bodies are
-    displaced relative to the others, the one whose displacement explains most is to blame: those from which it pulled
-    the pose away are in place without it.
-    """
-    its = (measured.body == body) | (measured.mate == body)
-    others = measured.fitted_to(measured.adjustment.datum & ~its)
-    return others.p_value(others.body == body), others.improbability(body)

@@ -52,11 +52,16 @@ def log_likelihoods(
 
 def _window(photo: Photo, world_from_part: Rigid, guesses: Sequence[Part], body: int) -> Window | None:
     """Return the rows and columns of a photo in which any of the guesses has a body; None if none has."""
-    points, camera_from_part = [], photo.camera_from_world @ world_from_part
+    points = []
     for part in guesses:
         mesh = part.scene.mesh
-        points.append(photo.camera.project(camera_from_part @ mesh.vertices[np.unique(mesh.faces[mesh.part == body])]))
-    q = np.concatenate(points)
+        points.append(mesh.vertices[np.unique(mesh.faces[mesh.part == body])])
+    return window_of(photo, world_from_part, np.concatenate(points))
+
+
+def window_of(photo: Photo, world_from_part: Rigid, p: Array) -> Window | None:
+    """Return the rows and columns of a photo that tell of a body with points p (n, 3) mm; None if none is in view."""
+    q = photo.camera.project(photo.camera_from_world @ world_from_part @ p)
     q = q[np.isfinite(q).all(axis=1)]
     if not len(q):
         return None

@@ -8,26 +8,47 @@ where it is, none of this remains, and its edges are as near to their lines as t
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cached_property
 
 import numpy as np
 
 from cadcam.arrays import Array, Mask
+from cadcam.cad.mesh import Mesh
 from cadcam.locate.part import Part
+from cadcam.render.lines.visible import LineDrawer
+from cadcam.render.view import Scene
 from cadcam.verify.deviations.measured import Displacement, MeasuredEdges, of_known_size
 from cadcam.verify.edges.survey import Survey
 
 AGREES_PX = 1.0  # accuracy to which a body is drawn where it was found: enough to tell its edges from others
 
 
+class RedrawnPart(Part):
+    """A part with its bodies moved as wholes: it takes over from it `still` standing what does not depend on places."""
+
+    def __init__(self, still: Part, scene: Scene) -> None:
+        super().__init__(scene)
+        self._still = still
+
+    @cached_property
+    def lines(self) -> LineDrawer:
+        """The drawer of the part's visible lines, from any viewpoint."""
+        return LineDrawer(self.scene, caster=self.caster, like=self._still.lines)
+
+
 def redrawn(part: Part, by: Array) -> Part | None:
     """Return the part with each of its bodies moved by `by` (P, 3) mm; None where bodies share vertices."""
-    mesh = part.scene.mesh
+    mesh = moved_apart(part.scene.mesh, by)
+    return None if mesh is None else RedrawnPart(part, replace(part.scene, mesh=mesh))
+
+
+def moved_apart(mesh: Mesh, by: Array) -> Mesh | None:
+    """Return the mesh with each of its parts moved by `by` (P, 3) mm; None where parts share vertices."""
     owner = np.full(len(mesh.vertices), -1, np.int64)
     owner[mesh.faces.ravel()] = np.repeat(mesh.part, 3)
     if (owner[mesh.faces] != mesh.part[:, None]).any():
         return None
-    vertices = mesh.vertices + np.where(owner[:, None] >= 0, by[owner], 0.0)
-    return Part(replace(part.scene, mesh=replace(mesh, vertices=vertices)))
+    return replace(mesh, vertices=mesh.vertices + np.where(owner[:, None] >= 0, by[owner], 0.0))
 
 
 def displaced(measured: MeasuredEdges, number: int) -> Displacement | None:

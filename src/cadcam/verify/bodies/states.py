@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE, surely_below, tail_probability
-from cadcam.verify.bodies.findings import DOUBTFUL, OF_DISPLACED, sure
+from cadcam.verify.bodies.findings import DOUBTFUL, sure
+from cadcam.verify.bodies.snooping import OF_DISPLACED
 from cadcam.verify.deviations.astray import Doubt
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
 from cadcam.verify.deviations.measured import DISAGREE, Displacement, MeasuredEdges, of_known_size

@@ -21,7 +21,7 @@ from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import FittedLight, surfaces
-from cadcam.verify.edges.shown import ShownFaces, Window
+from cadcam.verify.edges.shown import ShownFaces, window_around
 
 _RIM_PX = 3  # margin of the body's picture, which is blurred, or another body's if that one is off
 _LEAST_PX = 60  # least size of a piece that counts: small ones are borders and corners
@@ -148,7 +148,7 @@ class _Covered:
         everywhere = whole.shows(body)
         if not everywhere.any():
             return None
-        window = _around(everywhere, _BESIDE_PX + 4 * _RIM_PX)
+        window = window_around(everywhere, _BESIDE_PX + 4 * _RIM_PX)
         its, shown = everywhere[window], replace(whole, face=whole.face[window])
         inside = binary_erosion(its, iterations=_RIM_PX)
         if inside.sum() < _LEAST_PX:
@@ -169,7 +169,7 @@ class _Covered:
         from scipy.ndimage import binary_dilation, distance_transform_edt
 
         shown, hidden, piece = self.shown, self.hidden, _where(self.inside, numbers)
-        window = _around(piece, _BESIDE_PX + 2 * _RIM_PX)
+        window = window_around(piece, _BESIDE_PX + 2 * _RIM_PX)
         piece, gray, its = piece[window], self.gray[window], self.its[window]
         there = hidden.face[window]
         here = int(there[piece][0])
@@ -201,16 +201,6 @@ def _pieces(own: _SurfacePixels, behind: _SurfacePixels) -> list[Longs]:
         return out
     strips = _pairs(surfaces(own.normal[rest], own.color[rest], steps=_ROUND_STEPS), behind.surface[rest])
     return out + [rest[strips == i] for i in np.flatnonzero(np.bincount(strips) >= _LEAST_PX)]
-
-
-def _around(mask: Mask, room: int) -> Window:
-    """Return the rows and columns of a mask's bounding box, with a margin (px)."""
-    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    low, high = (int(rows[0]), int(columns[0])), (int(rows[-1]) + 1, int(columns[-1]) + 1)
-    return (
-        slice(max(low[0] - room, 0), min(high[0] + room, mask.shape[0])),
-        slice(max(low[1] - room, 0), min(high[1] + room, mask.shape[1])),
-    )
 
 
 def _where(inside: Mask, piece: Longs) -> Mask:

@@ -12,24 +12,45 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.edges.association import associated, nearby_edges, searchable
 from cadcam.verify.edges.presence import EdgeEvidence, edge_visibility, log_ratio
-from cadcam.verify.edges.shown import ShownFaces
-from cadcam.verify.edges.sightlines import Sightlines, sightlines
+from cadcam.verify.edges.shown import ShownFaces, in_window, may_show
+from cadcam.verify.edges.sightlines import REACH_PX, STEP_PX, Sightlines, sightlines
 from cadcam.verify.edges.surroundings import edge_surroundings
 from cadcam.verify.edges.survey import Survey
 
 _INSIDE_PX = 3.0  # px to each side of the line that must lie on the body that hides it
+_ROOM_PX = int(2 * (REACH_PX + STEP_PX))  # around a body: as far as a place looks for other lines, and their cells
 
 
-def uncovered_ratio(without: Part, photos: Sequence[Photo], world_from_part: Rigid, body: int, survey: Survey) -> float:
+def around(drawn: Part, photos: Sequence[Photo], world_from_part: Rigid, body: int, survey: Survey) -> Mask:
+    """Return the parts (P,), part number `body` apart, of which something may show where that is, or would without it.
+
+    What is farther away neither hides nor draws a line there: of a large model the rest need not be looked at.
+    """
+    mesh = drawn.scene.mesh
+    seen = np.zeros(mesh.n_faces, bool)
+    for photo, shown in zip(photos, survey.shown, strict=True):
+        window = shown.window(body, _ROOM_PX)
+        if window is not None:
+            seen |= may_show(mesh, photo.camera.crop(*in_window(window)), photo.camera_from_world @ world_from_part)
+    out = np.zeros(len(mesh.part_names), bool)
+    out[mesh.part[seen]] = True
+    out[body] = False
+    return out
+
+
+def uncovered_ratio(
+    drawn: Part, near: Part, photos: Sequence[Photo], world_from_part: Rigid, body: int, survey: Survey
+) -> float:
     """Return what the edges behind part number `body` add to the log likelihood ratio of "present" to "absent".
 
-    without: the part without it; survey: of the part with it.
+    drawn: the part that the survey is of; near: its parts `around` that body alone.
     """
-    lines, sights = sightlines(without, photos, world_from_part)
+    lines, sights = sightlines(near, photos, world_from_part)
     behind = _behind(survey.shown, body, lines) & searchable(lines, photos)
     if not behind.any():
         return 0.0
-    shown = [ShownFaces.of(without, photo, world_from_part) for photo in photos]
+    every = zip(survey.shown, photos, strict=True)
+    shown = [seen.uncovered(drawn, photo, world_from_part, body) for seen, photo in every]
     beside = edge_surroundings(photos, shown, lines)
     found = nearby_edges(lines, sights, reach_px=2.0, way=beside.way)
     matched = associated(lines, sights, found, np.where(behind, 0, -1), reach_px=1.0)

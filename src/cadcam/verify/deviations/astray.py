@@ -44,6 +44,7 @@ _FAR_PX, _ANOTHER_PX = 0.25, 1.0
 _SURELY = 2.0  # sigmas
 _UNEVEN = 0.08  # share of edges beside uneven ground from which all such ground is believed
 _DOUBTED = 0.01  # probability, for a body in place, below which edges are suspected of being astray
+_LEAST_P = float(np.finfo(np.float64).tiny)  # of what was computed: 0 says that it was not
 _MOST = 4  # most edges of a body that may be astray at once
 _PARALLEL, _MOST_OF_IT = np.cos(np.radians(20.0)), 0.5  # edges side by side: parallel, and over half of their length
 _DRAWN_PX = 1.0  # largest offset of both from one cause
@@ -106,7 +107,7 @@ class Doubt:
         while left and len(tried) < _MOST and p < AS_IN_PLACE:  # leave out the group that most of it is due to
             without = [measured.displacement(kept & ~places[i], apart=apart | places[i]) for i in left]
             ps = np.zeros(len(groups))
-            ps[left] = [1.0 if found is None else found.p_value for found in without]
+            ps[left] = [1.0 if found is None else max(found.p_value, _LEAST_P) for found in without]
             tried.append(ps)
             worst = int(np.argmax(ps))
             rest, p = without[left.index(worst)], float(ps[worst])

@@ -11,7 +11,7 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment.alarms import either, tail_probability
 from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.adjustment.following import BodyLines, following
-from cadcam.verify.adjustment.scatter import EdgeNoise, common_error, improbability, white_scale
+from cadcam.verify.adjustment.scatter import EdgeNoise, EdgeSums, improbability, white_scale
 from cadcam.verify.edges.sightlines import Sightlines
 from cadcam.verify.edges.survey import Survey
 
@@ -49,7 +49,8 @@ class MeasuredEdges:
 
     body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame if
     one photo sees the part, None if several do; noise_scale: see `white_scale`; tau_px: common error of an edge;
-    own_noise: errors of edges, estimated without that one; found: displacements of features computed before, by number.
+    own_noise: errors of edges, estimated without that one; sums: of all places, which no common error changes; found:
+    displacements of features computed before, by number.
     """
 
     lines: Sightlines
@@ -63,6 +64,7 @@ class MeasuredEdges:
     noise_scale: float
     tau_px: float
     own_noise: EdgeNoise
+    sums: EdgeSums
     found: dict[int, Displacement | None] = field(default_factory=dict)
 
     @classmethod
@@ -75,19 +77,25 @@ class MeasuredEdges:
         noise = EdgeNoise.of(sigma * scale, lines.edge, lines.along, 0.0).with_more(survey.matched.common[rows])
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, lines.by_pose, lines.by_cause, noise, datum[rows], freedom)
+        sums = adjustment.sums_of(np.ones(len(offset), bool))
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
-        out = cls(lines, survey.body[rows], members, adjustment, lever, mate, ground, eye, scale, 0.0, noise)
+        out = cls(lines, survey.body[rows], members, adjustment, lever, mate, ground, eye, scale, 0.0, noise, sums)
         return out.fitted_to(datum[rows])
 
     def fitted_to(self, datum: Mask) -> MeasuredEdges:
         """Return the same with the pose, and the common error of edges, fitted to these places (n,)."""
-        whole = self.adjustment
-        noise, tau = self.own_noise, 0.0
-        if datum.any():
-            J = whole.J[datum] @ whole.freedom
-            tau = common_error(whole.offset[datum], noise.of_rows(datum), J, usual=_USUAL_PX)
+        noise, sums = self.own_noise, self._sums_of(datum)
+        tau = sums.common_error(noise.tau, usual=_USUAL_PX) if datum.any() else 0.0
         noise = replace(noise, tau=np.hypot(noise.tau, tau))
-        return replace(self, adjustment=replace(whole, errors=noise, datum=datum), tau_px=tau, found={})
+        fitted = replace(self.adjustment, errors=noise, datum=datum, sums=sums)
+        return replace(self, adjustment=fitted, tau_px=tau, found={})
+
+    def _sums_of(self, rows: Mask) -> EdgeSums:
+        """Return the sums over places (n,): edges of which all are among them are known, few are left in part."""
+        edge, edges = self.own_noise.edge, self.own_noise.edges
+        have = np.bincount(edge, rows, minlength=edges)
+        whole = have == np.bincount(edge, minlength=edges)
+        return self.sums.where(whole, self.adjustment.sums_of(rows & ~whole[edge]))
 
     @property
     def dof(self) -> float:

@@ -122,9 +122,10 @@ def log_ratio(
         n, k = int(of.sum()), int(evidence.seen[of].sum())
         by_light = min(seen.has_contrast(float(np.median(evidence.contrast[of]))), _SUREST)
         there = by_light if contrast is None else contrast
-        without = clutter**k * (1 - clutter) ** (n - k)
         hit = max(1 - seen.lapse, clutter + _LAPSE)
-        total += np.log(there * hit**k * (1 - hit) ** (n - k) + (1 - there) * without) - np.log(without)
+        # Logarithms throughout: probabilities of some hundred edges are less than the least number.
+        with_contrast = k * np.log(hit / clutter) + (n - k) * np.log((1 - hit) / (1 - clutter))
+        total += np.logaddexp(np.log(there) + with_contrast, np.log1p(-there))
     return float(total)
 
 

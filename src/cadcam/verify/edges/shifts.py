@@ -13,7 +13,8 @@ from cadcam.verify.edges.sightlines import pieces
 
 CAPTURE_PX = 1.5  # how far a candidate may be from the shifted model and still support the shift
 NEAR_PX = 1.5  # shifts up to this count as the nominal place
-_GRID_PX = 0.75
+# Amid four nodes a shift still has 7/8 of its support or more at the nearest: 1 - (step / sqrt(2) / capture)^2.
+_GRID_PX = CAPTURE_PX / 2
 _GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # least gain in support over the nominal place: places, share
 _GUESSES, _GUESSES_APART_PX = 6, 2.0  # most guesses of a body's place, and their least distance
 _GUESS_SHARE = 0.5  # least support of the other guesses relative to the best

@@ -49,9 +49,8 @@ class ShownFaces:
         mesh, camera, camera_from_part = part.scene.mesh, photo.camera, photo.camera_from_world @ world_from_part
         kept = mesh.part != without
         if window is not None:
-            rows, columns = window
-            camera = camera.crop(columns.start, rows.start, (columns.stop - columns.start, rows.stop - rows.start))
-            kept &= _may_show(mesh, camera, camera_from_part)  # a renderer of all faces costs more than the window
+            camera = camera.crop(*in_window(window))
+            kept &= may_show(mesh, camera, camera_from_part)  # a renderer of all faces costs more than the window
         if kept.any():
             scene = part.scene if kept.all() else Scene.of(mesh.select(kept), edges=NO_EDGES)
             seen = open_renderer(scene).render(camera, camera_from_part, channels=Channel.FACE).face
@@ -77,6 +76,22 @@ class ShownFaces:
         """Return which pixels (h, w) show part number `body`."""
         return np.asarray((self.part == body)[self.face])
 
+    def window(self, body: int, room: int) -> Window | None:
+        """Return the rows and columns of the box around part number `body`, with some room (px); None if unseen."""
+        mask = self.shows(body)
+        return window_around(mask, room) if mask.any() else None
+
+    def uncovered(self, part: Part, photo: Photo, world_from_part: Rigid, body: int) -> ShownFaces:
+        """Return what the same part shows in the same photo without a body: elsewhere than where that is, the same."""
+        window = self.window(body, 0)
+        if window is None:
+            return self
+        behind = ShownFaces.of(part, photo, world_from_part, without=body, window=window)
+        face = self.face.copy()
+        face[window] = np.where(self.shows(body)[window], len(self.part) + behind.face, face[window])
+        of_faces = ("normal", "color", "part", "surface")
+        return ShownFaces(face, *(np.concatenate([getattr(self, k), getattr(behind, k)]) for k in of_faces))
+
     def light(self, photo: Photo, *, without: Mask | None = None) -> FittedLight:
         """Return the light that explains a whole photo; without (H, W): pixels left out."""
         few = slice(None, None, EVERY)
@@ -87,7 +102,23 @@ class ShownFaces:
         return light_of(gray.astype(np.float64), self.normal[face], self.color[face])
 
 
-def _may_show(mesh: Mesh, camera: Camera, camera_from_part: Rigid) -> Mask:
+def window_around(mask: Mask, room: int) -> Window:
+    """Return the rows and columns of a mask's bounding box, with a margin (px)."""
+    rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
+    low, high = (int(rows[0]), int(columns[0])), (int(rows[-1]) + 1, int(columns[-1]) + 1)
+    return (
+        slice(max(low[0] - room, 0), min(high[0] + room, mask.shape[0])),
+        slice(max(low[1] - room, 0), min(high[1] + room, mask.shape[1])),
+    )
+
+
+def in_window(window: Window) -> tuple[int, int, tuple[int, int]]:
+    """Return left, top and (width, height) of a window, as a camera is cropped by."""
+    rows, columns = window
+    return columns.start, rows.start, (columns.stop - columns.start, rows.stop - rows.start)
+
+
+def may_show(mesh: Mesh, camera: Camera, camera_from_part: Rigid) -> Mask:
     """Return which faces (F,) may be met by the sights of a camera's pixels; all where its border has none.
 
     Those are left out that lie wholly beyond a plane through the eye that has all sights, those of the pixels just

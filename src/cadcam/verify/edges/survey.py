@@ -211,9 +211,14 @@ def _bodies(members: Sequence[Mask]) -> Longs:
 
 
 def _datum(scene: Scene, lines: Sightlines, asked: Tolerances) -> Mask:
-    """Return the places that the pose may be fitted to: those stated, or all of which nothing is asked."""
+    """Return the places that the pose may be fitted to: those stated, or all of which nothing is asked.
+
+    If something is asked of every part, all: those that do not agree with the others are left out later.
+    """
     if asked.datum:
         return np.asarray(np.any([_held(scene, lines, chosen) for chosen in asked.datum], axis=0))
+    if asked.judge_every_part(scene.mesh.part_names):
+        return np.ones(len(lines), bool)
     judged = [_held(scene, lines, f.selection) for f in asked.features if f.limits]
     return ~np.any(judged, axis=0) if judged else np.ones(len(lines), bool)
 

@@ -2,7 +2,7 @@
 
     k: 2                          # coverage factor of U = k sigma
     rule: guard band              # ISO 14253-1; or: simple acceptance
-    datum:                        # what the pose is fitted to; without it: all that is not judged
+    datum:                        # what the pose is fitted to; without it: all that is not judged, or agrees
       - part: tank top
       - part: longitudinal *
     features:

@@ -5,7 +5,8 @@ The pose is fitted to the datum features; the others are judged relative to it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
 from fnmatch import fnmatchcase
@@ -76,7 +77,10 @@ class Selection(Brief):
 
     def bodies(self, scene: Scene) -> Mask:
         """Return which of the scene's parts (P,) are selected; raise `UnknownName` listing them where none is."""
-        names = scene.mesh.part_names
+        return self.among(scene.mesh.part_names)
+
+    def among(self, names: Sequence[str]) -> Mask:
+        """Return which of the names (P,) of parts are selected; raise `UnknownName` listing them where none is."""
         meant = np.array([name == self.part or fnmatchcase(name, self.part) for name in names], bool)
         if not meant.any():
             raise UnknownName("part", self.part, names)
@@ -169,7 +173,10 @@ class Feature:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Tolerances(Brief):
-    """Features with their limits, and the datum that the pose is fitted to (empty: everything that is not judged)."""
+    """Features with their limits, and the datum that the pose is fitted to.
+
+    An empty one is everything that is not judged; where every part is, those that agree with each other.
+    """
 
     features: tuple[Feature, ...] = ()
     datum: tuple[Selection, ...] = ()
@@ -186,30 +193,51 @@ class Tolerances(Brief):
             raise BadValue("feature", f"named twice: {twice!r}", "a name of its own for each")
 
     def check(self, scene: Scene) -> None:
-        """Raise an error that lists the scene's names, for the first name that it does not have.
-
-        Raise one, too, where nothing is left that the pose could be fitted to, because all of it is judged.
-        """
-        said = [(f"datum {i}", chosen) for i, chosen in enumerate(self.datum)]
-        for where, chosen in (*said, *((f"feature {f.name!r}", f.selection) for f in self.features)):
-            try:
+        """Raise an error as `check_names`, or where a selection that narrows its parts holds none of their edges."""
+        self.check_names(scene.mesh.part_names)
+        for where, chosen in self._selections():
+            with _told(where):
                 chosen.check(scene)
-            except CadcamError as error:
-                error.args = (f"{where}: {error}",)
-                raise
-        self._check_what_is_left(scene)
 
-    def _check_what_is_left(self, scene: Scene) -> None:
+    def check_names(self, names: Sequence[str]) -> None:
+        """Raise an error that lists the names of a model's parts, for the first name that is none of them.
+
+        Raise one, too, where nothing is left that the pose could be fitted to, because all of it is judged. The names
+        are known as soon as a model is read, its edges in large ones much later.
+        """
+        for where, chosen in self._selections():
+            with _told(where):
+                chosen.among(names)
+        self._check_what_is_left(names)
+
+    def _selections(self) -> list[tuple[str, Selection]]:
+        """Return all selections, each with where it stands."""
+        datum = [(f"datum {i}", chosen) for i, chosen in enumerate(self.datum)]
+        return [*datum, *((f"feature {f.name!r}", f.selection) for f in self.features)]
+
+    def judge_every_part(self, names: Sequence[str]) -> bool:
+        """Return whether each of the names of parts is judged as a whole: then no other is left to measure from."""
+        judged = [f.selection.among(names) for f in self.features if f.limits and f.selection.whole]
+        return bool(judged) and bool(np.any(judged, axis=0).all())
+
+    def _check_what_is_left(self, names: Sequence[str]) -> None:
         """Raise `BadValue` where whole bodies that are judged are all that the pose may be fitted to."""
-        judged = [(f, f.selection.bodies(scene)) for f in self.features if f.limits and f.selection.whole]
-        datum = np.any([chosen.bodies(scene) for chosen in self.datum], axis=0) if self.datum else np.array(True)
+        judged = [(f, f.selection.among(names)) for f in self.features if f.limits and f.selection.whole]
+        datum = np.any([chosen.among(names) for chosen in self.datum], axis=0) if self.datum else np.array(True)
         for f, bodies in judged:
             placed = any(limit.quantity is not Quantity.PRESENCE for limit in f.limits)
             if placed and not (datum & ~bodies).any():
                 raise BadValue("datum", f"all within feature {f.name!r}", "parts beside it: it is measured from them")
-        if not self.datum and judged and np.any([bodies for _, bodies in judged], axis=0).all():
-            every = "datum: [{part: '*'}] (a feature is always measured from the others)"
-            raise BadValue("datum", "not stated, and every part is judged", f"some to measure from, such as {every}")
+
+
+@contextmanager
+def _told(where: str) -> Iterator[None]:
+    """Let errors say where the selection stands that they are about."""
+    try:
+        yield
+    except CadcamError as error:
+        error.args = (f"{where}: {error}",)
+        raise
 
 
 def whole_parts(scene: Scene) -> Tolerances:
