@@ -63,7 +63,7 @@ def read_picture(
     white, as a viewer shows them. Of a file with several pictures the first is read. `full_scale` is the stored
     value that means white: by default 255, 65535 or 1.0 by the file's sample type. Of a camera that stores 12 bits
     in 16, `read_camera_picture` finds it. Raises `UnreadableFile` naming file, reason and remedy; a picture of more
-    than `max_pixels` is refused before it is unpacked.
+    than `max_pixels` (by default 500 million) is refused before it is unpacked.
     """
     return read_picture_with_info(path, max_pixels=max_pixels, full_scale=full_scale)[0]
 
