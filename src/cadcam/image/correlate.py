@@ -26,6 +26,7 @@ _FULL_TURN = (-math.pi, math.pi)
 _FINER = 2.5  # ratio from level to level
 _SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels and still be kept
 _ROUGH, _SETTLED = 0.03, 0.001  # px of a level: last step of a climb, between levels and at the end
+_MORE = 64  # times as many maxima are refined where those left out might hold the best peak
 _REACH, _LEAST_REACH = 0.25, 3.0  # how far a climb may go: share of the template, and px of a level, at least
 
 
@@ -37,7 +38,7 @@ class CorrelateOptions:
     return; least_score: of a peak, 0 to 1. apart: peaks nearer than this share of the template's smaller side, and
     rotated by less than as many radians, are one. either_sign: a template of reversed contrast matches as well.
     least_contrast: least standard deviation of the grey levels under a match. candidates: coarse maxima that are
-    refined.
+    refined; 64 times as many where one left out might become the best peak, as in large pictures.
     """
 
     angles: tuple[float, float] = _FULL_TURN
@@ -156,20 +157,32 @@ class _Pyramid:
 
 
 def _search(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> Peaks:
-    poses, coarse = _candidates(picture, template, factor, options)
-    worst, left = template.worst(factor), coarse[options.candidates :]
-    poses = poses[: options.candidates]
+    found, worst = _searched(picture, template, factor, options), template.worst(factor)
+    poses, _, left = found.maxima(options.candidates)
+    peaks = _climbed(picture, template, factor, poses, options)
+    bound = worst * _best_score(peaks, options)
+    if left > bound:
+        poses, coarse, left = found.maxima(_MORE * options.candidates)
+        peaks = _climbed(picture, template, factor, poses[coarse > bound], options)
+        bound = worst * _best_score(peaks, options)
+    return replace(peaks, complete=left <= bound)
+
+
+def _best_score(peaks: Peaks, options: CorrelateOptions) -> float:
+    return float(np.abs(peaks.score[:1]).max(initial=options.least_score))
+
+
+def _climbed(picture: _Pyramid, template: Template, factor: int, poses: Array, options: CorrelateOptions) -> Peaks:
+    """Return the peaks that maxima of a level, best first, climb to."""
+    keep, turned = max(8 * (options.count + 1), len(poses) // 8), poses[: max(64, len(poses) // 4)]
     twins = template.twins(factor) if options.angles == _FULL_TURN else np.zeros(0)
-    poses = np.concatenate([poses, *(poses[:64] + np.array([0, 0, turn, 0]) for turn in twins)])
+    poses = np.concatenate([poses, *(turned + np.array([0, 0, turn, 0]) for turn in twins)])
     poses[:, 2] = _wrapped(poses[:, 2])
-    keep = 8 * (options.count + 1)
     for level in _levels(factor):
         poses, score = _refined(picture, template, level, poses, options.motions)
         poses, score = _best_apart(template, poses, score, options, keep, options.least_score - _SMOOTHED)
         keep = max(keep // 4, options.count + 1)
-    peaks = _peaks(picture, template, poses, options)
-    best = float(np.abs(peaks.score[:1]).max(initial=options.least_score))
-    return replace(peaks, complete=not (len(left) and left[0] > worst * best))
+    return _peaks(picture, template, poses, options)
 
 
 def _levels(factor: int) -> Iterator[int]:
@@ -180,17 +193,38 @@ def _levels(factor: int) -> Iterator[int]:
     yield 1
 
 
-def _candidates(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> tuple[Array, Array]:
-    """Return the maxima of the search at a level: poses (N, 4) in px of the picture and their scores, best first."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Coarse:
+    """The search at a level: best correlation and its orientation at each position, in a margin of 1.
+
+    motions: angle and scale of each orientation; least: correlation of what is worth a climb; alike: rad below which
+    neighbours are one maximum.
+    """
+
+    best: Picture
+    which: Ids
+    motions: Array
+    least: float
+    alike: float
+    factor: int
+
+    def maxima(self, most: int) -> tuple[Array, Array, float]:
+        """Return at most as many maxima, best first: poses (N, 4) in px of the picture, scores; the best score left."""
+        least = _threshold(self.best, self.least, 8 * most)
+        at = _maxima(self.best, self.which, self.motions[:, 0], least, self.alike)
+        score = self.best.ravel()[at].astype(np.float64)
+        left = float(score[most]) if len(at) > most else least if least > self.least else 0.0
+        y, x = np.divmod(at[:most], self.best.shape[1])
+        q = (np.stack([x, y], axis=1) - 0.5) * self.factor - 0.5  # less the margin of 1, from the centre of a block
+        return np.concatenate([q, self.motions[self.which.ravel()[at[:most]]]], axis=1), score[:most], left
+
+
+def _searched(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> _Coarse:
     oriented, motions = template.orientations(factor, options.angles, options.scales)
     plane = np.pad(picture.level(factor), 1, mode="edge")
     best, which = searched(plane, oriented, least_variance=options.least_contrast**2, either_sign=options.either_sign)
-    least = _threshold(best, 0.8 * template.worst(factor) * options.least_score, 8 * options.candidates)
-    at = _maxima(best, which, motions[:, 0], least, 2.5 * template.step(factor))
-    score = best.ravel()[at].astype(np.float64)
-    y, x = np.divmod(at, best.shape[1])
-    q = (np.stack([x, y], axis=1) - 0.5) * factor - 0.5  # less the margin of 1, from the centre of a block
-    return np.concatenate([q, motions[which.ravel()[at]]], axis=1), score
+    least = 0.8 * template.worst(factor) * options.least_score
+    return _Coarse(best, which, motions, least, 2.5 * template.step(factor), factor)
 
 
 def _threshold(best: Picture, least: float, most: int) -> float:
@@ -242,16 +276,17 @@ def _best_apart(
     """Return the best poses that differ in place or angle, best first."""
     size = np.abs(score) if options.either_sign else score
     order = np.argsort(-size, kind="stable")
-    order = order[size[order] >= least][: 3 * count]
-    x, y, angle = (poses[order, k] - poses[order, k][:, None] for k in range(3))
+    order = order[size[order] >= least]
+    x, y, angle = (poses[order, k] for k in range(3))
     near = options.apart * min(template.size)
-    same = (x * x + y * y < near * near) & ~_turned(angle, 0.0, options.apart)
     free = np.ones(len(order), bool)
     kept: list[int] = []
-    for k in range(len(order)):
-        if free[k] and len(kept) < count:
-            kept.append(int(order[k]))
-            free &= ~same[k]
+    while len(kept) < count and free.any():
+        k = int(free.argmax())
+        kept.append(int(order[k]))
+        beside = (x - x[k]) ** 2 + (y - y[k]) ** 2 < near * near
+        free &= ~(beside & ~_turned(angle, angle[k], options.apart))
+        free[k] = False
     return poses[kept], score[kept]
 
 
