@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
+from cadcam.image.match_covariance import peak_covariance
 from cadcam.image.picture import to_gray
 from cadcam.image.template import Template
 from cadcam.kinds import expect, expect_count, expect_numbers, expect_positive
@@ -27,6 +28,7 @@ _FINER = 2.5  # ratio from level to level
 _SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels and still be kept
 _ROUGH, _SETTLED = 0.03, 0.001  # px of a level: last step of a climb, between levels and at the end
 _MORE = 64  # times as many maxima are refined where those left out might hold the best peak
+_LINEAR, _CUBIC = 12, 40  # steps of a climb, at most; along what a picture hardly shows they are many
 _REACH, _LEAST_REACH = 0.25, 3.0  # how far a climb may go: share of the template, and px of a level, at least
 
 
@@ -159,11 +161,12 @@ class _Pyramid:
 def _search(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> Peaks:
     found, worst = _searched(picture, template, factor, options), template.worst(factor)
     poses, _, left = found.maxima(options.candidates)
-    peaks = _climbed(picture, template, factor, poses, options)
+    peaks = _climbed(picture, template, factor, poses, options, keep=8 * (options.count + 1))
     bound = worst * _best_score(peaks, options)
     if left > bound:
         poses, coarse, left = found.maxima(_MORE * options.candidates)
-        peaks = _climbed(picture, template, factor, poses[coarse > bound], options)
+        poses = poses[coarse > bound]
+        peaks = _climbed(picture, template, factor, poses, options, keep=len(poses))
         bound = worst * _best_score(peaks, options)
     return replace(peaks, complete=left <= bound)
 
@@ -172,9 +175,11 @@ def _best_score(peaks: Peaks, options: CorrelateOptions) -> float:
     return float(np.abs(peaks.score[:1]).max(initial=options.least_score))
 
 
-def _climbed(picture: _Pyramid, template: Template, factor: int, poses: Array, options: CorrelateOptions) -> Peaks:
-    """Return the peaks that maxima of a level, best first, climb to."""
-    keep, turned = max(8 * (options.count + 1), len(poses) // 8), poses[: max(64, len(poses) // 4)]
+def _climbed(
+    picture: _Pyramid, template: Template, factor: int, poses: Array, options: CorrelateOptions, *, keep: int
+) -> Peaks:
+    """Return the peaks that maxima of a level, best first, climb to; `keep`: how many reach the next level."""
+    turned = poses[: max(64, len(poses) // 4)]
     twins = template.twins(factor) if options.angles == _FULL_TURN else np.zeros(0)
     poses = np.concatenate([poses, *(turned + np.array([0, 0, turn, 0]) for turn in twins)])
     poses[:, 2] = _wrapped(poses[:, 2])
@@ -259,10 +264,10 @@ def _refined(
     local[:, :2] = (local[:, :2] + 0.5) / factor - 0.5
     local, score = registered(
         picture.level(factor),
-        template.points(factor, motions),
+        template.settling(motions) if cubic else template.points(factor, motions),
         local,
         cubic=cubic,
-        iterations=12,
+        iterations=_CUBIC if cubic else _LINEAR,
         settled=_SETTLED if cubic else _ROUGH,
         reach=max(_LEAST_REACH, _REACH * min(template.size) / factor),
     )
@@ -277,15 +282,14 @@ def _best_apart(
     size = np.abs(score) if options.either_sign else score
     order = np.argsort(-size, kind="stable")
     order = order[size[order] >= least]
-    x, y, angle = (poses[order, k] for k in range(3))
+    place, angle = poses[order, 0] + 1j * poses[order, 1], poses[order, 2]
     near = options.apart * min(template.size)
     free = np.ones(len(order), bool)
     kept: list[int] = []
     while len(kept) < count and free.any():
         k = int(free.argmax())
         kept.append(int(order[k]))
-        beside = (x - x[k]) ** 2 + (y - y[k]) ** 2 < near * near
-        free &= ~(beside & ~_turned(angle, angle[k], options.apart))
+        free &= (np.abs(place - place[k]) >= near) | _turned(angle, angle[k], options.apart)
         free[k] = False
     return poses[kept], score[kept]
 
@@ -297,7 +301,9 @@ def _peaks(picture: _Pyramid, template: Template, poses: Array, options: Correla
     allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])
-    covariance = _covariance(template, poses, score, options.motions)
+    points, level = template.settling(options.motions), picture.level(1)
+    each = [peak_covariance(level, points, pose, r) for pose, r in zip(poses, score.tolist(), strict=True)]
+    covariance = np.array(each).reshape(-1, 4, 4)
     return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance)
 
 
@@ -320,21 +326,6 @@ def _in_picture(poses: Array, template: Template, picture: Picture) -> Mask:
     y = poses[:, 1:2] + s[:, None] * corners[:, 0] + c[:, None] * corners[:, 1]
     h, w = picture.shape
     return np.asarray(((x >= -1) & (x <= w) & (y >= -1) & (y <= h)).all(axis=1))
-
-
-def _covariance(template: Template, poses: Array, score: Array, motions: int) -> Array:
-    """Return the covariances (N, 4, 4); the residual of normalised grey levels is noise, equal in every pixel."""
-    points = template.points(1, motions)
-    noise = (1 - score**2) / np.maximum(score**2, 1e-12) / max(points.count - 2 - motions, 1)
-    out = np.zeros((len(poses), 4, 4))
-    for k, (pose, variance) in enumerate(zip(poses, noise, strict=True)):
-        c, s = pose[3] * math.cos(pose[2]), pose[3] * math.sin(pose[2])
-        G = np.eye(4)[:, :motions]
-        G[:2, :2] = [[c, -s], [s, c]]
-        if motions == 4:
-            G[3, 3] = pose[3]
-        out[k] = variance * G @ points.inverse @ G.T
-    return out
 
 
 def _turned(a: Array, b: Array | float, by: float) -> Mask:
