@@ -63,4 +63,4 @@ def with_features(photo: Photo, part: Part, matches: TemplateMatches) -> Picture
 
 def _thickness(photo: Picture) -> float:
     """Return the width of what is drawn, so that it shows where the whole of a large photo is looked at."""
-    return max(1.0, max(photo.shape) / _WHOLE_PX)
+    return max(1.0, float(max(photo.shape)) / _WHOLE_PX)
