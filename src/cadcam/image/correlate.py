@@ -17,7 +17,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
-from cadcam.image.match_covariance import peak_covariance
+from cadcam.image.match_covariance import peak_covariances
 from cadcam.image.picture import to_gray
 from cadcam.image.template import Template
 from cadcam.kinds import expect, expect_count, expect_numbers, expect_positive
@@ -28,7 +28,9 @@ _FINER = 2.5  # ratio from level to level
 _SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels and still be kept
 _ROUGH, _SETTLED = 0.03, 0.001  # px of a level: last step of a climb, between levels and at the end
 _MORE = 64  # times as many maxima are refined where those left out might hold the best peak
-_LINEAR, _CUBIC = 12, 40  # steps of a climb, at most; along what a picture hardly shows they are many
+# Steps of a climb, at most; along what a picture hardly shows they are many. Peaks of this share of the best score
+# climb to their end; lower ones, mostly false, would take most of the time.
+_STEPS, _TO_THE_END, _HIGH = 8, 40, 0.8
 _REACH, _LEAST_REACH = 0.25, 3.0  # how far a climb may go: share of the template, and px of a level, at least
 
 
@@ -255,7 +257,14 @@ def _maxima(best: Picture, which: Ids, angles: Array, least: float, alike: float
 
 
 def _refined(
-    picture: _Pyramid, template: Template, factor: int, poses: Array, motions: int, *, cubic: bool = False
+    picture: _Pyramid,
+    template: Template,
+    factor: int,
+    poses: Array,
+    motions: int,
+    *,
+    cubic: bool = False,
+    iterations: int = _STEPS,
 ) -> tuple[Array, Array]:
     """Return poses (px of the picture) climbed to their peaks at a level, and the correlation there."""
     if not len(poses):
@@ -267,7 +276,7 @@ def _refined(
         template.settling(motions) if cubic else template.points(factor, motions),
         local,
         cubic=cubic,
-        iterations=_CUBIC if cubic else _LINEAR,
+        iterations=iterations,
         settled=_SETTLED if cubic else _ROUGH,
         reach=max(_LEAST_REACH, _REACH * min(template.size) / factor),
     )
@@ -282,14 +291,15 @@ def _best_apart(
     size = np.abs(score) if options.either_sign else score
     order = np.argsort(-size, kind="stable")
     order = order[size[order] >= least]
-    place, angle = poses[order, 0] + 1j * poses[order, 1], poses[order, 2]
+    x, y, angle = poses[order, :3].T.copy()
     near = options.apart * min(template.size)
     free = np.ones(len(order), bool)
     kept: list[int] = []
     while len(kept) < count and free.any():
         k = int(free.argmax())
         kept.append(int(order[k]))
-        free &= (np.abs(place - place[k]) >= near) | _turned(angle, angle[k], options.apart)
+        dx, dy = x - x[k], y - y[k]
+        free &= (dx * dx + dy * dy >= near * near) | _turned(angle, angle[k], options.apart)
         free[k] = False
     return poses[kept], score[kept]
 
@@ -297,13 +307,15 @@ def _best_apart(
 def _peaks(picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions) -> Peaks:
     """Return the peaks near poses, by cubic interpolation."""
     poses, score = _refined(picture, template, 1, poses, options.motions, cubic=True)
+    high = np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)
+    poses[high], score[high] = _refined(
+        picture, template, 1, poses[high], options.motions, cubic=True, iterations=_TO_THE_END
+    )
     poses, score = _best_apart(template, poses, score, options, len(poses), options.least_score)
     allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])
-    points, level = template.settling(options.motions), picture.level(1)
-    each = [peak_covariance(level, points, pose, r) for pose, r in zip(poses, score.tolist(), strict=True)]
-    covariance = np.array(each).reshape(-1, 4, 4)
+    covariance = peak_covariances(picture.level(1), template.settling(options.motions), poses, score)
     return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance)
 
 

@@ -15,49 +15,63 @@ import numpy as np
 from cadcam.arrays import Array, Picture
 from cadcam.native.correlate import Points
 
-_MOST, _APART = 4096, 7919  # points by which the slopes are compared: of more, every so manieth, round and round
+# Points by which the slopes are compared; of more, every so manieth, round and round: what they say of both sides is a
+# ratio of sums, known to a few hundredths by a thousand.
+_MOST, _APART = 1024, 7919
 _LEAST = 1e-3  # of what the template's slopes say: below, the picture does not show a motion at all
 
 
-def peak_covariance(picture: Picture, points: Points, pose: Array, score: float) -> Array:
-    """Return the covariance (4, 4) of x, y (px), angle (rad) and scale (0 where it was not free) of a peak."""
+def peak_covariances(picture: Picture, points: Points, poses: Array, score: Array) -> Array:
+    """Return the covariances (N, 4, 4) of x, y (px), angle (rad) and scale (0 where it was not free) of peaks."""
     motions = len(points.slope)
-    noise = (1 - score**2) / max(score**2, 1e-12) / max(points.count - 2 - motions, 1)
+    noise = (1 - score**2) / np.maximum(score**2, 1e-12) / max(points.count - 2 - motions, 1)
     J = points.slope.astype(np.float64)
-    own, H = J @ J.T, _in_common(picture, points, pose)
-    # in units in which the template's slopes are orthonormal
-    root = np.linalg.cholesky(own)
-    U, shown, Vt = np.linalg.svd(np.linalg.solve(root, np.linalg.solve(root, H).T).T)
-    error = (Vt.T / np.maximum(shown, _LEAST)) @ U.T
-    c, s = pose[3] * math.cos(pose[2]), pose[3] * math.sin(pose[2])
-    G = np.eye(4)[:, :motions]
-    G[:2, :2] = [[c, -s], [s, c]]
-    if motions == 4:
-        G[3, 3] = pose[3]
-    L = G @ np.linalg.solve(root.T, error)
-    return np.asarray(noise * L @ L.T)
-
-
-def _in_common(picture: Picture, points: Points, pose: Array) -> Array:
-    """Return J Jp^T (m, m), the picture's slopes taken in grey levels of the template."""
-    n = points.count
-    some = np.arange(n) if n <= _MOST else np.arange(_MOST) * _APART % n
+    some = np.arange(points.count) if points.count <= _MOST else np.arange(_MOST) * _APART % points.count
     u, v, value = (a[some].astype(np.float64) for a in (points.u, points.v, points.value))
-    slope = points.slope[:, some].astype(np.float64)
+    compared = [_in_common(picture, u, v, value, J[:, some], pose) for pose in poses]
+    H = points.count / len(some) * np.array(compared).reshape(-1, motions, motions)
+    # in units in which the template's slopes are orthonormal
+    units = np.linalg.inv(np.linalg.cholesky(J @ J.T))
+    U, shown, Vt = np.linalg.svd(units @ H @ units.T)
+    error = units.T @ (Vt.mT / np.maximum(shown, _LEAST)[:, None]) @ U.mT
+    L = _per_motion(poses, motions) @ error
+    return np.asarray(noise[:, None, None] * L @ L.mT)
+
+
+def _per_motion(poses: Array, motions: int) -> Array:
+    """Return the derivatives (N, 4, m) of x, y, angle and scale by shifts along the template's axes, turn and size."""
+    c, s = poses[:, 3] * np.cos(poses[:, 2]), poses[:, 3] * np.sin(poses[:, 2])
+    G = np.zeros((len(poses), 4, motions))
+    G[:, 0, 0], G[:, 0, 1], G[:, 1, 0], G[:, 1, 1], G[:, 2, 2] = c, -s, s, c, 1
+    if motions == 4:
+        G[:, 3, 3] = poses[:, 3]
+    return G
+
+
+def _in_common(picture: Picture, u: Array, v: Array, value: Array, slope: Array, pose: Array) -> Array:
+    """Return J Jp^T (m, m) of the points, the picture's slopes taken in grey levels of the template."""
     c, s = pose[3] * math.cos(pose[2]), pose[3] * math.sin(pose[2])
     x, y = pose[0] + c * u - s * v, pose[1] + s * u + c * v
     left, top = (max(math.floor(a.min()) - 2, 0) for a in (x, y))
-    crop = picture[top : math.ceil(y.max()) + 3, left : math.ceil(x.max()) + 3].astype(np.float64)
+    crop = picture[top : math.ceil(y.max()) + 3, left : math.ceil(x.max()) + 3]
     if min(crop.shape) < 2:
         return np.zeros((len(slope), len(slope)))
-    seen, down, right = _between((crop, *np.gradient(crop)), x - left, y - top)
+    seen, right, down = _between((crop, *_slopes(crop)), x - left, y - top)
     gu, gv = c * right + s * down, c * down - s * right
     gain = float(value @ (seen - seen.mean())) / max(float(value @ value), 1e-12)
     shown = np.stack([gu, gv, gv * u - gu * v, gu * u + gv * v][: len(slope)])
-    return np.asarray(n / len(u) * slope @ shown.T / (gain if abs(gain) > 1e-12 else 1e-12))
+    return np.asarray(slope @ shown.T / (gain if abs(gain) > 1e-12 else 1e-12))
 
 
-def _between(planes: tuple[Array, ...], x: Array, y: Array) -> list[Array]:
+def _slopes(crop: Picture) -> tuple[Picture, Picture]:
+    """Return the central differences (H, W) by x and y; none at the outline."""
+    right, down = np.zeros_like(crop), np.zeros_like(crop)
+    right[:, 1:-1] = 0.5 * (crop[:, 2:] - crop[:, :-2])
+    down[1:-1] = 0.5 * (crop[2:] - crop[:-2])
+    return right, down
+
+
+def _between(planes: tuple[Picture, ...], x: Array, y: Array) -> list[Array]:
     """Return each plane (H, W) at points, bilinearly; beyond the outline as on it."""
     height, width = planes[0].shape
     x, y = np.clip(x, 0, width - 1), np.clip(y, 0, height - 1)
