@@ -75,7 +75,7 @@ def main() -> None:
     for name, canvas in scenes.items():
         for noise in (0.0, 3.0, 8.0):
             row(f"{name} | {noise:.0f} | cadcam", ours, cases(canvas, noise, arguments.cases))
-            if peer_is_there():
+            if arguments.peer_cases and peer_is_there():
                 row(f"{name} | {noise:.0f} | cv2", peer, cases(canvas, noise, arguments.peer_cases))
     preparation()
 

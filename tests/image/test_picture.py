@@ -171,7 +171,7 @@ def test_a_codec_that_is_not_installed_is_named_as_an_extra(tmp_path, monkeypatc
 
     (tmp_path / "a.tif").write_bytes(deep_tiff(np.zeros((4, 5, 3), np.uint16)))
     monkeypatch.setattr(tifffile.TiffPage, "asarray", refuse)
-    with pytest.raises(MissingExtra, match=r'16-bit colour needs an optional package: pip install "cadcam\[codecs\]"'):
+    with pytest.raises(MissingExtra, match=r'16-bit samples needs an optional package: pip install "cadcam\[codecs\]"'):
         read_picture(tmp_path / "a.tif")
 
 
@@ -280,7 +280,7 @@ def test_a_picture_above_the_pixel_limit_is_refused_by_size_before_it_is_unpacke
     Image.fromarray(GRAY8).save(tmp_path / "a.png")
     (tmp_path / "deep.png").write_bytes(png(np.zeros((5, 7, 3), np.uint16), [0] * 5))
     for name in ("a.png", "deep.png"):
-        with pytest.raises(UnreadableFile, match=r"is 7 x 5 px = 35 pixels.*limit of 34; .*max_pixels=35"):
+        with pytest.raises(UnreadableFile, match=r"is 7 x 5 px = 35 pixels.*limit of 34; .*or `--binning`$"):
             read_picture(tmp_path / name, max_pixels=34)
         with pytest.raises(UnreadableFile, match="more than the limit of nan"):
             read_picture(tmp_path / name, max_pixels=float("nan"))  # type: ignore[arg-type]  # a limit nobody exceeds

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
+from cadcam.image.match_covariance import peak_covariances
 from cadcam.image.picture import to_gray
 from cadcam.image.template import Template
 from cadcam.kinds import expect, expect_count, expect_numbers, expect_positive
@@ -26,6 +27,10 @@ _FULL_TURN = (-math.pi, math.pi)
 _FINER = 2.5  # ratio from level to level
 _SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels and still be kept
 _ROUGH, _SETTLED = 0.03, 0.001  # px of a level: last step of a climb, between levels and at the end
+_MORE = 64  # times as many maxima are refined where those left out might hold the best peak
+# Steps of a climb, at most; along what a picture hardly shows they are many. Peaks of this share of the best score
+# climb to their end; lower ones, mostly false, would take most of the time.
+_STEPS, _TO_THE_END, _HIGH = 8, 40, 0.8
 _REACH, _LEAST_REACH = 0.25, 3.0  # how far a climb may go: share of the template, and px of a level, at least
 
 
@@ -37,7 +42,7 @@ class CorrelateOptions:
     return; least_score: of a peak, 0 to 1. apart: peaks nearer than this share of the template's smaller side, and
     rotated by less than as many radians, are one. either_sign: a template of reversed contrast matches as well.
     least_contrast: least standard deviation of the grey levels under a match. candidates: coarse maxima that are
-    refined.
+    refined; 64 times as many where one left out might become the best peak, as in large pictures.
     """
 
     angles: tuple[float, float] = _FULL_TURN
@@ -156,20 +161,35 @@ class _Pyramid:
 
 
 def _search(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> Peaks:
-    poses, coarse = _candidates(picture, template, factor, options)
-    worst, left = template.worst(factor), coarse[options.candidates :]
-    poses = poses[: options.candidates]
+    found, worst = _searched(picture, template, factor, options), template.worst(factor)
+    poses, _, left = found.maxima(options.candidates)
+    peaks = _climbed(picture, template, factor, poses, options, keep=8 * (options.count + 1))
+    bound = worst * _best_score(peaks, options)
+    if left > bound:
+        poses, coarse, left = found.maxima(_MORE * options.candidates)
+        poses = poses[coarse > bound]
+        peaks = _climbed(picture, template, factor, poses, options, keep=len(poses))
+        bound = worst * _best_score(peaks, options)
+    return replace(peaks, complete=left <= bound)
+
+
+def _best_score(peaks: Peaks, options: CorrelateOptions) -> float:
+    return float(np.abs(peaks.score[:1]).max(initial=options.least_score))
+
+
+def _climbed(
+    picture: _Pyramid, template: Template, factor: int, poses: Array, options: CorrelateOptions, *, keep: int
+) -> Peaks:
+    """Return the peaks that maxima of a level, best first, climb to; `keep`: how many reach the next level."""
+    turned = poses[: max(64, len(poses) // 4)]
     twins = template.twins(factor) if options.angles == _FULL_TURN else np.zeros(0)
-    poses = np.concatenate([poses, *(poses[:64] + np.array([0, 0, turn, 0]) for turn in twins)])
+    poses = np.concatenate([poses, *(turned + np.array([0, 0, turn, 0]) for turn in twins)])
     poses[:, 2] = _wrapped(poses[:, 2])
-    keep = 8 * (options.count + 1)
     for level in _levels(factor):
         poses, score = _refined(picture, template, level, poses, options.motions)
         poses, score = _best_apart(template, poses, score, options, keep, options.least_score - _SMOOTHED)
         keep = max(keep // 4, options.count + 1)
-    peaks = _peaks(picture, template, poses, options)
-    best = float(np.abs(peaks.score[:1]).max(initial=options.least_score))
-    return replace(peaks, complete=not (len(left) and left[0] > worst * best))
+    return _peaks(picture, template, poses, options)
 
 
 def _levels(factor: int) -> Iterator[int]:
@@ -180,17 +200,38 @@ def _levels(factor: int) -> Iterator[int]:
     yield 1
 
 
-def _candidates(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> tuple[Array, Array]:
-    """Return the maxima of the search at a level: poses (N, 4) in px of the picture and their scores, best first."""
+@dataclass(frozen=True, slots=True, eq=False)
+class _Coarse:
+    """The search at a level: best correlation and its orientation at each position, in a margin of 1.
+
+    motions: angle and scale of each orientation; least: correlation of what is worth a climb; alike: rad below which
+    neighbours are one maximum.
+    """
+
+    best: Picture
+    which: Ids
+    motions: Array
+    least: float
+    alike: float
+    factor: int
+
+    def maxima(self, most: int) -> tuple[Array, Array, float]:
+        """Return at most as many maxima, best first: poses (N, 4) in px of the picture, scores; the best score left."""
+        least = _threshold(self.best, self.least, 8 * most)
+        at = _maxima(self.best, self.which, self.motions[:, 0], least, self.alike)
+        score = self.best.ravel()[at].astype(np.float64)
+        left = float(score[most]) if len(at) > most else least if least > self.least else 0.0
+        y, x = np.divmod(at[:most], self.best.shape[1])
+        q = (np.stack([x, y], axis=1) - 0.5) * self.factor - 0.5  # less the margin of 1, from the centre of a block
+        return np.concatenate([q, self.motions[self.which.ravel()[at[:most]]]], axis=1), score[:most], left
+
+
+def _searched(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> _Coarse:
     oriented, motions = template.orientations(factor, options.angles, options.scales)
     plane = np.pad(picture.level(factor), 1, mode="edge")
     best, which = searched(plane, oriented, least_variance=options.least_contrast**2, either_sign=options.either_sign)
-    least = _threshold(best, 0.8 * template.worst(factor) * options.least_score, 8 * options.candidates)
-    at = _maxima(best, which, motions[:, 0], least, 2.5 * template.step(factor))
-    score = best.ravel()[at].astype(np.float64)
-    y, x = np.divmod(at, best.shape[1])
-    q = (np.stack([x, y], axis=1) - 0.5) * factor - 0.5  # less the margin of 1, from the centre of a block
-    return np.concatenate([q, motions[which.ravel()[at]]], axis=1), score
+    least = 0.8 * template.worst(factor) * options.least_score
+    return _Coarse(best, which, motions, least, 2.5 * template.step(factor), factor)
 
 
 def _threshold(best: Picture, least: float, most: int) -> float:
@@ -216,7 +257,14 @@ def _maxima(best: Picture, which: Ids, angles: Array, least: float, alike: float
 
 
 def _refined(
-    picture: _Pyramid, template: Template, factor: int, poses: Array, motions: int, *, cubic: bool = False
+    picture: _Pyramid,
+    template: Template,
+    factor: int,
+    poses: Array,
+    motions: int,
+    *,
+    cubic: bool = False,
+    iterations: int = _STEPS,
 ) -> tuple[Array, Array]:
     """Return poses (px of the picture) climbed to their peaks at a level, and the correlation there."""
     if not len(poses):
@@ -225,10 +273,10 @@ def _refined(
     local[:, :2] = (local[:, :2] + 0.5) / factor - 0.5
     local, score = registered(
         picture.level(factor),
-        template.points(factor, motions),
+        template.settling(motions) if cubic else template.points(factor, motions),
         local,
         cubic=cubic,
-        iterations=12,
+        iterations=iterations,
         settled=_SETTLED if cubic else _ROUGH,
         reach=max(_LEAST_REACH, _REACH * min(template.size) / factor),
     )
@@ -242,27 +290,32 @@ def _best_apart(
     """Return the best poses that differ in place or angle, best first."""
     size = np.abs(score) if options.either_sign else score
     order = np.argsort(-size, kind="stable")
-    order = order[size[order] >= least][: 3 * count]
-    x, y, angle = (poses[order, k] - poses[order, k][:, None] for k in range(3))
+    order = order[size[order] >= least]
+    x, y, angle = poses[order, :3].T.copy()
     near = options.apart * min(template.size)
-    same = (x * x + y * y < near * near) & ~_turned(angle, 0.0, options.apart)
     free = np.ones(len(order), bool)
     kept: list[int] = []
-    for k in range(len(order)):
-        if free[k] and len(kept) < count:
-            kept.append(int(order[k]))
-            free &= ~same[k]
+    while len(kept) < count and free.any():
+        k = int(free.argmax())
+        kept.append(int(order[k]))
+        dx, dy = x - x[k], y - y[k]
+        free &= (dx * dx + dy * dy >= near * near) | _turned(angle, angle[k], options.apart)
+        free[k] = False
     return poses[kept], score[kept]
 
 
 def _peaks(picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions) -> Peaks:
     """Return the peaks near poses, by cubic interpolation."""
     poses, score = _refined(picture, template, 1, poses, options.motions, cubic=True)
+    high = np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)
+    poses[high], score[high] = _refined(
+        picture, template, 1, poses[high], options.motions, cubic=True, iterations=_TO_THE_END
+    )
     poses, score = _best_apart(template, poses, score, options, len(poses), options.least_score)
     allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])
-    covariance = _covariance(template, poses, score, options.motions)
+    covariance = peak_covariances(picture.level(1), template.settling(options.motions), poses, score)
     return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance)
 
 
@@ -285,21 +338,6 @@ def _in_picture(poses: Array, template: Template, picture: Picture) -> Mask:
     y = poses[:, 1:2] + s[:, None] * corners[:, 0] + c[:, None] * corners[:, 1]
     h, w = picture.shape
     return np.asarray(((x >= -1) & (x <= w) & (y >= -1) & (y <= h)).all(axis=1))
-
-
-def _covariance(template: Template, poses: Array, score: Array, motions: int) -> Array:
-    """Return the covariances (N, 4, 4); the residual of normalised grey levels is noise, equal in every pixel."""
-    points = template.points(1, motions)
-    noise = (1 - score**2) / np.maximum(score**2, 1e-12) / max(points.count - 2 - motions, 1)
-    out = np.zeros((len(poses), 4, 4))
-    for k, (pose, variance) in enumerate(zip(poses, noise, strict=True)):
-        c, s = pose[3] * math.cos(pose[2]), pose[3] * math.sin(pose[2])
-        G = np.eye(4)[:, :motions]
-        G[:2, :2] = [[c, -s], [s, c]]
-        if motions == 4:
-            G[3, 3] = pose[3]
-        out[k] = variance * G @ points.inverse @ G.T
-    return out
 
 
 def _turned(a: Array, b: Array | float, by: float) -> Mask:

@@ -122,8 +122,7 @@ def _check_size(path: str | os.PathLike[str], size: tuple[int, int], max_pixels:
         raise UnreadableFile(
             path,
             f"is {width} x {height} px = {width * height} pixels, more than the limit of {max_pixels}",
-            "if that is its true size, crop or bin it, and its camera by `cadcam convert --crop` or `--binning`; in "
-            f"Python max_pixels={width * height} reads it whole",
+            "if that is its true size, crop or bin it, and its camera by `cadcam convert --crop` or `--binning`",
         )
 
 
@@ -157,6 +156,8 @@ def _explained(error: BaseException) -> tuple[str, str]:
     if isinstance(error, UnidentifiedImageError):
         return "is not a picture in a format known here", "use PNG, JPEG, TIFF, PGM, PPM, BMP or WebP"
     text = str(error) or type(error).__name__
+    if text.startswith("cut off or damaged"):
+        return f"is {text}", "copy it again from its source"
     cut = any(word in text for word in ("truncated", "cut off", "not enough", "unrecognized data stream"))
     if cut or isinstance(error, (EOFError, struct.error)):
         return f"is cut off or damaged ({text})", "copy it again from its source"

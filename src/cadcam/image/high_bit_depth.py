@@ -1,7 +1,8 @@
-"""Samples of more than 8 bits in several channels: PNG, TIFF and PPM files that Pillow would reduce to 8 bits.
+"""Samples of more than 8 bits that Pillow would reduce to 8, turn to negatives or not read: of PNG, TIFF and PPM files.
 
-PNG is decoded by libspng (pyspng), TIFF by tifffile, with its codecs (the extra `codecs`) where a file is compressed
-with more than deflate. The functions raise `ValueError` with the reason in words; `picture` names the file.
+These are those of several channels, grey TIFF of which 0 is white, and floats of 16 or 64 bits. PNG is decoded by
+libspng (pyspng), TIFF by tifffile, with its codecs (the extra `codecs`) where a file is compressed with more than
+deflate. The functions raise `ValueError` with the reason in words; `picture` names the file.
 """
 
 from __future__ import annotations
@@ -19,9 +20,12 @@ from cadcam.errors import MissingExtra
 Samples: TypeAlias = npt.NDArray[Any]
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_PNG_CHANNELS = {2: 3, 6: 4}  # colour type -> samples a pixel; grey is Pillow's
+_PNG_CHANNELS = {2: slice(3), 4: slice(0, 4, 3), 6: slice(4)}  # colour type -> which of RGBA; grey is Pillow's
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _PPM = re.compile(rb"P([56])(?:\s+(?:#[^\n]*\n\s*)*(\d+))(?:\s+(?:#[^\n]*\n\s*)*(\d+))(?:\s+(?:#[^\n]*\n\s*)*(\d+))\s")
+_CUT = "cut off or damaged"
+_ZERO_IS_WHITE, _ZERO_IS_BLACK, _RGB = 0, 1, 2  # TIFF 6.0, PhotometricInterpretation
+_PREMULTIPLIED, _ALPHA = 1, 2  # ... and ExtraSamples; any other says nothing of transparency
 
 
 class Deep(NamedTuple):
@@ -58,10 +62,10 @@ def _read_png(data: bytes) -> Samples:
     with Image.open(io.BytesIO(data)) as image:
         image.verify()  # every chunk's checksum, which pyspng does not look at
     try:
-        samples: Samples = pyspng.load(data)
+        samples: Samples = pyspng.c.spng_decode_image_bytes(data, pyspng.c.SPNG_FMT_RGBA16)
     except RuntimeError as error:
-        raise ValueError(f"cut off or damaged: {str(error).removeprefix('pyspng: ')}") from None
-    return samples if b"tRNS" in data else samples[..., : _PNG_CHANNELS[data[25]]]  # an opaque alpha is added
+        raise ValueError(f"{_CUT} ({str(error).removeprefix('pyspng: ')})") from None
+    return samples if b"tRNS" in data else samples[..., _PNG_CHANNELS[data[25]]]  # an opaque alpha is added
 
 
 def _png_orientation(data: bytes) -> int:
@@ -104,12 +108,14 @@ def _tiff_page(data: bytes) -> Any:
     try:
         return tifffile.TiffFile(io.BytesIO(data)).pages[0]
     except Exception as error:  # tifffile raises whatever a damaged directory happens to trip over
-        raise ValueError(f"cut off or damaged: {error}") from None
+        raise ValueError(f"{_CUT} ({error})") from None
 
 
 def _tiff_size(data: bytes) -> tuple[int, int] | None:
     page = _tiff_page(data)
-    deep = page.samplesperpixel > 1 and page.bitspersample > 8
+    kind = page.dtype.kind if page.dtype is not None else ""
+    deep = page.bitspersample > 8 and (page.samplesperpixel > 1 or page.photometric == _ZERO_IS_WHITE)
+    deep |= kind == "f" and page.bitspersample != 32
     return (page.imagewidth, page.imagelength) if deep else None
 
 
@@ -119,16 +125,36 @@ def _read_tiff(data: bytes) -> Deep:
         samples = np.asarray(page.asarray())
     except Exception as error:
         if "imagecodecs" in str(error):
-            raise MissingExtra(
-                f"a {page.compression.name}-compressed TIFF of 16-bit colour", "codecs", "imagecodecs"
-            ) from None
-        raise ValueError(f"cut off or damaged: {error}") from None
+            kind = f"a {page.compression.name}-compressed TIFF of {page.bitspersample}-bit samples"
+            raise MissingExtra(kind, "codecs", "imagecodecs") from None
+        raise ValueError(f"{_CUT} ({error})") from None
     if page.planarconfig == 2 and samples.ndim == 3:  # one plane a channel
         samples = np.moveaxis(samples, 0, -1)
-    kind = (samples.dtype.kind, samples.dtype.itemsize)
-    photometric = int(page.photometric)
-    if samples.ndim != 3 or kind not in (("u", 2), ("f", 4)) or photometric not in (1, 2):
+    photometric, real = int(page.photometric), samples.dtype.kind == "f"
+    known = samples.ndim in (2, 3) and photometric in (_ZERO_IS_WHITE, _ZERO_IS_BLACK, _RGB)
+    if not known or not (real or samples.dtype == np.uint16):
         raise ValueError(f"this kind of TIFF is not supported (samples {samples.dtype}, colour model {photometric})")
+    white = 1.0 if real else float((1 << page.bitspersample) - 1)
+    if photometric == _ZERO_IS_WHITE:
+        samples = samples.dtype.type(white) - samples
     orientation = page.tags.get(274)
-    white = 65535.0 if kind[0] == "u" else 1.0
-    return Deep(samples, white, int(orientation.value) if orientation else 1)
+    return Deep(_seen(page, samples, white), white, int(orientation.value) if orientation else 1)
+
+
+def _seen(page: Any, samples: Samples, white: float) -> Samples:
+    """Return the channels that are seen: colour or grey, and alpha where the file says that a channel is it."""
+    if samples.ndim == 2:
+        return samples
+    colours, extra = (3 if int(page.photometric) == _RGB else 1), tuple(int(kind) for kind in page.extrasamples)
+    if len(extra) == samples.shape[2] - colours and extra[:1] == (_ALPHA,):
+        return samples[..., : colours + 1]
+    if len(extra) == samples.shape[2] - colours and extra[:1] == (_PREMULTIPLIED,):
+        return _unmultiplied(samples[..., : colours + 1], white)
+    return samples[..., :colours]
+
+
+def _unmultiplied(samples: Samples, white: float) -> Samples:
+    """Return samples whose colours were stored multiplied by their alpha as if they were not."""
+    alpha = samples[..., -1:].astype(np.float64) / white
+    colours = np.minimum(samples[..., :-1] / np.maximum(alpha, 1e-12), white)
+    return np.concatenate([colours.astype(samples.dtype), samples[..., -1:]], axis=2)

@@ -30,6 +30,7 @@ _FOURTEEN_BITS = 1 << 14  # 16-bit numbers below it may be a camera's 10, 12 or 
 _STEP = 16  # samples that are all multiples of it fill their 16 bits from the top (12 bits: by 16; 10 bits: by 64)
 _DOUBLED = 257  # ... or were bytes, each written twice
 _BRIGHTEST = 100.0  # times white: no lamp in view is brighter, every photo in bytes is
+_PACKED = 4  # of zlib's 9: a PNG a tenth longer than by its default, in a third of the time (24 Mpx: 2 s, not 5)
 _LONGEST_JPEG = 65500  # px: libjpeg's own limit, a little below that of the format
 
 
@@ -63,7 +64,7 @@ def read_picture(
     white, as a viewer shows them. Of a file with several pictures the first is read. `full_scale` is the stored
     value that means white: by default 255, 65535 or 1.0 by the file's sample type. Of a camera that stores 12 bits
     in 16, `read_camera_picture` finds it. Raises `UnreadableFile` naming file, reason and remedy; a picture of more
-    than `max_pixels` is refused before it is unpacked.
+    than `max_pixels` (by default 500 million) is refused before it is unpacked.
     """
     return read_picture_with_info(path, max_pixels=max_pixels, full_scale=full_scale)[0]
 
@@ -131,7 +132,9 @@ def encoded(
     samples *= white
     samples += 0.5
     file = io.BytesIO()
-    options: dict[str, Any] = {"quality": quality, "subsampling": 0} if form == "JPEG" else {}
+    options: dict[str, Any] = {"compress_level": _PACKED}
+    if form == "JPEG":
+        options = {"quality": quality, "subsampling": 0}
     if bits == 16:
         options["pnginfo"] = PngInfo()
         options["pnginfo"].add(b"sBIT", bytes([16]))

@@ -21,6 +21,11 @@ _TAPS = 90  # pixels of the coarsest level: with fewer, the picture resembles th
 _RIM = 0.85  # px of a level that the template's rim moves between two orientations
 _SMEARED = 0.55  # least correlation, at a level, between a template and itself half a step off in every motion
 _TWIN = 0.5  # correlation from which a rotated template is equivalent to itself
+# H. Farid and E. Simoncelli, Differentiation of discrete multidimensional signals, 2004: a slope, and the mean across;
+# of noise they keep an eighth of what central differences do
+_DERIVED = (-0.104550, -0.292315, 0.0, 0.292315, 0.104550)
+_ACROSS = (0.037659, 0.249153, 0.426375, 0.249153, 0.037659)
+_RIM_PX, _ROOM = 2, 16  # px: reach of these; least side of a template that has a rim to spare
 _INSIDE = 0.99  # share of a block's pixels that must count
 
 
@@ -111,6 +116,20 @@ class Template:
             self._points[factor, motions] = self._made_points(factor, motions)
         return self._points[factor, motions]
 
+    def settling(self, motions: int) -> Points:
+        """Return single pixels as `points` does, with slopes of little noise: for the last climb, and what it is worth.
+
+        The slopes of `points` hold all the noise. With it a template is found again that was cut out of the same
+        picture; but along what a template hardly shows, its noise counts as structure, and climbs end before the peak.
+        """
+        if (0, motions) not in self._points:
+            y, x = np.nonzero(self.mask)
+            slope, full = ((gx[y, x], gy[y, x]) for gx, gy in (_smooth_slopes(self.gray), _slopes(self.gray)))
+            u, v = self._from_centre(x, y)
+            beside = _neighbours(self.gray)[y, x]
+            self._points[0, motions] = _normalised(u, v, self.gray[y, x], slope, motions, full=full, beside=beside)
+        return self._points[0, motions]
+
     def twins(self, factor: int) -> Array:
         """Return the rotations (rad), other than none, that leave the template much the same."""
         if factor not in self._twins:
@@ -165,10 +184,9 @@ class Template:
 
     def _made_points(self, factor: int, motions: int) -> Points:
         if factor == 1:
-            gray, (y, x) = self.gray.astype(np.float64), np.nonzero(self.mask)
-            gy, gx = (np.asarray(np.gradient(gray, axis=k))[y, x] for k in range(2))
-            middle = (np.array(gray.shape) - 1) / 2
-            return _normalised(x - middle[1], y - middle[0], gray[y, x], gx, gy, motions)
+            y, x = np.nonzero(self.mask)
+            gx, gy = _slopes(self.gray)
+            return _normalised(*self._from_centre(x, y), self.gray[y, x], (gx[y, x], gy[y, x]), motions)
         h, w = self.gray.shape
         v, u = (a.ravel() for a in np.meshgrid(_centres(h, factor), _centres(w, factor), indexing="ij"))
         x, y = u * factor + (w - 1) / 2, v * factor + (h - 1) / 2
@@ -176,10 +194,13 @@ class Template:
         if kept.sum() < LEAST_POINTS:
             kept = _mean_about(self._counted, x, y, factor) > 0.5
         u, v, x, y = u[kept], v[kept], x[kept], y[kept]
-        gx, gy = self._slopes(x, y, factor)
-        return _normalised(u, v, _mean_about(self._sum, x, y, factor), gx, gy, motions)
+        return _normalised(u, v, _mean_about(self._sum, x, y, factor), self._slopes_at(x, y, factor), motions)
 
-    def _slopes(self, x: Array, y: Array, factor: int) -> tuple[Array, Array]:
+    def _from_centre(self, x: npt.NDArray[np.intp], y: npt.NDArray[np.intp]) -> tuple[Array, Array]:
+        h, w = self.gray.shape
+        return x - (w - 1) / 2, y - (h - 1) / 2
+
+    def _slopes_at(self, x: Array, y: Array, factor: int) -> tuple[Array, Array]:
         """Return the template's slope per px of a level, by central differences within it."""
 
         def between(axis: int, last: int) -> Array:
@@ -193,15 +214,70 @@ class Template:
         return between(0, w - 1), between(1, h - 1)
 
 
-def _normalised(u: Array, v: Array, value: Array, gx: Array, gy: Array, motions: int) -> Points:
-    """Return points of zero mean and unit norm, with slopes by shifts, rotation, scale beside gain and offset."""
-    slope = np.stack([gx, gy, gy * u - gx * v, gx * u + gy * v][:motions])
-    value = value.astype(np.float64) - value.mean(dtype=np.float64)
-    length = max(float(np.linalg.norm(value)), 1e-12)
-    value, slope = value / length, slope / length
-    slope = slope - slope.mean(axis=1, keepdims=True)
-    slope = slope - (slope @ value)[:, None] * value
-    return Points.of(u, v, value, slope)
+def _slopes(gray: Picture) -> tuple[Array, Array]:
+    """Return the slopes (h, w) per px by x and y: differences, central within."""
+    values = gray.astype(np.float64)
+    return np.asarray(np.gradient(values, axis=1)), np.asarray(np.gradient(values, axis=0))
+
+
+def _smooth_slopes(gray: Picture) -> tuple[Array, Array]:
+    """Return the slopes (h, w) per px by x and y, smoothed, of the picture mirrored at its outline; none at the rim."""
+    from scipy.ndimage import correlate1d
+
+    def along(axis: int) -> Array:
+        across = correlate1d(gray.astype(np.float64), _ACROSS, axis=1 - axis, mode="mirror")
+        return _within_rim(np.asarray(correlate1d(across, _DERIVED, axis=axis, mode="mirror")))
+
+    return along(1), along(0)
+
+
+def _neighbours(gray: Picture) -> Array:
+    """Return the mean (h, w) of the eight pixels about each, of the picture mirrored at its outline."""
+    from scipy.ndimage import uniform_filter
+
+    values = gray.astype(np.float64)
+    return np.asarray((9 * uniform_filter(values, 3, mode="mirror") - values) / 8)
+
+
+def _within_rim(slope: Array) -> Array:
+    """Return slopes without those at the rim, unless a template has hardly any others.
+
+    Differences to one side alone hold the rim's own noise, which pulls the scale as a true edge does; those of a
+    picture mirrored there turn the edges that run out of it.
+    """
+    return np.pad(slope[_RIM_PX:-_RIM_PX, _RIM_PX:-_RIM_PX], _RIM_PX) if min(slope.shape) >= _ROOM else slope
+
+
+def _normalised(
+    u: Array,
+    v: Array,
+    value: npt.NDArray[np.floating],
+    slope: tuple[Array, Array],
+    motions: int,
+    *,
+    full: tuple[Array, Array] | None = None,
+    beside: Array | None = None,
+) -> Points:
+    """Return points of zero mean and unit norm, with slopes by shifts, rotation, scale beside gain and offset.
+
+    slope: by x and y, with which a picture is compared; full: that of what it shows there, where it is another. beside:
+    what resembles the value but has not its noise. By it the gain of a picture is what it is; by the value itself it is
+    too small by the share of the noise, and a motion that adds contrast would make up for that.
+    """
+    off = value.astype(np.float64) - value.mean(dtype=np.float64)
+    length = max(float(np.linalg.norm(off)), 1e-12)
+    unit = off / length
+    J = _by_motions(u, v, slope, motions) / length
+    J = J - J.mean(axis=1, keepdims=True)
+    like = unit if beside is None else beside - beside.mean()
+    J = J - ((J @ unit) / (like @ unit))[:, None] * like
+    return Points.of(u, v, unit, J, seen=None if full is None else _by_motions(u, v, full, motions) / length)
+
+
+def _by_motions(u: Array, v: Array, slope: tuple[Array, Array], motions: int) -> Array:
+    """Return the slopes (m, N) by shifts, rotation and scale of those by x and y."""
+    gx, gy = slope
+    return np.stack([gx, gy, gy * u - gx * v, gx * u + gy * v][:motions])
 
 
 def _disc(radius: float) -> tuple[Array, Array]:

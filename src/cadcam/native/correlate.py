@@ -97,8 +97,8 @@ class Orientations:
 class Points:
     """A template as N points (u, v) about its origin, px: value (N,) and slope (m, N), its derivative by m motions.
 
-    value has zero mean and unit norm, slope is orthogonal to it and to constants; inverse (m, m) of slope slope^T;
-    radius px contains all points. Arrays are padded with zeros to a multiple of 8.
+    value has zero mean and unit norm, slope is orthogonal to it and to constants; inverse (m, m) of slope seen^T, seen
+    the slopes of what a picture shows; radius px contains all points. Arrays are padded with zeros to a multiple of 8.
     """
 
     u: Picture
@@ -110,15 +110,15 @@ class Points:
     radius: float
 
     @classmethod
-    def of(cls, u: Array, v: Array, value: Array, slope: Array) -> Points:
-        """Return the points, their arrays padded."""
+    def of(cls, u: Array, v: Array, value: Array, slope: Array, *, seen: Array | None = None) -> Points:
+        """Return the points, their arrays padded; `seen` (m, N) is `slope` by default."""
         spare = -len(u) % 8
 
         def filled(a: Array) -> Picture:
             return np.ascontiguousarray(np.concatenate([a, np.zeros((*a.shape[:-1], spare))], axis=-1), np.float32)
 
         radius = float(np.hypot(u, v).max(initial=0.0))
-        inverse = np.ascontiguousarray(np.linalg.inv(slope @ slope.T))
+        inverse = np.ascontiguousarray(np.linalg.inv(slope @ (slope if seen is None else seen).T))
         return cls(filled(u), filled(v), filled(value), filled(slope), inverse, len(u), radius)
 
 

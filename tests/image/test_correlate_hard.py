@@ -1,0 +1,84 @@
+"""Templates among hundreds alike, faint ones, and ones whose scale hardly shows: found, and known as stated."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cadcam.arrays import Array
+from cadcam.errors import MissingCore
+from cadcam.image.correlate import CorrelateOptions, correlate, register
+from cadcam.image.template import Template
+from cadcam.native import core
+
+try:
+    core.library()
+except MissingCore as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+SIDE = 40
+
+
+def tile(*, marked: bool) -> Array:
+    """Return an L on grey (SIDE, SIDE), with a small mark or without: in coarse pixels they hardly differ."""
+    out = np.full((SIDE, SIDE), 0.5)
+    out[8:32, 8:16] = out[24:32, 8:32] = 0.9
+    if marked:
+        out[11:14, 24:27] = 0.1
+    return out
+
+
+def corner(x: float, y: float, angle: float, size: int, *, contrast: float) -> Array:
+    """Return what a template sees, turned by an angle at (x, y), of a soft corner of 60 degrees at the origin."""
+    v, u = np.mgrid[:size, :size] - (size - 1) / 2
+    c, s = math.cos(angle), math.sin(angle)
+    px, py = x + c * u - s * v, y + s * u + c * v
+    sides = [np.tanh((px * math.cos(a) + py * math.sin(a)) / 1.2) for a in (0.3, 0.3 + math.radians(120))]
+    return np.asarray(0.5 + contrast * (1 + sides[0]) * (1 + sides[1]) / 4)
+
+
+def test_one_among_hundreds_that_look_alike_is_found(rng: np.random.Generator) -> None:
+    """400 others lie as the coarse pixels do, the one looked for between them: its coarse maximum is the lowest."""
+    template = Template(tile(marked=True))
+    factor = template.coarsest()
+    pitch = factor * math.ceil(1.5 * SIDE / factor)
+    picture = np.full((20 * pitch + SIDE, 20 * pitch + SIDE), 0.5)
+    for top in range(0, 20 * pitch, pitch):
+        for left in range(0, 20 * pitch, pitch):
+            picture[top : top + SIDE, left : left + SIDE] = tile(marked=False)
+    at = 7 * pitch + factor // 2
+    picture[7 * pitch : 8 * pitch, 7 * pitch : 8 * pitch] = 0.5
+    picture[at : at + SIDE, at : at + SIDE] = tile(marked=True)
+    picture += rng.normal(scale=0.002, size=picture.shape)
+    peaks = correlate(picture, template)
+    assert peaks.complete
+    assert peaks.q[0] == pytest.approx([at + (SIDE - 1) / 2] * 2, abs=0.05)
+    assert peaks.gap[0] > 0.01
+
+
+@pytest.mark.parametrize(
+    ("contrast", "noise", "scales"), [(0.12, 0.02, (1.0, 1.0)), (0.4, 0.01, (0.9, 1.1))], ids=["faint", "scale"]
+)
+def test_noise_in_the_template_is_not_taken_for_what_it_shows(
+    contrast: float, noise: float, scales: tuple[float, float], rng: np.random.Generator
+) -> None:
+    """A corner's scale shows by the little that lies beyond its two lines; a faint one is as noisy as its slopes.
+
+    The mean square error by the covariance is 1 +- 4 sqrt(2/n) over n numbers, of which those of one match go together
+    (n = 2 a match), cubic interpolation allowing half as much again, as it keeps of a picture's noise what is slow.
+    """
+    motions, trials, normalised = (4 if scales[1] > scales[0] else 3), 50, []
+    for _ in range(trials):
+        x, y, angle = rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-math.pi, math.pi)
+        patch = corner(x, y, angle, 48, contrast=contrast) + rng.normal(scale=noise, size=(48, 48))
+        seen = corner(0, 0, 0, 161, contrast=contrast) + rng.normal(scale=noise, size=(161, 161))
+        start = [80 + x, 80 + y, angle, 1.0]
+        peaks = register(seen, Template(patch), [start], options=CorrelateOptions(scales=scales, least_score=0.1))
+        turn = (peaks.angle[0] - angle + math.pi) % (2 * math.pi) - math.pi
+        error = np.array([*(peaks.q[0] - start[:2]), turn, peaks.scale[0] - 1])[:motions]
+        normalised.append(error / peaks.sigma[0, :motions])
+    mean_square = np.mean(np.square(normalised), axis=0)
+    assert (mean_square < 1.5 + 4 * math.sqrt(2 / trials)).all(), mean_square
+    assert (mean_square > 1 / (1.5 + 4 * math.sqrt(2 / trials))).all(), mean_square
