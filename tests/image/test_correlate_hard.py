@@ -82,3 +82,13 @@ def test_noise_in_the_template_is_not_taken_for_what_it_shows(
     mean_square = np.mean(np.square(normalised), axis=0)
     assert (mean_square < 1.5 + 4 * math.sqrt(2 / trials)).all(), mean_square
     assert (mean_square > 1 / (1.5 + 4 * math.sqrt(2 / trials))).all(), mean_square
+
+
+def test_a_climb_that_runs_away_is_left_out() -> None:
+    """Where a picture shows nothing of a template, steps grow without bound, and nothing is there to be returned."""
+    starts = np.column_stack([np.full(20, 150.0), np.full(20, 100.0), np.linspace(-3, 3, 20), np.ones(20)])
+    for seed in range(10):
+        rng = np.random.default_rng(seed)
+        template = Template(rng.uniform(size=(30, 30)))
+        picture = 0.5 + rng.normal(scale=1e-3, size=(200, 300))
+        assert len(register(picture, template, starts, options=CorrelateOptions(scales=(0.8, 1.25)))) == 0

@@ -141,7 +141,8 @@ def register(
     picture = _Pyramid(gray)
     poses = np.array(start, np.float64).reshape(-1, 4)
     for level in _levels(template.coarsest()):
-        poses, _ = _refined(picture, template, level, poses, options.motions)
+        poses, score = _refined(picture, template, level, poses, options.motions)
+        poses = poses[score != 0]
     return _peaks(picture, template, poses, options)
 
 
@@ -307,7 +308,7 @@ def _best_apart(
 def _peaks(picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions) -> Peaks:
     """Return the peaks near poses, by cubic interpolation."""
     poses, score = _refined(picture, template, 1, poses, options.motions, cubic=True)
-    high = np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)
+    high = (np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)) & (score != 0)
     poses[high], score[high] = _refined(
         picture, template, 1, poses[high], options.motions, cubic=True, iterations=_TO_THE_END
     )
