@@ -92,3 +92,22 @@ def test_a_climb_that_runs_away_is_left_out() -> None:
         template = Template(rng.uniform(size=(30, 30)))
         picture = 0.5 + rng.normal(scale=1e-3, size=(200, 300))
         assert len(register(picture, template, starts, options=CorrelateOptions(scales=(0.8, 1.25)))) == 0
+
+
+@pytest.mark.parametrize("count", [7919, 2 * 6000, 89 * 89])
+def test_covariances_do_not_hang_on_how_many_pixels_count(count: int, rng: np.random.Generator) -> None:
+    """By a thousand of the pixels sigmas are what they are by those of a mask with a few pixels more, to 10 %.
+
+    A ratio of sums over 1024 points is known to 1 / sqrt(1024), 3 %; of the worst of three motions thrice that.
+    """
+    y, x = np.mgrid[:130, :130]
+    gray = 0.5 + 0.2 * np.sin(x / 3.0) * np.cos(y / 4.0) + 0.1 * np.sin((x + y) / 7.0)
+    picture = np.pad(gray, 40, mode="reflect") + rng.normal(scale=0.01, size=(210, 210))
+    sigmas = []
+    for n in (count, count + 11):
+        mask = np.zeros(gray.size, bool)
+        mask[:n] = True
+        template = Template(gray, mask=mask.reshape(gray.shape))
+        peaks = register(picture, template, [[104.5, 104.5, 0.0, 1.0]])
+        sigmas.append(peaks.sigma[0, :3])
+    np.testing.assert_allclose(sigmas[0], sigmas[1], rtol=0.1)

@@ -12,12 +12,12 @@ import math
 
 import numpy as np
 
-from cadcam.arrays import Array, Picture
+from cadcam.arrays import Array, Longs, Picture
 from cadcam.native.correlate import Points
 
-# Points by which the slopes are compared; of more, every so manieth, round and round: what they say of both sides is a
-# ratio of sums, known to a few hundredths by a thousand.
-_MOST, _APART = 1024, 7919
+# Points by which the slopes are compared: what they say of both sides is a ratio of sums, known to a few hundredths by
+# a thousand. Of more points, those a golden section of them apart, round and round: in no step with their rows.
+_MOST, _APART = 1024, (np.sqrt(5.0) - 1) / 2
 _LEAST = 1e-3  # of what the template's slopes say: below, the picture does not show a motion at all
 
 
@@ -26,7 +26,7 @@ def peak_covariances(picture: Picture, points: Points, poses: Array, score: Arra
     motions = len(points.slope)
     noise = (1 - score**2) / np.maximum(score**2, 1e-12) / max(points.count - 2 - motions, 1)
     J = points.slope.astype(np.float64)
-    some = np.arange(points.count) if points.count <= _MOST else np.arange(_MOST) * _APART % points.count
+    some = _spread(points.count)
     u, v, value = (a[some].astype(np.float64) for a in (points.u, points.v, points.value))
     compared = [_in_common(picture, u, v, value, J[:, some], pose) for pose in poses]
     H = points.count / len(some) * np.array(compared).reshape(-1, motions, motions)
@@ -36,6 +36,13 @@ def peak_covariances(picture: Picture, points: Points, poses: Array, score: Arra
     error = units.T @ (Vt.mT / np.maximum(shown, _LEAST)[:, None]) @ U.mT
     L = _per_motion(poses, motions) @ error
     return np.asarray(noise[:, None, None] * L @ L.mT)
+
+
+def _spread(count: int) -> Longs:
+    """Return the numbers of at most `_MOST` of so many points, spread over all of them."""
+    if count <= _MOST:
+        return np.arange(count)
+    return np.asarray(np.arange(_MOST) * _APART % 1.0 * count, np.int64)
 
 
 def _per_motion(poses: Array, motions: int) -> Array:
