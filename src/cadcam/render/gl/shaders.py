@@ -1,4 +1,5 @@
 """The GLSL of the gl renderer. Everything that determines a returned number is computed in double precision.
+No component of a vector is chosen by a variable: NVIDIA's compiler (580.159) cannot do it for vectors of doubles.
 
 Per view, in order: TRANSFORM (vertices to clip space) for cameras without distortion, EDGES (which rays meet each face)
 for all others; PLANES (1/z of each face as a linear function of the undistorted plane); VERTEX, WIDEN and FRAGMENT
@@ -32,14 +33,14 @@ TRANSFORM = (
     + """
 layout(std430, binding = 3) writeonly buffer Positions { vec4 position[]; };
 uniform int count;
+float clipped(int k, dvec3 v) {
+    return float(dot(dvec3(clip[4 * k], clip[4 * k + 1], clip[4 * k + 2]), v) + clip[4 * k + 3]);
+}
 void main() {
     int i = item();
     if (i >= count) return;
     dvec3 v = world(i);
-    dvec4 p;
-    for (int k = 0; k < 4; ++k)
-        p[k] = dot(dvec3(clip[4 * k], clip[4 * k + 1], clip[4 * k + 2]), v) + clip[4 * k + 3];
-    position[i] = vec4(p);
+    position[i] = vec4(clipped(0, v), clipped(1, v), clipped(2, v), clipped(3, v));
 }
 """
 )
@@ -85,6 +86,7 @@ uniform int count;
 bool before(dvec3 a, dvec3 b) {
     return a.x != b.x ? a.x < b.x : a.y != b.y ? a.y < b.y : a.z < b.z;
 }
+void store(int k, dvec3 n) { edge[k] = float(n.x); edge[k + 1] = float(n.y); edge[k + 2] = float(n.z); }
 dvec3 through(dvec3 a, dvec3 b) {
     dvec3 n = before(a, b) ? cross(moved(a), moved(b)) : -cross(moved(b), moved(a));
     double whole = dot(n, n);
@@ -96,8 +98,9 @@ void main() {
     dvec3 p = world(corner[3 * f]), q = world(corner[3 * f + 1]), r = world(corner[3 * f + 2]);
     double volume = dot(turned(cross(q - p, r - p)), moved(p));
     double side = volume > 0.0 ? 1.0 : volume < 0.0 ? -1.0 : 0.0;
-    dvec3 n[3] = dvec3[3](side * through(p, q), side * through(q, r), side * through(r, p));
-    for (int k = 0; k < 9; ++k) edge[9 * f + k] = float(n[k / 3][k % 3]);
+    store(9 * f, side * through(p, q));
+    store(9 * f + 3, side * through(q, r));
+    store(9 * f + 6, side * through(r, p));
 }
 """
 )
@@ -249,7 +252,9 @@ vec3 shaded() {
 }
 
 void store(int word, vec3 v) {
-    for (int k = 0; k < 3; ++k) layer[word + k] = floatBitsToUint(v[k]);
+    layer[word] = floatBitsToUint(v.x);
+    layer[word + 1] = floatBitsToUint(v.y);
+    layer[word + 2] = floatBitsToUint(v.z);
 }
 
 void main() {
