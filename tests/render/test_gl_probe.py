@@ -13,13 +13,14 @@ import pytest
 from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady, Fisheye, Lens
+from cadcam.camera.lens import BrownConrady, Fisheye, Ideal, Lens
 from cadcam.errors import MissingExtra, MissingOpenGL
 from cadcam.geometry.rigid import Rigid
 from cadcam.render import open_renderer
 from cadcam.render.gl import context as gl_context
+from cadcam.render.gl.bend import LONGEST_PX, BendTable, bend_table
 from cadcam.render.gl.context import GlInfo, probe
-from cadcam.render.gl.pieces import PIECE_REACH_PX, REACH_PX, pieces
+from cadcam.render.gl.pieces import NEAR_SHARE, REACH_PX, frustum_of, pieces
 from cadcam.render.gl.tiles import tiles
 from cadcam.render.view import Scene
 
@@ -141,24 +142,70 @@ def test_tiles_cover_each_pixel_once(size: tuple[int, int]) -> None:
     assert (count == 1).all()
 
 
-@pytest.mark.parametrize("lens", [BrownConrady(-0.3, 0.09, 5e-3, -4e-3), BrownConrady(0.4), Fisheye(0.05, -0.02)])
+LENSES = [BrownConrady(-0.3, 0.09, 5e-3, -4e-3), BrownConrady(0.4), Fisheye(0.05, -0.02)]
+
+
+@pytest.mark.parametrize("lens", LENSES)
 @pytest.mark.parametrize("focal", [160.0, 900.0])
 def test_pieces_reach_every_pixel_that_their_face_covers(lens: Lens, focal: float, rng: np.random.Generator) -> None:
     """Random faces, many passing the camera's plane: each point lies within reach of what is drawn for its face."""
     camera = Camera.from_focal((320, 240), focal, cx=140.0, lens=lens)
     corners = rng.normal(size=(60, 3, 3)) * [200, 200, 150] + [0, 0, 150]
-    vertices, faces = corners.reshape(-1, 3), np.arange(180, dtype=np.int32).reshape(-1, 3)
-    found = pieces(camera, Rigid(), vertices, faces)
+    frustum = frustum_of(camera, NEAR_SHARE * corners[..., 2].max())
+    found, owner = pieces(camera, frustum, corners)
     asked = 0
     for k, triangle in enumerate(corners):
         q = camera.project(rng.dirichlet([0.4, 0.4, 0.4], size=400) @ triangle)
         q = q[camera.sees(q)]
-        mine = found.q[faces[k]][None] if found.whole[k] else found.corners[found.face == k]
+        mine = found[owner == k]
         assert len(mine) or not len(q)
         asked += len(q)
         if len(q):
-            assert _distance(mine, q).max() < (REACH_PX if found.whole[k] else PIECE_REACH_PX)
+            assert _distance(mine, q).max() < REACH_PX
     assert asked > 300
+
+
+@pytest.mark.parametrize("lens", [*LENSES, BrownConrady(-0.2, 0.05, 1e-3, -5e-4), BrownConrady(-0.4, 0.5), Ideal()])
+@pytest.mark.parametrize("focal", [90.0, 420.0, 20_000.0])
+def test_edges_bend_no_more_than_the_table_of_their_ends_says(
+    lens: Lens, focal: float, rng: np.random.Generator
+) -> None:
+    """The images of random edges between directions that the table knows, and those directions' pixels."""
+    camera = Camera.from_focal((640, 480), focal, cx=300.0, lens=lens)
+    frustum = frustum_of(camera, 1.0)
+    table, n = bend_table(camera, frustum), 4000
+    ends = [table.low + rng.uniform(0, 510.9, size=(n, 2)) * table.step for _ in range(2)]
+    ends[1] = np.where(rng.random((n, 1)) < 0.5, ends[1], ends[0] + 40 * table.step * rng.normal(size=(n, 2)))
+    ends[1] = np.clip(ends[1], table.low, table.low + 510.9 * table.step)
+    (qa, ba), (qb, bb) = (looked_up(table, s) for s in ends)
+    length, bending = np.linalg.norm(qa - qb, axis=1), np.maximum(ba, bb)
+    chosen = (np.minimum(ba, bb) >= 0) & (length < LONGEST_PX)
+    assert chosen.sum() > n / 20
+    a, b = (direction(s[chosen]) for s in ends)
+    for q, d in ((qa, a), (qb, b)):
+        assert np.linalg.norm(q[chosen] - camera.project(d), axis=1).max() < 0.2
+    most = np.zeros(chosen.sum())
+    across = (qb - qa)[chosen][:, ::-1] * [1, -1] / np.maximum(length[chosen], 1e-9)[:, None]
+    for t in np.linspace(0.1, 0.9, 9):
+        q = camera.project(a * (1 - t) + b * t)
+        assert np.isfinite(q).all()
+        most = np.maximum(most, np.abs(np.sum((q - camera.project(a)) * across, axis=1)))
+    assert (most < 0.25 * bending[chosen] * length[chosen] ** 2 + 0.4).all()
+
+
+def looked_up(table: BendTable, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pixels and the bending of directions s (N, 2), as the shader does."""
+    at = (s - table.low) / table.step
+    j, i = np.floor(at).astype(int).clip(0, 510).T
+    t = (at - np.stack([j, i], axis=1))[:, None]
+    q = table.nodes[..., :2].astype(float)
+    low, high = (q[i + k, j] * (1 - t[..., 0]) + q[i + k, j + 1] * t[..., 0] for k in range(2))
+    return low * (1 - t[..., 1]) + high * t[..., 1], table.nodes[i, j, 2].astype(float)
+
+
+def direction(s: np.ndarray) -> np.ndarray:
+    square = np.sum(s * s, axis=1, keepdims=True)
+    return np.asarray(np.hstack([2 * s, 1 - square]) / (1 + square))
 
 
 def _distance(triangles: np.ndarray, q: np.ndarray) -> np.ndarray:

@@ -58,10 +58,13 @@ def growth(name: str, frames: int, *, warm: int) -> float:
 
 
 @needs_proc
-@pytest.mark.parametrize(("name", "frames"), [("raster", 1200), ("gl", 240)])
-def test_memory_stays_flat_over_hundreds_of_frames(name: str, frames: int) -> None:
-    """A thread that lends a hand takes a megabyte and gives it back, as chance has it: medians of 15 renderers."""
-    assert growth(name, frames, warm=100) < 0.01
+@pytest.mark.parametrize(("name", "frames", "warm"), [("raster", 1200, 100), ("gl", 240, 400)])
+def test_memory_stays_flat_over_hundreds_of_frames(name: str, frames: int, warm: int) -> None:
+    """A thread that lends a hand takes a megabyte and gives it back, as chance has it: medians of 15 renderers.
+
+    NVIDIA's driver (580.159) takes 4 MB in the first 400 frames, and nothing in the next 1000.
+    """
+    assert growth(name, frames, warm=warm) < 0.01
 
 
 @needs_proc

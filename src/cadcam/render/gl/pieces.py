@@ -1,114 +1,47 @@
-"""The approximate image of a mesh through a distorting lens: triangles in pixels, and bounds of their error.
+"""The approximate image of large faces through a distorting lens: triangles in pixels, and a bound of their error.
 
 Edges are straight in the plane u = (x, y)/z. There they are halved until the lens bends no piece by more than half of
 that bound from its chord, and only then are vertices distorted. Lens and camera are `Camera`'s own, in float64. Drawing
-the triangles `REACH_PX` wider than they are, pieces `PIECE_REACH_PX`, covers every pixel of the mesh; these are then
-tested exactly.
+the triangles `REACH_PX` wider than they are covers every pixel of the faces; these are then tested exactly. Faces with
+short edges, of which there may be millions, need none of this: they are drawn as they are (`render.gl.bend`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Longs, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.camera.camera import Camera
-from cadcam.geometry.rigid import Rigid
-from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.lines.clip import WIDEST, ViewVolume
 
-REACH_PX = 1.0  # of faces drawn as they are, of which there may be millions
-PIECE_REACH_PX = 8.0  # of pieces, which come from large faces: fewer of them are worth a wider margin
-_STRAIGHT_PX = 4.0  # shorter edges are not tested for bending
-_FARTHEST = 1e6  # |u| beyond this is less than 0.2 seconds of arc from the focal plane
+REACH_PX = 8.0
 NEAR_SHARE = 1e-6  # of the farthest depth: the near plane
+_STRAIGHT_PX = 4.0  # shorter edges are not tested for bending
+_LONGEST_PX = 512.0  # of an edge that is not halved
+_FARTHEST = 1e6  # |u| beyond this is less than 0.2 seconds of arc from the focal plane
 _MARGIN_PX = 2.0
 _ROUNDS = 96  # an edge of 1e9 px takes 25 halvings per side
-_FACES = 1 << 15
 
 
-@dataclass(frozen=True, slots=True)
-class _Limits:
-    """Limits, px, of an edge that is not halved: deviation from its chord, length, length at a kink of the lens."""
+def pieces(camera: Camera, frustum: ViewVolume, p: Array) -> tuple[Array, Longs]:
+    """Return the image of triangles p (N, 3, 3), mm in the camera frame.
 
-    bend: float
-    longest: float
-    at_rim: float
-
-
-_WHOLE = _Limits(REACH_PX / 2, 64.0, 1.5)
-_PIECE = _Limits(PIECE_REACH_PX / 2, 512.0, PIECE_REACH_PX)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Pieces:
-    """The approximate image of a mesh in pixels.
-
-    `q` (V, 2) are the vertices; faces marked in `whole` (F,) are drawn as they are. The others are outside the picture
-    or replaced by triangles with corners `corners` (M, 3, 2), which belong to faces `face` (M,).
+    It consists of triangles (M, 3, 2) in distorted pixels, in the order of the N that they belong to (M,).
     """
-
-    q: Array
-    whole: Mask
-    corners: Array
-    face: Ids
+    corners, owner = _in_front(p, frustum.near)
+    return _halved(camera, frustum, corners[..., :2] / corners[..., 2:], owner)
 
 
-def pieces(camera: Camera, camera_from_world: Rigid, vertices: Array, faces: Ids) -> Pieces:
-    """Return the image of a mesh (vertices mm, world frame) in a camera's distorted pixels."""
-    p = np.concatenate(on_all_cores(lambda b: camera_from_world @ vertices[b], blocks(len(vertices))))
-    frustum = _frustum(camera, near=NEAR_SHARE * max(float(p[:, 2].max()), 1e-300))
-    q, beyond = (
-        np.concatenate(part)
-        for part in zip(
-            *on_all_cores(lambda b: (camera.project(p[b]), _sides_beyond(frustum, p[b])), blocks(len(p))), strict=True
-        )
-    )
+def frustum_of(camera: Camera, near: float) -> ViewVolume:
+    """Return a frustum of all that the camera images, including the last third of a degree that lines leave out.
 
-    def sorted_out(block: slice) -> tuple[Mask, Mask]:
-        f = faces[block]
-        seen = (beyond[f[:, 0]] & beyond[f[:, 1]] & beyond[f[:, 2]]) == 0
-        whole = seen.copy()
-        whole[seen] = _straight(camera, frustum, p[f[seen]], q[f[seen]])
-        return whole, seen & ~whole
-
-    whole, split = (
-        np.concatenate(part) for part in zip(*on_all_cores(sorted_out, blocks(len(faces), _FACES)), strict=True)
-    )
-    chosen = np.flatnonzero(split)
-    corners, owner = _in_front(p[faces[chosen]], frustum.near)
-    corners, owner = _halved(camera, frustum, corners[..., :2] / corners[..., 2:], owner)
-    return Pieces(q, whole, corners, chosen[owner].astype(np.int32))
-
-
-def _sides_beyond(frustum: ViewVolume, p: Array) -> npt.NDArray[np.uint8]:
-    """Return one bit for each side of the frustum that points p (N, 3) in the camera frame lie beyond."""
-    x, y, z = p.T
-    (x0, y0), (x1, y1) = frustum.low, frustum.high
-    sides = (z < frustum.near, x < x0 * z, x > x1 * z, y < y0 * z, y > y1 * z)
-    bits = np.zeros(len(p), np.uint8)
-    for k, side in enumerate(sides):
-        bits |= side.astype(np.uint8) << np.uint8(k)
-    return bits
-
-
-def _frustum(camera: Camera, near: float) -> ViewVolume:
-    """Return a frustum of all that the camera images, including the last third of a degree that lines leave out."""
+    `near` is the depth in mm of its near plane.
+    """
     frustum = ViewVolume.of(camera, near=near, margin_px=_MARGIN_PX)
     low = np.where(frustum.low <= -WIDEST, -_FARTHEST, frustum.low)
     return replace(frustum, low=low, high=np.where(frustum.high >= WIDEST, _FARTHEST, frustum.high))
-
-
-def _straight(camera: Camera, frustum: ViewVolume, p: Array, q: Array) -> Mask:
-    """Return which triangles p (N, 3, 3) in the camera frame have only edges that need not be halved."""
-    fine: Mask = np.asarray(np.isfinite(q).all(axis=(1, 2)) & (p[..., 2] > frustum.near).all(axis=1))
-    fine &= ~(_length(q) > _WHOLE.longest).any(axis=1)
-    asked = np.flatnonzero(fine)
-    u = p[asked][..., :2] / p[asked][..., 2:]
-    fine[asked] = ~_to_halve(camera, frustum, u, q[asked], _WHOLE).any(axis=1)
-    return fine
 
 
 def _halved(camera: Camera, frustum: ViewVolume, u: Array, owner: Longs) -> tuple[Array, Longs]:
@@ -120,7 +53,7 @@ def _halved(camera: Camera, frustum: ViewVolume, u: Array, owner: Longs) -> tupl
         if not len(u):
             break
         q = _image(camera, frustum, u)
-        halve = _to_halve(camera, frustum, u, q, _PIECE)
+        halve = _to_halve(camera, frustum, u, q)
         done = ~halve.any(axis=1)
         kept.append((q[done], owner[done]))
         u, owner = _halves(u[~done], np.where(halve[~done], _length(q[~done]), -1.0)), np.tile(owner[~done], 2)
@@ -128,12 +61,12 @@ def _halved(camera: Camera, frustum: ViewVolume, u: Array, owner: Longs) -> tupl
     return np.concatenate([q for q, _ in kept])[order], np.concatenate([o for _, o in kept])[order]
 
 
-def _to_halve(camera: Camera, frustum: ViewVolume, u: Array, q: Array, limits: _Limits) -> Mask:
+def _to_halve(camera: Camera, frustum: ViewVolume, u: Array, q: Array) -> Mask:
     """Return which edges (N, 3), k from corner k to the next, are too long or bent; symmetric in their ends."""
     length = _length(q)
     beyond = np.sum(u * u, axis=-1) >= frustum.radius**2
     at_rim = beyond | np.roll(beyond, -1, axis=1)
-    halve: Mask = (length > limits.longest) | (at_rim & (length > limits.at_rim))
+    halve: Mask = (length > _LONGEST_PX) | (at_rim & (length > REACH_PX))
     index = np.nonzero(~halve & ~at_rim & (length > _STRAIGHT_PX))
     a, b = u[index], np.roll(u, -1, axis=1)[index]
     qa, chord = q[index], (np.roll(q, -1, axis=1) - q)[index]
@@ -141,7 +74,7 @@ def _to_halve(camera: Camera, frustum: ViewVolume, u: Array, q: Array, limits: _
     for at in (middle, _middle(a, middle), _middle(middle, b)):  # an S-shaped edge passes through its chord's middle
         off = _image(camera, frustum, at) - qa
         across = off[:, 0] * chord[:, 1] - off[:, 1] * chord[:, 0]
-        halve[index] |= np.abs(across) > limits.bend * length[index]
+        halve[index] |= np.abs(across) > REACH_PX / 2 * length[index]
     return halve
 
 

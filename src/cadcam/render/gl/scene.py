@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Picture
+from cadcam.arrays import Array, Ids
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal
 from cadcam.camera.opengl import model_view_matrix, projection_matrix
@@ -16,16 +16,19 @@ from cadcam.errors import NotEnoughMemory
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.gl import shaders as glsl
 from cadcam.render.gl.context import GlThread
-from cadcam.render.gl.pieces import NEAR_SHARE, PIECE_REACH_PX, REACH_PX, Pieces, pieces
+from cadcam.render.gl.pieces import NEAR_SHARE, REACH_PX, frustum_of, pieces
 from cadcam.render.gl.target import Tables, Target
 from cadcam.render.gl.tiles import Tile, tiles
 from cadcam.render.shade import unit
 from cadcam.render.view import Channel, Look, Scene, layers_of
 
 Layers = dict[str, npt.NDArray[Any]]
+Cut = tuple[Any, Any] | None  # pieces of faces: their vertex array, and the buffer of the face of each
 
+_SEE = ("see", "see_bent")  # programs for cameras without distortion, and for all others
 _WORDS = {name: layer.pixel_bytes // 4 for name, layer in layers_of(Channel.ALL).items()}  # of a pixel
 TILE_SIDE, TILE_PIXELS = 8192, 3_200_000  # at 10 words a pixel within the 128 MiB that OpenGL guarantees for a buffer
+_MARGIN_PX = 1.0  # by which faces drawn as they are are widened, beyond their bulge; their vertices are 0.1 px off
 _ITEMS, _ROW = 64, 1 << 15  # shader invocations in a group, groups along x before the next row of them
 
 
@@ -47,7 +50,11 @@ class GpuScene:
         self._positions = self._buffer(self._owned, np.zeros((len(mesh.vertices), 4), np.float32))
         self._planes = self._buffer(self._owned, np.zeros((mesh.n_faces, 5), np.float32))
         self._edges = self._buffer(self._owned, np.zeros(9, np.float32))
-        self._all = self._vertex_array(self._owned, "see", self._positions, self._corners)
+        self._large = self._buffer(self._owned, np.zeros(1, np.int32))
+        self._plain, self._bent = (
+            self._vertex_array(self._owned, name, self._positions, self._corners) for name in _SEE
+        )
+        self._box = mesh.bounds
         self._target = Target(self._gl)
         self._tables = Tables(self._gl)
         self._owned.callback(self._target.release)
@@ -62,60 +69,71 @@ class GpuScene:
 
         Returns False, and leaves them as they are, if all of the scene is behind the camera.
         """
-        low, high = _depth_range(self._scene, pose)
+        low, high = _depth_range(self._box, pose)
         if high <= 0:
             return False
         fine = {k: v for k, v in layers.items() if look.supersampling > 1 and k in ("image", "coverage")}
         plain = {k: v for k, v in layers.items() if k not in fine}
-        mesh = self._scene.mesh
-        distorted = not isinstance(camera.lens, Ideal)
-        bent = pieces(camera, pose, mesh.vertices, self._faces) if distorted else None
-        for chosen, n in ((plain, 1), (fine, look.supersampling)):
-            if not chosen:
-                continue
-            for tile in tiles(camera.size, side=self._side() // n, pixels=TILE_PIXELS // n**2):
-                self._pose.write(_pose_block(tile.camera(camera, n), pose, high))
-                self._see(camera, tile, n, (max(low, 0.0), high), bent)
-                self._resolve(tile, n, chosen, look)
+        self._pose.write(_pose_block(camera, pose, high))
+        self._run("planes", len(self._faces), self._planes)
+        with ExitStack() as passing:
+            cut = None if isinstance(camera.lens, Ideal) else self._bend(passing, camera, pose, high)
+            for chosen, n in ((plain, 1), (fine, look.supersampling)):
+                if not chosen:
+                    continue
+                for tile in tiles(camera.size, side=self._side() // n, pixels=TILE_PIXELS // n**2):
+                    self._pose.write(_pose_block(tile.camera(camera, n), pose, high))
+                    self._see(camera, tile, n, (max(low, 0.0), high), cut)
+                    self._resolve(tile, n, chosen, look)
         return True
 
-    def _see(self, camera: Camera, tile: Tile, n: int, depths: tuple[float, float], bent: Pieces | None) -> None:
+    def _bend(self, passing: ExitStack, camera: Camera, pose: Rigid, farthest: float) -> Cut:
+        """Find the vertices in the picture, which rays meet each face, and the pieces of faces that have to be cut."""
+        frustum, bend = frustum_of(camera, NEAR_SHARE * farthest), self._programs["bend"]
+        self._tables.bend(camera, frustum, bend).use(0)
+        bend["low"], bend["high"], bend["nearest"] = tuple(frustum.low), tuple(frustum.high), frustum.near
+        self._run("bend", len(self._scene.mesh.vertices), self._positions)
+        self._edges.orphan(36 * len(self._faces))
+        self._run("edges", len(self._faces), self._edges)
+        large = self._large_faces()
+        corners, owner = pieces(camera, frustum, pose @ self._scene.mesh.vertices[self._faces[large]])
+        if not len(owner):
+            return None
+        array = self._vertex_array(passing, "see_bent", self._buffer(passing, _positions(corners)), None)
+        return array, self._buffer(passing, large[owner])
+
+    def _large_faces(self) -> Ids:
+        """Return the faces that have to be cut, in ascending order."""
+        self._large.orphan(4 * (len(self._faces) + 1))
+        self._large.write(bytes(4))
+        self._run("large", len(self._faces), self._positions, self._large)
+        count = int(np.frombuffer(self._large.read(4), np.int32)[0])
+        found = self._large.read(4 * count, offset=4) if count else b""
+        return np.sort(np.frombuffer(found, np.int32))
+
+    def _see(self, camera: Camera, tile: Tile, n: int, depths: tuple[float, float], cut: Cut) -> None:
         """Find the face that each sample of a tile sees."""
-        see, fine = self._programs["see" if bent is None else "see_bent"], tile.camera(camera, n)
-        self._run("planes", self._scene.mesh.n_faces, self._planes)
+        plain, fine = isinstance(camera.lens, Ideal), tile.camera(camera, n)
+        self._programs["resolve"]["distorted"] = not plain
+        see = self._programs[_SEE[0] if plain else _SEE[1]]
         see["height"] = fine.height
         see["depth_range"] = depths[0], 1 / max(depths[1] - depths[0], 1e-30)
-        self._target.begin(fine.size)
-        if bent is None:
+        if plain:
             self._run("transform", len(self._scene.mesh.vertices), self._positions)
             inverse = np.linalg.inv(fine.K)
             see["plane_x"], see["plane_y"] = tuple(inverse[0]), tuple(inverse[1])
-            self._planes.bind_to_storage_buffer(3)
-            self._all.render()
         else:
             self._tables.get(camera, tile, n).use(0)
-            see["half_size"] = fine.width / 2, fine.height / 2
-            self._draw_bent(bent, tile, n)
-        self._programs["resolve"]["distorted"] = bent is not None
-
-    def _draw_bent(self, bent: Pieces, tile: Tile, n: int) -> None:
-        """Draw the faces that the lens leaves nearly straight, then the pieces of all others."""
-        self._positions.write(_clip_positions(bent.q, tile))
-        self._edges.orphan(36 * len(self._faces))
-        self._run("edges", len(self._faces), self._edges)
+            see["half_size"], see["corner"], see["samples"] = (fine.width / 2, fine.height / 2), (tile.x, tile.y), n
+            see["pieces"], see["reach"] = False, _MARGIN_PX
+            self._edges.bind_to_storage_buffer(4)
         self._planes.bind_to_storage_buffer(3)
-        self._edges.bind_to_storage_buffer(4)
-        kept = np.where(bent.whole[:, None], self._faces, np.int32(0))
-        with ExitStack() as passing:
-            index = self._buffer(passing, kept)
-            index.bind_to_storage_buffer(5)
-            self._programs["see_bent"]["pieces"], self._programs["see_bent"]["width"] = False, REACH_PX * n
-            self._vertex_array(passing, "see_bent", self._positions, index).render()
-            if len(bent.face):
-                corners = self._buffer(passing, _clip_positions(bent.corners.reshape(-1, 2), tile))
-                self._buffer(passing, bent.face).bind_to_storage_buffer(5)
-                self._programs["see_bent"]["pieces"], self._programs["see_bent"]["width"] = True, PIECE_REACH_PX * n
-                self._vertex_array(passing, "see_bent", corners, None).render()
+        self._target.begin(fine.size)
+        (self._plain if plain else self._bent).render()
+        if cut is not None:
+            see["pieces"], see["reach"] = True, REACH_PX
+            cut[1].bind_to_storage_buffer(5)
+            cut[0].render()
 
     def _resolve(self, tile: Tile, n: int, layers: Layers, look: Look) -> None:
         """Compute a tile's layers from the faces seen, and fetch them."""
@@ -174,21 +192,23 @@ def _compile(thread: GlThread) -> dict[str, Any]:
         "transform": gl.compute_shader(glsl.TRANSFORM),
         "planes": gl.compute_shader(glsl.PLANES),
         "edges": gl.compute_shader(glsl.EDGES),
+        "bend": gl.compute_shader(glsl.BEND),
+        "large": gl.compute_shader(glsl.LARGE),
         "see": gl.program(vertex_shader=glsl.VERTEX, fragment_shader=glsl.FRAGMENT),
         "see_bent": gl.program(
             vertex_shader=glsl.VERTEX, geometry_shader=glsl.WIDEN, fragment_shader=glsl.BENT_FRAGMENT
         ),
         "resolve": gl.compute_shader(glsl.RESOLVE),
     }
-    programs["see_bent"]["table"] = programs["resolve"]["table"] = 0
+    programs["see_bent"]["table"] = programs["resolve"]["table"] = programs["bend"]["nodes"] = 0
     programs["resolve"]["ids"], programs["resolve"]["depths"] = 1, 2
     thread.programs.update(programs)
     return thread.programs
 
 
-def _depth_range(scene: Scene, pose: Rigid) -> tuple[float, float]:
-    """Return bounds of the z-depth of the scene, mm."""
-    low, high = scene.mesh.bounds
+def _depth_range(box: Array, pose: Rigid) -> tuple[float, float]:
+    """Return bounds of the z-depth of a box (2, 3), mm."""
+    low, high = box
     centre = float((pose @ ((low + high) / 2))[2])
     reach = float(np.abs(pose.rotation[2]) @ ((high - low) / 2)) * (1 + 1e-6) + 1e-9 * abs(centre)
     return centre - reach, centre + reach
@@ -200,13 +220,11 @@ def _pose_block(camera: Camera, pose: Rigid, farthest: float) -> Array:
     return np.concatenate([pose.rotation.ravel(), pose.translation, clip.ravel(), np.linalg.inv(camera.K)[:2].ravel()])
 
 
-def _clip_positions(q: Array, tile: Tile) -> Picture:
-    """Return OpenGL's positions (N, 4) of pixels q (N, 2) of the picture in one of its tiles; depth is added later."""
-    out = np.zeros((len(q), 4), np.float32)
-    out[:, 0] = 2 * (q[:, 0] - tile.x + 0.5) / tile.width - 1
-    out[:, 1] = 1 - 2 * (q[:, 1] - tile.y + 0.5) / tile.height
-    out[:, 3] = 1
-    out[~np.isfinite(out).all(axis=1)] = 0  # no face that is drawn uses these
+def _positions(q: Array) -> npt.NDArray[np.float32]:
+    """Return the positions (N, 4) of pixels q (..., 2) as the shaders know them."""
+    out = np.zeros((q.size // 2, 4), np.float32)
+    out[:, :2] = q.reshape(-1, 2)
+    out[~np.isfinite(out).all(axis=1)] = 0
     return out
 
 

@@ -1,10 +1,14 @@
 """The GLSL of the gl renderer. Everything that determines a returned number is computed in double precision.
+
 No component of a vector is chosen by a variable: NVIDIA's compiler (580.159) cannot do it for vectors of doubles.
 
-Per view, in order: TRANSFORM (vertices to clip space) for cameras without distortion, EDGES (which rays meet each face)
-for all others; PLANES (1/z of each face as a linear function of the undistorted plane); VERTEX, WIDEN and FRAGMENT
-(which face each pixel centre sees); RESOLVE (everything else from that face's number).
+Per view, in order: PLANES (1/z of each face as a linear function of the undistorted plane); TRANSFORM (vertices to clip
+space) for cameras without distortion; for all others BEND (vertices to pixels), LARGE (the faces to be cut first) and
+EDGES (which rays meet each face); VERTEX, WIDEN and FRAGMENT (which face each pixel centre sees); RESOLVE (everything
+else from that face's number).
 """
+
+from cadcam.render.gl.bend import LONGEST_PX
 
 HEAD = """#version 430 core
 layout(std430, binding = 0) readonly buffer Vertices { double vertex[]; };
@@ -105,23 +109,97 @@ void main() {
 """
 )
 
-# Draws a triangle of pixels with all that is within `width` px of it: each edge moved outwards, each corner cut twice
-# along tangents of the circle around it. The fragment stage discards the excess.
-WIDEN = """#version 430 core
+# Positions are pixels x and y, the bending there (`render.gl.bend`), and a bit for each side of the frustum that the
+# vertex is beyond. The table is interpolated here: texture units know 256 steps between two texels.
+BEND = (
+    HEAD
+    + GROUPS
+    + """
+layout(std430, binding = 3) writeonly buffer Positions { vec4 position[]; };
+uniform int count;
+uniform sampler2D nodes;
+uniform vec2 first, per;          // of the table: its lowest direction, cells a unit
+uniform vec2 low, high;           // of the frustum
+uniform float nearest;
+void main() {
+    int i = item();
+    if (i >= count) return;
+    dvec3 p = moved(world(i));
+    int beyond = int(p.z < nearest) | int(p.x < low.x * p.z) << 1 | int(p.x > high.x * p.z) << 2
+               | int(p.y < low.y * p.z) << 3 | int(p.y > high.y * p.z) << 4;
+    vec2 at = p.z < nearest ? vec2(-1.0) : (vec2(p.xy / (p.z + sqrt(dot(p, p)))) - first) * per;
+    ivec2 cell = ivec2(floor(at));
+    if (any(lessThan(cell, ivec2(0))) || any(greaterThan(cell, textureSize(nodes, 0) - 2))) {
+        position[i] = vec4(0.0, 0.0, -1.0, float(beyond));
+        return;
+    }
+    at -= vec2(cell);
+    vec4 node = texelFetch(nodes, cell, 0);
+    vec2 a = mix(node.xy, texelFetch(nodes, cell + ivec2(1, 0), 0).xy, at.x);
+    vec2 b = mix(texelFetch(nodes, cell + ivec2(0, 1), 0).xy, texelFetch(nodes, cell + ivec2(1, 1), 0).xy, at.x);
+    position[i] = vec4(mix(a, b, at.y), node.z, float(beyond));
+}
+"""
+)
+
+_WIDEST_PX = 48.0  # faces whose edges may be further than that from their chords are cut
+
+# How far the image of an edge may be from its chord: twice what the largest curvature around its ends makes of it, px.
+_BULGE = (
+    f"const float longest = {LONGEST_PX}, widest = {_WIDEST_PX};"
+    + """
+float bulge(vec4 a, vec4 b) {
+    vec2 along = a.xy - b.xy;
+    float square = dot(along, along);
+    return min(a.z, b.z) < 0.0 || square > longest * longest ? 1.0e30 : 0.25 * max(a.z, b.z) * square;
+}
+float bulge(vec4 a, vec4 b, vec4 c) { return max(bulge(a, b), max(bulge(b, c), bulge(c, a))); }
+"""
+)
+
+LARGE = (
+    HEAD
+    + GROUPS
+    + _BULGE
+    + """
+layout(std430, binding = 3) readonly buffer Positions { vec4 position[]; };
+layout(std430, binding = 4) buffer Large { int found, large[]; };
+uniform int count;
+void main() {
+    int f = item();
+    if (f >= count) return;
+    vec4 a = position[corner[3 * f]], b = position[corner[3 * f + 1]], c = position[corner[3 * f + 2]];
+    if ((int(a.w) & int(b.w) & int(c.w)) == 0 && bulge(a, b, c) > widest) large[atomicAdd(found, 1)] = f;
+}
+"""
+)
+
+# Draws a triangle of pixels with all that is within `reach` and its bulge of it: each edge moved outwards, each corner
+# cut twice along tangents of the circle around it. The fragment stage discards the excess.
+WIDEN = (
+    """#version 430 core
 layout(triangles) in;
 layout(triangle_strip, max_vertices = 6) out;
-uniform vec2 half_size;      // of the tile, px
-uniform float width;
-vec2 at(int k) { return gl_in[k].gl_Position.xy * half_size; }
+uniform vec2 half_size;      // of the tile, in samples
+uniform vec2 corner;         // of the tile, px
+uniform float samples;       // a side of a pixel
+uniform float reach;         // px
+uniform bool pieces;
+"""
+    + _BULGE
+    + """
+vec2 at(int k) { return (samples * (gl_in[k].gl_Position.xy + 0.5 - corner) - half_size) * vec2(1.0, -1.0); }
 void put(vec2 p) {
     gl_PrimitiveID = gl_PrimitiveIDIn;
     gl_Position = vec4(p / half_size, 0.0, 1.0);
     EmitVertex();
 }
 void main() {
+    float more = pieces ? 0.0 : bulge(gl_in[0].gl_Position, gl_in[1].gl_Position, gl_in[2].gl_Position);
+    if (more > 1.001 * widest) return;      // drawn in pieces; at the limit rather twice than never
+    float width = samples * (reach + more);
     vec2 p[3] = vec2[3](at(0), at(1), at(2));
     vec2 low = min(p[0], min(p[1], p[2])) - width, high = max(p[0], max(p[1], p[2])) + width;
-    if (p[0] == p[1] && p[1] == p[2]) return;
     if (any(greaterThan(low, half_size)) || any(lessThan(high, -half_size))) return;
     vec2 d[3];
     float shortest = 1.0e30;
@@ -148,6 +226,7 @@ void main() {
     EndPrimitive();
 }
 """
+)
 
 # u of a pixel without a direction is marked by a huge number; window row 0 is the picture's last.
 _FRAGMENT = """

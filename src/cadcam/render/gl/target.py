@@ -5,7 +5,9 @@ from __future__ import annotations
 from typing import Any
 
 from cadcam.camera.camera import Camera
+from cadcam.render.gl.bend import BendTable, bend_table
 from cadcam.render.gl.tiles import Tile, plane_table
+from cadcam.render.lines.clip import ViewVolume
 
 _KEPT_PIXELS = 1 << 23  # of tables of directions: 128 MiB
 
@@ -61,13 +63,25 @@ class Target:
 
 
 class Tables:
-    """Tables of the directions of each pixel of a distorting camera; those of the last camera are kept."""
+    """The directions of each pixel of a distorting camera, and the pixels of directions; those of the last are kept."""
 
     def __init__(self, gl: Any) -> None:
         self._gl = gl
         self._of: tuple[Any, ...] = ()
         self._kept: dict[tuple[Tile, int], Any] = {}
         self._pixels = 0
+        self._bend: tuple[BendTable, Any] | None = None
+
+    def bend(self, camera: Camera, frustum: ViewVolume, program: Any) -> Any:
+        """Return the texture of pixels by direction, and tell the program how to look there."""
+        table = bend_table(camera, frustum)
+        if self._bend is None or self._bend[0] is not table:
+            self._release_bend()
+            texture = self._gl.texture(table.nodes.shape[1::-1], 3, table.nodes, dtype="f4")
+            texture.filter = (self._gl.NEAREST, self._gl.NEAREST)
+            self._bend = table, texture
+        program["first"], program["per"] = tuple(table.low), tuple(1 / table.step)
+        return self._bend[1]
 
     def get(self, camera: Camera, tile: Tile, n: int) -> Any:
         """Return the texture of a tile with n x n samples per pixel."""
@@ -84,6 +98,12 @@ class Tables:
         for texture in self._kept.values():
             texture.release()
         self._kept, self._of, self._pixels = {}, (), 0
+        self._release_bend()
+
+    def _release_bend(self) -> None:
+        if self._bend is not None:
+            self._bend[1].release()
+            self._bend = None
 
     def _make(self, camera: Camera) -> Any:
         of, pixels = self._of, camera.width * camera.height
