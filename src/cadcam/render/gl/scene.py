@@ -15,6 +15,7 @@ from cadcam.camera.opengl import model_view_matrix, projection_matrix
 from cadcam.errors import NotEnoughMemory
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.gl import shaders as glsl
+from cadcam.render.gl.bend import bend_table
 from cadcam.render.gl.context import GlThread
 from cadcam.render.gl.pieces import NEAR_SHARE, REACH_PX, frustum_of, pieces
 from cadcam.render.gl.target import Tables, Target
@@ -90,7 +91,9 @@ class GpuScene:
     def _bend(self, passing: ExitStack, camera: Camera, pose: Rigid, farthest: float) -> Cut:
         """Find the vertices in the picture, which rays meet each face, and the pieces of faces that have to be cut."""
         frustum, bend = frustum_of(camera, NEAR_SHARE * farthest), self._programs["bend"]
-        self._tables.bend(camera, frustum, bend).use(0)
+        table = bend_table(camera, frustum)
+        self._tables.nodes(table).use(0)
+        bend["first"], bend["per"] = tuple(table.low), tuple(1 / table.step)
         bend["low"], bend["high"], bend["nearest"] = tuple(frustum.low), tuple(frustum.high), frustum.near
         self._run("bend", len(self._scene.mesh.vertices), self._positions)
         self._edges.orphan(36 * len(self._faces))

@@ -5,9 +5,8 @@ from __future__ import annotations
 from typing import Any
 
 from cadcam.camera.camera import Camera
-from cadcam.render.gl.bend import BendTable, bend_table
+from cadcam.render.gl.bend import BendTable
 from cadcam.render.gl.tiles import Tile, plane_table
-from cadcam.render.lines.clip import ViewVolume
 
 _KEPT_PIXELS = 1 << 23  # of tables of directions: 128 MiB
 
@@ -72,15 +71,13 @@ class Tables:
         self._pixels = 0
         self._bend: tuple[BendTable, Any] | None = None
 
-    def bend(self, camera: Camera, frustum: ViewVolume, program: Any) -> Any:
-        """Return the texture of pixels by direction, and tell the program how to look there."""
-        table = bend_table(camera, frustum)
-        if self._bend is None or self._bend[0] is not table:
+    def nodes(self, bend: BendTable) -> Any:
+        """Return the texture of a table of pixels by direction."""
+        if self._bend is None or self._bend[0] is not bend:
             self._release_bend()
-            texture = self._gl.texture(table.nodes.shape[1::-1], 3, table.nodes, dtype="f4")
+            texture = self._gl.texture(bend.nodes.shape[1::-1], 3, bend.nodes, dtype="f4")
             texture.filter = (self._gl.NEAREST, self._gl.NEAREST)
-            self._bend = table, texture
-        program["first"], program["per"] = tuple(table.low), tuple(1 / table.step)
+            self._bend = bend, texture
         return self._bend[1]
 
     def get(self, camera: Camera, tile: Tile, n: int) -> Any:
