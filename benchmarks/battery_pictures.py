@@ -19,7 +19,7 @@ from cadcam.cad.mesh import Mesh, merge
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.render import open_renderer
-from cadcam.render.embree import Caster
+from cadcam.render.caster import Caster
 from cadcam.render.light import Lamp
 from cadcam.render.samples import sample_points
 from cadcam.render.view import Channel, Renderer, Scene

@@ -50,7 +50,7 @@ ONCE = (
     "grouped.c",
     "reweighted.c",
 )
-ONCE += ("pack.c", "pack_layers.c", "layers.c", "hide.c", "crossing.c")
+ONCE += ("pack.c", "pack_layers.c", "layers.c", "hide.c", "crossing.c", "rays.c")
 VARIANTS = {"_baseline": [], "_v3": ["-mavx2", "-mfma", "-mbmi", "-mbmi2"]}
 X86_64 = platform.machine().lower() in ("x86_64", "amd64")
 PROBE = "#include <math.h>\n#include <stdint.h>\n#include <stdlib.h>\ndouble probe(double x) { return sqrt(x); }\n"

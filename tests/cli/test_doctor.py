@@ -50,8 +50,25 @@ def test_without_the_core_auto_is_ray_and_the_remedy_is_named(cadcam: Cadcam) ->
 def test_a_missing_extra_is_named_with_what_installs_it(cadcam: Cadcam, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(doctor, "find_spec", lambda _: None)
     found = findings(cadcam("doctor", "--json"))
-    assert [t for t in ("extra step", "extra codecs", "ray caster") if found[t]["there"]] == []
+    assert [t for t in ("extra step", "extra codecs") if found[t]["there"]] == []
     assert found["extra step"]["remedy"] == 'pip install "cadcam[step]"'
+
+
+@pytest.mark.usefixtures("no_core")
+def test_without_embree_and_core_nothing_casts_rays(cadcam: Cadcam, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "find_spec", lambda _: None)
+    found = findings(cadcam("doctor", "--json"))["ray caster"]
+    core.library.cache_clear()
+    assert (found["there"], found["remedy"]) == (False, "pip install embreex")
+
+
+def test_without_embree_the_core_casts_rays(cadcam: Cadcam, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(doctor, "find_spec", lambda _: None)
+    monkeypatch.setattr(doctor.platform, "machine", lambda: "aarch64")
+    monkeypatch.setattr(sys, "platform", "linux")
+    found = findings(cadcam("doctor", "--json"))["ray caster"]
+    assert (found["there"], found["remedy"]) == (True, "")  # there are no wheels
+    assert found["found"] == "the raster core (the ray renderer, hidden lines); embreex is not installed"
 
 
 def test_an_egl_that_does_not_answer_is_named_with_what_to_install(

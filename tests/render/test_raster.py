@@ -16,7 +16,7 @@ from cadcam.errors import BadValue, DegenerateGeometry, MissingCore, NotEnoughMe
 from cadcam.geometry.rigid import Rigid
 from cadcam.native import core
 from cadcam.render import memory
-from cadcam.render.embree import Caster
+from cadcam.render.caster import Caster
 from cadcam.render.lens_tables import plane_points, subdivided
 from cadcam.render.lines.occlusion import OccludingFaces
 from cadcam.render.raster import RasterRenderer

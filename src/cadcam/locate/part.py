@@ -12,7 +12,7 @@ from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.likeness import Likeness, likenesses, mirror_image
 from cadcam.locate.views.own_edges import OwnEdges
 from cadcam.locate.views.symmetry import spins_of, symmetries
-from cadcam.render.embree import Caster
+from cadcam.render.caster import Caster
 from cadcam.render.lines.visible import LineDrawer
 from cadcam.render.view import Scene
 

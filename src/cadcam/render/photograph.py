@@ -22,9 +22,9 @@ from cadcam.image.sensor.light import Blur
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.kinds import expect
 from cadcam.render import open_renderer
+from cadcam.render.caster import Caster
 from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.cutout import Cutout
-from cadcam.render.embree import Caster
 from cadcam.render.light import LIGHTS, Light
 from cadcam.render.samples import pairing, sample_points
 from cadcam.render.thin_lens import Pinhole, ThinLens

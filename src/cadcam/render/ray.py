@@ -1,8 +1,8 @@
 """Ray casting through the exact lens: one ray per pixel centre, nothing about the camera approximated.
 
-Embree finds the face (float32, rays starting close to the model); depth and normal are then those of that face's plane
-in float64. At an outline, or between coincident faces, a pixel centre within about 1e-7 of the model's diagonal of the
-border may fall on either side.
+Embree, or without it the core, finds the face, in float32 with rays that start close to the model; depth and normal are
+then those of that face's plane in float64. At an outline, or between coincident faces, a pixel centre within about 1e-7
+of the model's diagonal of the border may fall on either side.
 """
 
 from __future__ import annotations
@@ -16,8 +16,8 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
+from cadcam.render.caster import Caster
 from cadcam.render.cores import blocks, on_all_cores
-from cadcam.render.embree import Caster
 from cadcam.render.lens_tables import slopes
 from cadcam.render.memory import check_memory
 from cadcam.render.shade import shade

@@ -19,6 +19,8 @@ from cadcam import __version__
 from cadcam.errors import MissingCore, MissingOpenGL
 from cadcam.report.table import Table
 
+_RAYS = "the ray renderer, hidden lines"
+
 
 @dataclass(frozen=True, slots=True)
 class Finding:
@@ -90,8 +92,14 @@ def _extra(extra: str, name: str, module: str, gives: str) -> Callable[[str], Fi
     return partial(_package, name=name, module=module, gives=gives, remedy=f'pip install "cadcam[{extra}]"')
 
 
-def _required(name: str, gives: str) -> Callable[[str], Finding]:
-    return partial(_package, name=name, module=name, gives=gives, remedy=f"pip install {name}")
+def _caster(topic: str) -> Finding:
+    """Return what casts rays: Embree, or without it the core."""
+    found = _package(topic, name="embreex", module="embreex", gives=_RAYS, remedy="pip install embreex")
+    if found.there or not _core(topic).there:
+        return found
+    wheels = sys.platform != "linux" or platform.machine() == "x86_64"
+    remedy = "pip install embreex (rays in a quarter of the time)" if wheels else ""
+    return Finding(topic, True, f"the raster core ({_RAYS}); {found.found.split(' (')[0]}", remedy)
 
 
 def _opengl(topic: str) -> Finding:
@@ -120,7 +128,7 @@ CHECKS: dict[str, Callable[[str], Finding]] = {
     "Python": _python,
     "CPU": _cpu,
     "raster core": _core,
-    "ray caster": _required("embreex", "the ray renderer and hidden lines"),
+    "ray caster": _caster,
     "extra step": _extra("step", "cascadio", "cascadio", "STEP and IGES files"),
     "extra codecs": _extra("codecs", "imagecodecs", "imagecodecs", "LZW, JPEG ... inside TIFF"),
     "extra gl": _extra("gl", "moderngl", "moderngl", "the OpenGL renderer"),

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
-from cadcam.render.embree import Caster
+from cadcam.render.caster import Caster
 from cadcam.render.lines.occlusion import OccludingFaces
 
 _TOLERANCE = 1e-4  # of the part's diagonal: tolerance for features given slightly off their face

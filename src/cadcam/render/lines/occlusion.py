@@ -1,4 +1,4 @@
-"""The points of a mesh visible to an eye: Embree proposes, float64 decides."""
+"""The points of a mesh visible to an eye: the caster proposes, in float32 by Embree; float64 decides."""
 
 from __future__ import annotations
 
@@ -8,8 +8,8 @@ from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable
 from cadcam.geometry.rotation import hat
+from cadcam.render.caster import Caster
 from cadcam.render.cores import blocks, on_all_cores
-from cadcam.render.embree import Caster
 
 _ROUNDS = 48  # rejected hits per ray: each skips at least twice as far as the last
 _SURE = 100.0  # a face whose plane misses the point by this many tolerances is accepted from Embree without a test

@@ -35,7 +35,7 @@ from cadcam.cad.topology import corner_points
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.kinds import expect
-from cadcam.render.embree import Caster
+from cadcam.render.caster import Caster
 from cadcam.render.lines.clip import FlatSegments, ViewVolume
 from cadcam.render.lines.crossing import crossings
 from cadcam.render.lines.occlusion import OccludingFaces
