@@ -12,7 +12,7 @@ from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect_numbers
+from cadcam.kinds import expect_known, expect_numbers
 from cadcam.locate.location import Covered
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -104,7 +104,8 @@ class Inspection(Brief):
     contradictions: tuple[str, ...] = ()
 
     def feature(self, name: str) -> FeatureDeviation:
-        """Return a feature by its name."""
+        """Return a feature by its name; raise `UnknownName`, listing them, where there is none."""
+        expect_known(name, "feature", [f.name for f in self.features])
         return next(f for f in self.features if f.name == name)
 
 
