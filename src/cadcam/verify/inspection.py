@@ -132,8 +132,9 @@ def inspect(
     asked.check(part.scene)
     F = np.eye(6) if freedom is None else np.asarray(freedom, np.float64)
     pose, contradicting = world_from_part, None
+    case = Case(part, photos, pose, asked, F, options.reach_px, options.alarms, tell)
     for _ in range(_SURVEYS):
-        case = Case(part, photos, pose, asked, F, options.reach_px, options.alarms, tell)
+        case = replace(case, world_from_part=pose)  # keeps what is drawn of bodies apart
         survey = surveyed(part, photos, pose, asked, reach_px=options.reach_px)
         reason = _why_not(survey)
         if reason:
