@@ -99,10 +99,30 @@ class ShownFaces:
         if window is None:
             return self
         behind = ShownFaces.of(part, photo, world_from_part, without=body, window=window)
+        return self._with(behind, window, self.shows(body)[window])
+
+    def moved(self, part: Part, photo: Photo, world_from_part: Rigid, body: int) -> ShownFaces:
+        """Return what a part shows in the same photo that differs by the place of a body alone.
+
+        Elsewhere than where that is, and was, it is the same.
+        """
+        own = Scene.of(part.scene.mesh.select(part.scene.mesh.part == body), edges=NO_EDGES)
+        camera_from_part = photo.camera_from_world @ world_from_part
+        reached = open_renderer(own).render(photo.camera, camera_from_part, channels=Channel.FACE).face >= 0
+        was = self.window(body, 0)
+        if was is not None:
+            reached[was] = True
+        if not reached.any():
+            return self
+        window = window_around(reached, 0)
+        return self._with(ShownFaces.of(part, photo, world_from_part, window=window), window, np.array(True))
+
+    def _with(self, other: ShownFaces, window: Window, where: Mask) -> ShownFaces:
+        """Return it with what another shows in a window in place of its own, `where` (h, w) that is asked for."""
         face = self.face.copy()
-        face[window] = np.where(self.shows(body)[window], len(self.part) + behind.face, face[window])
+        face[window] = np.where(where, len(self.part) + other.face, face[window])
         of_faces = ("normal", "color", "part", "surface")
-        return ShownFaces(face, *(np.concatenate([getattr(self, k), getattr(behind, k)]) for k in of_faces))
+        return ShownFaces(face, *(np.concatenate([getattr(self, k), getattr(other, k)]) for k in of_faces))
 
     def light(self, photo: Photo, *, without: Mask | None = None) -> FittedLight:
         """Return the light that explains a whole photo; without (H, W): pixels left out."""
