@@ -90,8 +90,7 @@ class ShownFaces:
         """The box of each body, as far as any has pixels: found at once, for the picture may be large, bodies many."""
         from scipy.ndimage import find_objects
 
-        found: list[Window | None] = find_objects((self.part + 1)[self.face])
-        return found
+        return [None if box is None else (box[0], box[1]) for box in find_objects((self.part + 1)[self.face])]
 
     def uncovered(self, part: Part, photo: Photo, world_from_part: Rigid, body: int) -> ShownFaces:
         """Return what the same part shows in the same photo without a body: elsewhere than where that is, the same."""
