@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import re
 from collections.abc import Callable
 from getpass import getuser
 from pathlib import Path
@@ -124,6 +125,19 @@ def test_since_when_a_part_is_missing(cadcam: Cadcam, here: Path) -> None:
     assert said["at_the_end"] == {"verdict": "FAIL", "since_utc": said["points"][1]["time_utc"]}
     assert said["points"][2]["reason"] == "as of B2"
     assert not [key for key in said if key.startswith("mean")]
+
+
+def test_since_when_a_part_is_missing_that_was_never_judged(cadcam: Cadcam, here: Path) -> None:
+    kept: list[Record] = [Record("block", "B0", deviations=(Deviation("rib", 0.1, 0.02),))]
+    kept += [Record("block", f"B{n}", findings=(Finding("rib", "position", reason="missing"),)) for n in (1, 2)]
+    write_records("block.jsonl", kept)
+    cadcam("state", "add", "block.jsonl")
+    told = cadcam("state", "trend", "rib").out
+    assert re.search(r"at the end +missing since .*B1, 2 records", told)
+    assert re.search(r"could not be measured +2 of 3 records", told)
+    said = cadcam("state", "trend", "rib", "--json").json
+    assert said["at_the_end"] == {"verdict": "", "reason": "missing", "since_utc": said["points"][1]["time_utc"]}
+    assert cadcam("state", "list").out.count("not found") == 3  # records without a pose
 
 
 def test_a_file_that_breaks_off_adds_nothing(cadcam: Cadcam, here: Path) -> None:

@@ -22,14 +22,16 @@ from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.photo import Photo
 from cadcam.record.export import read_records
 from cadcam.record.record import Source
+from cadcam.record.trend import trend
 from cadcam.report.locate import alternatives_table, location_as_json
 from cadcam.report.verify.json import VerificationOrigin, record_of, verification_as_json
 from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import in_unit, to_do
+from cadcam.verify.deviations.deviation import State
 from cadcam.verify.judge import Verification, verify_part
 from cadcam.verify.reasons import direction_words
-from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances, whole_parts
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
 from ..verify.scene import CAMERA, POSE, displaced, part, photo, plate
@@ -191,6 +193,32 @@ def test_the_json_says_the_same_and_is_a_record(found: tuple[Verification, Photo
     assert lost.deviations == ()
     assert (lost.findings[0].feature, lost.findings[0].verdict) == ("rib <1>", "FAIL")
     assert lost.findings[0].reason == found[0].judgements[0].reason
+
+
+def test_what_was_found_without_limits_is_kept_without_a_verdict() -> None:
+    """The rib is 1.5 mm off, the block is missing, the other rib is in place."""
+    mesh = displaced("rib 1", np.array([0.0, 1.5, 0.0]))
+    mesh = mesh.subset([name for name in mesh.part_names if name != "block"])
+    taken = photo(mesh, np.random.default_rng(3))
+    found = verify_part(part(), [taken], at(Rigid(), 1.0), whole_parts(part().scene))
+    seen, record = found.inspection, record_of(found, ORIGIN)
+    assert seen is not None
+    states = {f.name: f.state for f in seen.features}
+    assert (states["rib 1"], states["block"]) == (State.DISPLACED, State.MISSING)
+    by = {d.feature: d for d in record.deviations}
+    assert (by["rib 1"].deviation, by["rib 1"].expanded_uncertainty) == (
+        seen.feature("rib 1").size,
+        2 * seen.feature("rib 1").sigma,
+    )
+    assert set(by) == {name for name, state in states.items() if state in (State.IN_PLACE, State.DISPLACED)}
+    assert [f.reason for f in record.findings if f.feature == "block"] == ["missing"]
+    told = [*record.deviations, *record.findings]
+    assert {one.feature for one in told} == {n for n, state in states.items() if state is not State.OUT_OF_VIEW}
+    assert ({one.verdict for one in told}, {one.kind for one in told}, record.verdict) == ({""}, {"position"}, "")
+    assert {(d.lower, d.upper) for d in record.deviations} == {(None, None)}
+    after = trend([replace(record, id="before", findings=()), record, replace(record, id="after")], "block")
+    assert [r.id for r in after.unchanged] == [record.id, "after"]
+    assert [r.id for r in after.without] == ["before"]
 
 
 def test_a_part_that_was_not_found_gets_no_verdict(found: tuple[Verification, Photo]) -> None:

@@ -245,3 +245,13 @@ def test_where_clutter_lies_says_nothing_for_a_body(rng: np.random.Generator, cl
         ratios.append(np.exp(in_place_ratio(np.array(nearest), np.full(3, 0.08), clutter)))
     assert np.mean(ratios) <= 1 + 4 * np.std(ratios) / np.sqrt(len(ratios))
     assert in_place_ratio(np.zeros(3), np.full(3, 0.08), clutter) > 3.0
+
+
+@pytest.mark.parametrize("apart", [1.0, 3.0])
+def test_a_rim_whose_pieces_disagree_is_one_of_three_cases_however_far_they_do(apart: float) -> None:
+    """Of another size it is not, then; nor in place: what is left is that it is displaced, a case out of three."""
+    offset = apart * np.array([-1.0, 0.0, 1.0, 0.5])
+    told = in_place_ratio(offset, np.full(4, 0.08), 0.3, rim=np.ones(4, bool))
+    in_place, displaced = in_place_ratio(offset, np.full(4, 0.08), 0.3), np.log(1 / 2)
+    assert in_place >= displaced
+    assert told == pytest.approx(in_place + np.log(2 / 3), abs=1e-6)

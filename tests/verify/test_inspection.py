@@ -11,6 +11,7 @@ import pytest
 
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
+from cadcam.errors import UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.refine.refinement import refine_pose
@@ -91,6 +92,8 @@ def test_a_displaced_rib_is_found_with_its_vector(rng: np.random.Generator) -> N
     error = found.displacement.value - found.seen.T @ by
     assert error @ np.linalg.solve(found.displacement.covariance, error) < 3.7**2
     assert found.sigma < 0.06
+    with pytest.raises(UnknownName, match="unknown feature 'rip 1'; did you mean 'rib 1'"):
+        seen.feature("rip 1")
 
 
 def test_a_rib_displaced_beyond_the_reach_of_a_pose_is_found(rng: np.random.Generator) -> None:

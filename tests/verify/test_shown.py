@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from cadcam.cad.parts.shape import box
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import BrownConrady
+from cadcam.camera.lens import BrownConrady, Ideal
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
+from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.bodies.tones import Tones
 from cadcam.verify.edges import shown as shown_module
 from cadcam.verify.edges.shown import ShownFaces
@@ -76,3 +79,25 @@ def test_a_part_without_its_only_body_shows_nothing_and_that_is_no_error(rng: np
     assert not ShownFaces.of(alone, shot, Rigid(), without=0).face.any()
     shown = [ShownFaces.of(alone, shot, Rigid())]
     assert np.isfinite(Tones(alone, [shot], Rigid(), shown).log_ratio(0))
+
+
+@pytest.mark.parametrize("lens", [Ideal(), BrownConrady(k1=-0.25, k2=0.07)])
+@pytest.mark.parametrize("mm", [3.0, 60.0, 4000.0])
+def test_a_body_elsewhere_is_drawn_where_it_is_and_was_alone(
+    lens: Ideal | BrownConrady, mm: float, monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """What is seen is what a drawing of the whole shows, to the bit; 4 m off the body is out of the picture."""
+    shot = Photo.of(photo(plate(), rng).gray, replace(CAMERA, lens=lens), POSE)
+    still = ShownFaces.of(part(), shot, Rigid())
+    asked: list[object] = []
+    of = ShownFaces.of.__func__  # type: ignore[attr-defined]
+    monkeypatch.setattr(ShownFaces, "of", classmethod(lambda *a, **k: asked.append(k["window"]) or of(*a, **k)))
+    for body in range(len(plate().part_names)):
+        shift = np.zeros((len(plate().part_names), 3))
+        shift[body, 1] = mm
+        drawn = redrawn(part(), shift)
+        assert drawn is not None
+        told, whole = still.moved(drawn, shot, Rigid(), body), of(ShownFaces, drawn, shot, Rigid())
+        for name in ("part", "color", "surface", "normal"):
+            np.testing.assert_array_equal(getattr(told, name)[told.face], getattr(whole, name)[whole.face])
+    assert len(asked) == len(plate().part_names)  # each in a window

@@ -66,6 +66,19 @@ def test_the_bodies_around_tell_what_all_others_tell(missing: bool, by: float, r
     assert told < -1 or not missing  # the bar's edges are there to be seen
 
 
+def test_bodies_apart_from_the_others_are_drawn_once_in_the_same_places(rng: np.random.Generator) -> None:
+    """Their lines take long in large models, and are asked for again each time that another body is redrawn."""
+    mesh = crowded().scene.mesh
+    case, far = case_of(crowded(), mesh, rng), mesh.part_names.index("post 60 60")
+    parts, shift = np.isin(np.arange(len(mesh.part_names)), (0, 2)), np.zeros((len(mesh.part_names), 3))
+    first = case.alone(parts, shift)
+    shift[far, 0] = 3.0
+    assert case.alone(parts, shift) is first
+    shift[2, 0] = 3.0
+    assert case.alone(parts, shift).scene.mesh.bounds[1][0] == first.scene.mesh.bounds[1][0]  # that of the plate
+    assert case.alone(parts, shift) is not first
+
+
 def test_what_a_part_shows_without_a_body_is_drawn_where_that_is_alone(rng: np.random.Generator) -> None:
     shot = photo(plate(), rng)
     every = ShownFaces.of(part(), shot, Rigid())

@@ -60,9 +60,10 @@ class Deviation:
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """What was judged of a feature without a number: that it is there, or a deviation that could not be measured.
+    """What was found of a feature without a number: that it is there, or a deviation that could not be measured.
 
-    kind: "presence", or of the deviation. verdict: PASS, FAIL, UNDECIDED, or empty. reason: one line for people.
+    kind: "presence", or of the deviation. verdict: PASS, FAIL, UNDECIDED, or empty where it was not judged. reason: one
+    line for people.
     """
 
     feature: str
@@ -96,7 +97,7 @@ class Record(Brief):
 
     part: the kind of part; serial: the individual; station: where it was measured; time: when, with its zone. pose:
     None where it was not found. quality: of the pose, in [0, 1]. verdict: over all deviations, empty where nothing was
-    judged; reason: one line for people. findings: judgements without a number. software: what measured. id: assigned
+    judged; reason: one line for people. findings: what is known without a number. software: what measured. id: assigned
     by the record.
     """
 

@@ -1,4 +1,4 @@
-"""One feature over many parts: mean, scatter, the measurement's own share; since when its verdict stands."""
+"""One feature over many parts: mean, scatter, the measurement's own share; since when it is as it is."""
 
 from __future__ import annotations
 
@@ -38,9 +38,9 @@ class Trend(Brief):
 
     @property
     def unchanged(self) -> tuple[Record, ...]:
-        """Return the latest records that all have the same verdict on the feature, oldest first."""
-        last = self.judged[-1][1].verdict
-        return tuple(r for r, _ in takewhile(lambda one: one[1].verdict == last, reversed(self.judged)))[::-1]
+        """Return the latest records that all say the same of the feature (`outcome`), oldest first."""
+        last = outcome(self.judged[-1][1])
+        return tuple(r for r, _ in takewhile(lambda one: outcome(one[1]) == last, reversed(self.judged)))[::-1]
 
     @property
     def mean(self) -> float:
@@ -65,13 +65,18 @@ class Trend(Brief):
 
     @property
     def verdicts(self) -> dict[str, int]:
-        """Return how often each verdict was given on the feature; "" counts deviations that were not judged."""
+        """Return how often each verdict was given on the feature; "" counts what was not judged."""
         return dict(Counter(d.verdict for _, d in self.judged))
 
     @property
     def _deviations(self) -> Array:
         """Return the deviations (n,)."""
         return np.array([d.deviation for _, d in self.points])
+
+
+def outcome(one: Deviation | Finding) -> str:
+    """Return the verdict; of a finding that was not judged what was found, such as "missing"; else ""."""
+    return one.verdict or (one.reason if isinstance(one, Finding) else "")
 
 
 def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -> Trend:

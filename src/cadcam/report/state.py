@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import significant
 from cadcam.record.record import Deviation, Finding, Record
-from cadcam.record.trend import Trend
+from cadcam.record.trend import Trend, outcome
 from cadcam.report.table import Table, counted, with_sigma
 
 
@@ -47,7 +47,7 @@ def record_tables(record: Record) -> list[Table]:
     if record.findings:
         columns4 = ("feature", "kind", "verdict", "reason")
         rows4 = tuple((f.feature, f.kind, f.verdict, f.reason) for f in record.findings)
-        tables.append(Table("Judged without a number", columns4, rows4, columns4))
+        tables.append(Table("Found without a number", columns4, rows4, columns4))
     if record.sources:
         columns3 = ("what", "file", "sha256")
         tables.append(Table("Came from", columns3, tuple((s.role, s.path, s.sha256) for s in record.sources), columns3))
@@ -80,10 +80,10 @@ def trend_tables(trend: Trend, *, newest: int | None = None) -> list[Table]:
     said = _scatter_rows(trend) if trend.unit else []
     said.append(("verdicts", _counts(trend.verdicts)))
     unchanged = trend.unchanged
-    if (verdict := trend.judged[-1][1].verdict) and len(trend) > 1:
+    if (last := outcome(trend.judged[-1][1])) and len(trend) > 1:
         first = unchanged[0]
         since = " ".join(filter(None, (_time(first), first.serial)))
-        said.append(("at the end", f"{verdict} since {since}, {counted(len(unchanged), 'record')}"))
+        said.append(("at the end", f"{last} since {since}, {counted(len(unchanged), 'record')}"))
     if trend.without:
         number, every = len(trend.without), len(trend.without) + len({r.id for r, _ in trend.judged})
         of_parts = _counts(Counter(r.verdict for r in trend.without))

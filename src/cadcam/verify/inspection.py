@@ -12,7 +12,7 @@ from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect_numbers
+from cadcam.kinds import expect_known, expect_numbers
 from cadcam.locate.location import Covered
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -104,7 +104,8 @@ class Inspection(Brief):
     contradictions: tuple[str, ...] = ()
 
     def feature(self, name: str) -> FeatureDeviation:
-        """Return a feature by its name."""
+        """Return a feature by its name; raise `UnknownName`, listing them, where there is none."""
+        expect_known(name, "feature", [f.name for f in self.features])
         return next(f for f in self.features if f.name == name)
 
 
@@ -131,8 +132,9 @@ def inspect(
     asked.check(part.scene)
     F = np.eye(6) if freedom is None else np.asarray(freedom, np.float64)
     pose, contradicting = world_from_part, None
+    case = Case(part, photos, pose, asked, F, options.reach_px, options.alarms, tell)
     for _ in range(_SURVEYS):
-        case = Case(part, photos, pose, asked, F, options.reach_px, options.alarms, tell)
+        case = replace(case, world_from_part=pose)  # keeps what is drawn of bodies apart
         survey = surveyed(part, photos, pose, asked, reach_px=options.reach_px)
         reason = _why_not(survey)
         if reason:

@@ -221,7 +221,7 @@ def run_trend(arguments: argparse.Namespace) -> None:
     from cadcam.files.jsontext import or_null
     from cadcam.kinds import expect_known
     from cadcam.record.record import Deviation
-    from cadcam.record.trend import trend
+    from cadcam.record.trend import outcome, trend
     from cadcam.report.state import trend_tables
 
     _check_newest(arguments)
@@ -246,7 +246,9 @@ def run_trend(arguments: argparse.Namespace) -> None:
         for r, one in seen.judged
     ]
     said = {name: or_null(getattr(seen, name)) for name in ("mean", "sigma", "measured_sigma") if seen.unit}
-    since = {"verdict": seen.judged[-1][1].verdict, "since_utc": _time_utc(seen.unchanged[0])}
+    last = seen.judged[-1][1]
+    since = {"verdict": last.verdict, "since_utc": _time_utc(seen.unchanged[0])}
+    since |= {"reason": outcome(last)} if outcome(last) != last.verdict else {}
     counts = {"verdicts": seen.verdicts, "at_the_end": since, "without": [record.id for record in seen.without]}
     numbers = {f"{name}_{seen.unit}": value for name, value in said.items()}
     print_json({"feature": seen.feature, **numbers, **counts, "points": points})

@@ -17,12 +17,13 @@ from cadcam.report.locate import disagreements_as_json
 from cadcam.report.photos import photos_as_json
 from cadcam.report.verify.words import assumptions, role, rule_words, weakest_direction
 from cadcam.verify.adjustment.datum_fit import CAUSES
-from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation
+from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation, State
 from cadcam.verify.judge import Verification
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
 _VERDICTS = {Verdict.PASS: "PASS", Verdict.FAIL: "FAIL"}  # of a record; all else is UNDECIDED
+_POSITION, _K = Quantity.POSITION.name.lower(), 2.0  # of what is kept without limits
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,9 +46,16 @@ class VerificationOrigin:
 
 
 def record_of(found: Verification, origin: VerificationOrigin) -> Record:
-    """Return the record of a verification for a store of measured parts."""
+    """Return the record of a verification for a store of measured parts.
+
+    Where nothing was judged, it has no verdict, and holds of each feature in view the position that was measured,
+    without limits, or that it is missing or why it is unclear.
+    """
     expect(found, "found", Verification)
     expect(origin, "origin", VerificationOrigin)
+    seen = () if found.inspection is None or found.judgements else found.inspection.features
+    in_view = [f for f in seen if f.state is not State.OUT_OF_VIEW]
+    measured = [f for f in in_view if f.state in (State.IN_PLACE, State.DISPLACED) and f.displacement is not None]
     return Record(
         part=origin.part,
         serial=origin.serial,
@@ -55,9 +63,15 @@ def record_of(found: Verification, origin: VerificationOrigin) -> Record:
         time=origin.time,
         pose=None if found.verdict is Verdict.NOT_FOUND or found.inspection is None else found.inspection.pose,
         quality=float(found.located.quality),
-        deviations=tuple(_deviation(j) for j in found.judgements if np.isfinite(j.deviation)),
-        findings=tuple(_finding(j) for j in found.judgements if not np.isfinite(j.deviation)),
-        verdict=_VERDICTS.get(found.verdict, "UNDECIDED"),
+        deviations=(
+            *(_deviation(j) for j in found.judgements if np.isfinite(j.deviation)),
+            *(Deviation(f.name, f.size, _K * f.sigma, kind=_POSITION, k=_K) for f in measured),
+        ),
+        findings=(
+            *(_finding(j) for j in found.judgements if not np.isfinite(j.deviation)),
+            *(Finding(f.name, _POSITION, reason=_state_words(f)) for f in in_view if f not in measured),
+        ),
+        verdict=_VERDICTS.get(found.verdict, "UNDECIDED") if found.judgements else "",
         reason=found.reason,
         sources=origin.sources,
     )
@@ -113,6 +127,11 @@ def _deviation(j: Judgement) -> Deviation:
 
 def _finding(j: Judgement) -> Finding:
     return Finding(j.feature, j.limit.quantity.name.lower(), _VERDICTS.get(j.verdict, "UNDECIDED"), j.reason)
+
+
+def _state_words(f: FeatureDeviation) -> str:
+    """Return the state of a feature that was not measured, and why it was not."""
+    return f.state.value if f.why is None else f"{f.state.value}: {f.why.value}"
 
 
 def _judgement(j: Judgement) -> dict[str, Any]:

@@ -26,7 +26,7 @@ class Case:
     """What is inspected, and how.
 
     freedom (6, k): motions that are free; reach_px: how far bodies are searched for; alarms: accepted share of false
-    ones; tell: called with how far it has come; edges: of some of the part's bodies alone, as far as computed.
+    ones; tell: called with how far it has come; apart: some of the part's bodies alone, as far as drawn; edges: theirs.
     """
 
     part: Part
@@ -38,17 +38,23 @@ class Case:
     alarms: float
     tell: Stages = untold
     edges: dict[bytes, FeatureEdges] = field(default_factory=dict)
+    apart: dict[tuple[bytes, bytes], Part] = field(default_factory=dict)
 
     def alone(self, parts: Mask, by: Array) -> Part:
         """Return these parts (P,) without the others, drawn displaced `by` (P, 3) mm.
 
-        Their edges are computed once: as in `redrawn`, they are those of the CAD.
+        In the same places they are drawn once. Their edges are computed once: as in `redrawn`, they are those of the
+        CAD.
         """
-        whole = self.part.scene.mesh
-        mesh, key = whole.select(parts[whole.part]), parts.tobytes()
-        if key not in self.edges:
-            self.edges[key] = feature_edges(mesh, contact_tolerance_mm=contact_tolerance(whole))
-        return Part(Scene.of((moved_apart(mesh, by) if by.any() else None) or mesh, edges=self.edges[key]))
+        key, places = parts.tobytes(), by[parts].tobytes()
+        if (key, places) not in self.apart:
+            whole = self.part.scene.mesh
+            mesh = whole.select(parts[whole.part])
+            if key not in self.edges:
+                self.edges[key] = feature_edges(mesh, contact_tolerance_mm=contact_tolerance(whole))
+            moved = moved_apart(mesh, by) if by[parts].any() else None
+            self.apart[key, places] = Part(Scene.of(moved or mesh, edges=self.edges[key]))
+        return self.apart[key, places]
 
     def beside(self, drawn: Part, body: int, by: Sequence[Array]) -> list[Part]:
         """Return what photos show near a body of the `drawn` part, with each of the displacements `by` (P, 3) mm.

@@ -206,7 +206,9 @@ def _resurveyed(case: Case, look: Findings, part: int, to: Array) -> tuple[Part,
     drawn = redrawn(case.part, by)
     if drawn is None:
         return None
-    survey = surveyed(drawn, case.photos, case.world_from_part, case.asked, reach_px=case.reach_px, by=by)
+    before, pose = zip(look.survey.shown, case.photos, strict=True), case.world_from_part
+    shown = [seen.moved(drawn, photo, pose, part) for seen, photo in before]
+    survey = surveyed(drawn, case.photos, pose, case.asked, reach_px=case.reach_px, by=by, shown=shown)
     return (drawn, survey) if survey.names == look.survey.names else None
 
 

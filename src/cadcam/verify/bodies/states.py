@@ -90,7 +90,6 @@ class FeatureEvidence:
             turn_sigma=turn_sigma,
             axis=axis,
             p=measured.lines.p[rows].mean(axis=0),
-            shift_px=float(np.hypot(*survey.matched.shift[every].T).max(initial=0.0)),
         )
 
 

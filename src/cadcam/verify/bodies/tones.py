@@ -145,11 +145,11 @@ class _Covered:
         """Return the window of a body, None where too little of it is seen; whole: what the part shows in the photo."""
         from scipy.ndimage import binary_erosion
 
-        everywhere = whole.shows(body)
-        if not everywhere.any():
+        window = whole.window(body, _BESIDE_PX + 4 * _RIM_PX)
+        if window is None:
             return None
-        window = window_around(everywhere, _BESIDE_PX + 4 * _RIM_PX)
-        its, shown = everywhere[window], replace(whole, face=whole.face[window])
+        shown = replace(whole, face=whole.face[window])
+        its = shown.shows(body)
         inside = binary_erosion(its, iterations=_RIM_PX)
         if inside.sum() < _LEAST_PX:
             return None

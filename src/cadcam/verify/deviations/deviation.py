@@ -102,7 +102,6 @@ class FeatureDeviation:
     axis: Array = field(default_factory=lambda: np.zeros(3))
     p_value: float = float("nan")
     p: Array = field(default_factory=lambda: np.zeros(3))
-    shift_px: float = 0.0
     datum: bool = False
     why: Unclear | None = None
 

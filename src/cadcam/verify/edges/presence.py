@@ -169,8 +169,10 @@ def in_place_ratio(offset: Array, sigma: Array, clutter: float, *, rim: Mask | N
     s = np.maximum(sigma, _LEAST_SIGMA_PX)
     there = np.exp(-0.5 * (offset / s) ** 2) / (np.sqrt(2 * np.pi) * s)
     in_place = np.log(_IN_PLACE * there / density + 1 - _IN_PLACE).sum()
-    displaced = 0.0 if rim is None or not rim.any() else np.logaddexp(0.0, _as_one(offset[rim], s[rim], density))
-    return float(np.logaddexp(in_place, displaced) - np.log(2.0 if displaced == 0.0 else 3.0))
+    as_likely = [in_place, 0.0]  # in place, or displaced
+    if rim is not None and rim.any():
+        as_likely.append(_as_one(offset[rim], s[rim], density))
+    return float(np.logaddexp.reduce(as_likely) - np.log(len(as_likely)))
 
 
 def _as_one(offset: Array, sigma: Array, density: float) -> float:

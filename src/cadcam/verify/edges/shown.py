@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -20,7 +21,7 @@ from cadcam.render.view import Channel, Scene
 Window = tuple[slice, slice]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class ShownFaces:
     """What a part shows in the pixels of a photo, or of a window of it.
 
@@ -74,12 +75,22 @@ class ShownFaces:
 
     def shows(self, body: int) -> Mask:
         """Return which pixels (h, w) show part number `body`."""
-        return np.asarray((self.part == body)[self.face])
+        out, box = np.zeros(self.face.shape, bool), self.window(body, 0)
+        if box is not None:
+            out[box] = (self.part == body)[self.face[box]]
+        return out
 
     def window(self, body: int, room: int) -> Window | None:
         """Return the rows and columns of the box around part number `body`, with some room (px); None if unseen."""
-        mask = self.shows(body)
-        return window_around(mask, room) if mask.any() else None
+        box = self._boxes[body] if 0 <= body < len(self._boxes) else None
+        return None if box is None else _widened(box, room, self.face.shape)
+
+    @cached_property
+    def _boxes(self) -> list[Window | None]:
+        """The box of each body, as far as any has pixels: found at once, for the picture may be large, bodies many."""
+        from scipy.ndimage import find_objects
+
+        return [None if box is None else (box[0], box[1]) for box in find_objects((self.part + 1)[self.face])]
 
     def uncovered(self, part: Part, photo: Photo, world_from_part: Rigid, body: int) -> ShownFaces:
         """Return what the same part shows in the same photo without a body: elsewhere than where that is, the same."""
@@ -87,10 +98,30 @@ class ShownFaces:
         if window is None:
             return self
         behind = ShownFaces.of(part, photo, world_from_part, without=body, window=window)
+        return self._with(behind, window, self.shows(body)[window])
+
+    def moved(self, part: Part, photo: Photo, world_from_part: Rigid, body: int) -> ShownFaces:
+        """Return what a part shows in the same photo that differs by the place of a body alone.
+
+        Elsewhere than where that is, and was, it is the same.
+        """
+        own = Scene.of(part.scene.mesh.select(part.scene.mesh.part == body), edges=NO_EDGES)
+        camera_from_part = photo.camera_from_world @ world_from_part
+        reached = open_renderer(own).render(photo.camera, camera_from_part, channels=Channel.FACE).face >= 0
+        was = self.window(body, 0)
+        if was is not None:
+            reached[was] = True
+        if not reached.any():
+            return self
+        window = window_around(reached, 0)
+        return self._with(ShownFaces.of(part, photo, world_from_part, window=window), window, np.array(True))
+
+    def _with(self, other: ShownFaces, window: Window, where: Mask) -> ShownFaces:
+        """Return it with what another shows in a window in place of its own, `where` (h, w) that is asked for."""
         face = self.face.copy()
-        face[window] = np.where(self.shows(body)[window], len(self.part) + behind.face, face[window])
+        face[window] = np.where(where, len(self.part) + other.face, face[window])
         of_faces = ("normal", "color", "part", "surface")
-        return ShownFaces(face, *(np.concatenate([getattr(self, k), getattr(behind, k)]) for k in of_faces))
+        return ShownFaces(face, *(np.concatenate([getattr(self, k), getattr(other, k)]) for k in of_faces))
 
     def light(self, photo: Photo, *, without: Mask | None = None) -> FittedLight:
         """Return the light that explains a whole photo; without (H, W): pixels left out."""
@@ -105,11 +136,14 @@ class ShownFaces:
 def window_around(mask: Mask, room: int) -> Window:
     """Return the rows and columns of a mask's bounding box, with a margin (px)."""
     rows, columns = (np.flatnonzero(mask.any(axis=axis)) for axis in (1, 0))
-    low, high = (int(rows[0]), int(columns[0])), (int(rows[-1]) + 1, int(columns[-1]) + 1)
-    return (
-        slice(max(low[0] - room, 0), min(high[0] + room, mask.shape[0])),
-        slice(max(low[1] - room, 0), min(high[1] + room, mask.shape[1])),
-    )
+    return _widened((slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)), room, mask.shape)
+
+
+def _widened(window: Window, room: int, shape: tuple[int, ...]) -> Window:
+    """Return a window with a margin (px) on every side, within a picture (h, w)."""
+    of = zip(window, shape, strict=True)
+    rows, columns = (slice(max(int(s.start) - room, 0), min(int(s.stop) + room, size)) for s, size in of)
+    return rows, columns
 
 
 def in_window(window: Window) -> tuple[int, int, tuple[int, int]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -28,7 +29,7 @@ _BESIDE_SHARE = 0.5  # share of an edge's places that show an edge beside it and
 _BLIND = 0.05  # of the largest image motion: below it a displacement is along the line of sight
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Survey:
     """N places on visible edges.
 
@@ -38,9 +39,9 @@ class Survey:
     seen there, distinguishable from its neighbours and well inside the picture; datum (N,): whether the pose may be
     fitted to it; stated: whether the tolerances state the datum. lever (N,) px/mm, mate (N,) and ground (N, 3): the
     place as a foot (`Feet`), with mate a body; ought (N,): whether the light gives its edge contrast; evidence: of all
-    edges, seen or not; clutter: how often the photos show an edge where there is none; by (P, 3) mm: where the bodies
-    were drawn, from their places in the CAD; shown: what the part shows in each photo; sights: each photo's, whose
-    samples are the places.
+    edges, seen or not; by (P, 3) mm: where the bodies were drawn, from their places in the CAD; shown: what the part
+    shows in each photo; sights: each photo's, whose samples are the places; reach_px: how far from its lines edges were
+    searched for.
     """
 
     lines: Sightlines
@@ -57,10 +58,16 @@ class Survey:
     ground: Array
     ought: Mask
     evidence: EdgeEvidence
-    clutter: Clutter
     by: Array
     shown: tuple[ShownFaces, ...]
     sights: tuple[Sight, ...]
+    reach_px: float
+
+    @cached_property
+    def clutter(self) -> Clutter:
+        """How often the photos show an edge where there is none: not asked of a drawing that is dropped at once."""
+        moved_as_one = np.where(self.usable, self.body, -1)
+        return clutter_of(self.lines, self.nearby, moved_as_one, reach_px=self.reach_px)
 
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
@@ -130,10 +137,12 @@ def surveyed(
     *,
     reach_px: float,
     by: Array | None = None,
+    shown: Sequence[ShownFaces] | None = None,
 ) -> Survey:
     """Return what the photos show along the part's lines, within `reach_px` of them.
 
-    by (P, 3) mm: displacement of its bodies from where the CAD has them; default none.
+    by (P, 3) mm: displacement of its bodies from where the CAD has them; default none. shown: what the part shows in
+    each photo, where that is known.
     """
     by = np.zeros((len(part.scene.mesh.part_names), 3)) if by is None else by
     lines, sights = sightlines(part, photos, world_from_part)
@@ -142,7 +151,7 @@ def surveyed(
     body = _bodies(members)
     usable = searchable(lines, photos)
     moved_as_one = np.where(usable, body, -1)
-    shown = [ShownFaces.of(part, photo, world_from_part) for photo in photos]
+    shown = [ShownFaces.of(part, photo, world_from_part) for photo in photos] if shown is None else shown
     beside = edge_surroundings(photos, shown, lines)
     ought = usable & (beside.contrast > FAINT)
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
@@ -165,10 +174,10 @@ def surveyed(
         ground=feet.ground,
         ought=ought,
         evidence=EdgeEvidence.of(lines, usable, matched, beside),
-        clutter=clutter_of(lines, found, moved_as_one, reach_px=reach_px),
         by=by,
         shown=tuple(shown),
         sights=tuple(sights),
+        reach_px=reach_px,
     )
 
 

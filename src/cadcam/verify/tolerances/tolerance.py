@@ -89,6 +89,8 @@ class Selection(Brief):
     def check(self, scene: Scene) -> None:
         """Raise an error that lists the existing names where the scene has no such edge at all."""
         bodies = self.bodies(scene)
+        if self.whole:
+            return
         edges = scene.edges
         own = bodies[edges.part]
         chains = np.unique(edges.chain[own])
