@@ -280,3 +280,26 @@ def test_a_step_file_that_cannot_be_converted_gives_one_error_and_no_chatter(tmp
     assert done.stderr == ""
     assert done.stdout.startswith(f"{path}: ")
     assert done.stdout.count("\n") == 1
+
+
+OFF = b"OFF\n3 1 0\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
+TEXTS = {".obj": TRIANGLE, ".off": OFF, ".stl": STL, ".ply": PLY + b"0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"}
+
+
+@pytest.mark.parametrize("suffix", TEXTS)
+def test_a_byte_order_mark_is_no_part_of_a_text_file(suffix: str, tmp_path: Path) -> None:
+    """Taken for part of the first word, it makes an OBJ file lose its first vertex."""
+    path = tmp_path / f"marked{suffix}"
+    path.write_bytes(b"\xef\xbb\xbf" + TEXTS[suffix])
+    assert read_model(path).size_mm.tolist() == [1, 1, 0]
+    path.write_bytes(TEXTS[suffix].decode().encode("utf-16"))
+    with pytest.raises(UnreadableFile, match="is text in UTF-16; save it as UTF-8 or ASCII"):
+        read_model(path)
+
+
+@pytest.mark.parametrize("suffix", [".obj", ".off", ".stl"])
+def test_decimal_commas_are_recognised(suffix: str, tmp_path: Path) -> None:
+    path = tmp_path / f"komma{suffix}"
+    path.write_bytes(TEXTS[suffix].replace(b"1 0 0\n", b"1,5 0,0 0,0\n", 1))
+    with pytest.raises(UnreadableFile, match=r"'1,5 0,0 0,0' is not three.* numbers; write decimal points, not commas"):
+        read_model(path)

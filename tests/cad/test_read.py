@@ -264,6 +264,18 @@ def test_a_3mf_is_read_in_its_own_unit_with_components_in_place(tmp_path: Path) 
     assert np.allclose(mesh.subset(["cube #2"]).bounds, np.array([(-2, 10, 5), (0, 11, 8)]) * 25.4)
 
 
+def test_a_3mf_that_names_no_unit_is_in_mm_by_its_rule_unless_another_is_given(tmp_path: Path) -> None:
+    write_3mf(tmp_path / "m.3mf", "mm")
+    with zipfile.ZipFile(tmp_path / "m.3mf") as archive:
+        text = archive.read("3D/3dmodel.model").decode().replace('unit="mm" ', "")
+    write_3mf(tmp_path / "m.3mf", "", model=text)
+    report = read_model_with_report(tmp_path / "m.3mf")[1]
+    assert (report.unit, report.unit_source) == ("mm", "format")
+    inches = read_model_with_report(tmp_path / "m.3mf", unit="in")[1]
+    assert (inches.unit, inches.unit_source) == ("in", "argument")
+    assert inches.size_mm == pytest.approx([x * 25.4 for x in report.size_mm])
+
+
 def test_a_unit_against_the_files_own_is_refused(tmp_path: Path) -> None:
     write_3mf(tmp_path / "m.3mf", "inch")
     assert read_model(tmp_path / "m.3mf", unit="in").n_faces == 24

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from cadcam.arrays import Array
-from cadcam.errors import MissingCore
+from cadcam.errors import BadValue, MissingCore
 from cadcam.image.correlate import CorrelateOptions, correlate, register
 from cadcam.image.template import Template
 from cadcam.native import core
@@ -111,3 +111,47 @@ def test_covariances_do_not_hang_on_how_many_pixels_count(count: int, rng: np.ra
         peaks = register(picture, template, [[104.5, 104.5, 0.0, 1.0]])
         sigmas.append(peaks.sigma[0, :3])
     np.testing.assert_allclose(sigmas[0], sigmas[1], rtol=0.1)
+
+
+def board(size: int, squares: int) -> Array:
+    """Return a chessboard of gaps (bright) between squares (dark), seen a little from the side: no two alike."""
+    v, u = np.mgrid[:size, :size] / size
+    depth = 1 + 0.02 * u + 0.01 * v
+    dark = np.ones((size, size))
+    for along in (u, v):
+        off = np.abs((squares * along / depth) % 1 - 0.5) - 0.3
+        dark *= 0.5 * (1 - np.tanh(off * size / squares))
+    return np.asarray(0.9 - 0.7 * dark)
+
+
+@pytest.mark.parametrize("count", [1, 6])
+def test_the_crossing_of_a_board_that_was_cut_out_is_found_among_all_others(
+    rng: np.random.Generator, count: int
+) -> None:
+    """At coarse pixels 200 others resemble it as well or better: which is the best shows at single ones only."""
+    picture = board(600, 12) + rng.normal(scale=0.005, size=(600, 600))
+    x, y = 267, 221
+    peaks = correlate(picture, Template(picture[y : y + 64, x : x + 64]), options=CorrelateOptions(count=count))
+    assert peaks.score[0] == pytest.approx(1, abs=1e-4)
+    assert peaks.q[0] == pytest.approx([x + 31.5, y + 31.5], abs=0.01)
+    assert peaks.complete
+
+
+def test_a_search_that_takes_minutes_is_refused_and_its_remedy_works(rng: np.random.Generator) -> None:
+    noise = Template(rng.uniform(size=(64, 64)))
+    with pytest.raises(BadValue, match=r"as noise does: to search 4000 x 3000 px takes .* cut out around"):
+        correlate(np.zeros((3000, 4000)), noise)
+    cut = rng.uniform(size=(200, 300))
+    cut[50:114, 90:154] = noise.gray
+    assert correlate(cut, noise).q[0] == pytest.approx([121.5, 81.5], abs=0.01)
+
+
+def test_finer_pixels_are_left_out_where_they_take_minutes_and_that_is_told(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    template, picture = Template(tile(marked=True)), rng.uniform(size=(200, 200))
+    assert not len(correlate(picture, template))
+    assert correlate(picture, template).complete
+    products = template.effort(template.coarsest(), (-math.pi, math.pi), (1, 1)) * 200 * 200 / template.coarsest() ** 2
+    monkeypatch.setattr("cadcam.image.correlate._MOST", products)
+    assert not correlate(picture, template).complete

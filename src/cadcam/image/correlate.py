@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import NoReturn
 
 import numpy as np
 import numpy.typing as npt
@@ -18,16 +19,19 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.match_covariance import peak_covariances
-from cadcam.image.picture import to_gray
+from cadcam.image.pyramid import Pyramid
 from cadcam.image.template import Template
 from cadcam.kinds import expect, expect_count, expect_numbers, expect_positive
-from cadcam.native.correlate import registered, searched, shrunken
+from cadcam.native.correlate import registered, searched
 
 _FULL_TURN = (-math.pi, math.pi)
 _FINER = 2.5  # ratio from level to level
 _SMOOTHED = 0.1  # by how much a correlation may rise from fine to coarse pixels and still be kept
 _ROUGH, _SETTLED = 0.03, 0.001  # px of a level: last step of a climb, between levels and at the end
 _MORE = 64  # times as many maxima are refined where those left out might hold the best peak
+_LEAST_BETWEEN = 0.5  # of what an exact match may lose between pixels: with more, it is noise, and nothing is ruled out
+_MOST_NEAR = 1024  # of maxima that might yet be the best and climb on
+_MOST = 2e12  # products of a search: some 40 s of one core with AVX2
 # Steps of a climb, at most; along what a picture hardly shows they are many. Peaks of this share of the best score
 # climb to their end; lower ones, mostly false, would take most of the time.
 _STEPS, _TO_THE_END, _HIGH = 8, 40, 0.8
@@ -122,23 +126,46 @@ def correlate(gray: npt.ArrayLike, template: Template, *, options: CorrelateOpti
     """Return the best peaks of a template in a grey picture (H, W) in [0, 1]; empty if there are none.
 
     The template must lie in the picture, to one pixel. Where nothing reaches least_score, the search is repeated once
-    with finer pixels. Raises `BadValue`, and `MissingCore` where cadcam was installed without its C core.
+    with finer pixels, unless that takes minutes (`complete` is then false). Raises `BadValue`, also for a search that
+    itself takes minutes, and `MissingCore` where cadcam was installed without its C core.
     """
     expect(template, "template", Template)
     expect(options, "options", CorrelateOptions)
-    picture = _Pyramid(gray)
+    picture = Pyramid(gray)
     factor = template.coarsest()
+    if _products(picture, template, factor, options) > _MOST:
+        _refuse_endless(picture, template, factor, options)
     peaks = _search(picture, template, factor, options)
+    finer = max(1, round(factor / 1.7))
     if not len(peaks) and factor > 1:
-        peaks = _search(picture, template, max(1, round(factor / 1.7)), options)
+        if _products(picture, template, finer, options) > _MOST:
+            return replace(peaks, complete=False)
+        peaks = _search(picture, template, finer, options)
     return peaks
+
+
+def _products(picture: Pyramid, template: Template, factor: int, options: CorrelateOptions) -> float:
+    """Return how many products the search at a level takes."""
+    return template.effort(factor, options.angles, options.scales) * picture.size[0] * picture.size[1] / factor**2
+
+
+def _refuse_endless(picture: Pyramid, template: Template, factor: int, options: CorrelateOptions) -> NoReturn:
+    (width, height), (w, h) = picture.size, template.size
+    why = "whose pixels differ from one to the next, as noise does" if factor < 4 else "at many angles and scales"
+    takes = f"takes {_products(picture, template, factor, options):.1g} products, at most {_MOST:.0g} are made"
+    raise BadValue(
+        "template",
+        f"{w} x {h} px, {why}: to search {width} x {height} px {takes}",
+        "a template with structure several px wide, fewer angles or scales (--angles, --scales), or a picture cut out"
+        " around where it may be",
+    )
 
 
 def register(
     gray: npt.ArrayLike, template: Template, start: npt.ArrayLike, *, options: CorrelateOptions = ANY_ANGLE
 ) -> Peaks:
     """Return the peaks near starts (N, 4): x, y (px), angle (rad), scale; lost ones and duplicates are left out."""
-    picture = _Pyramid(gray)
+    picture = Pyramid(gray)
     poses = np.array(start, np.float64).reshape(-1, 4)
     for level in _levels(template.coarsest()):
         poses, score = _refined(picture, template, level, poses, options.motions)
@@ -146,32 +173,21 @@ def register(
     return _peaks(picture, template, poses, options)
 
 
-class _Pyramid:
-    """A picture and its means over blocks of pixels, computed on first use."""
-
-    def __init__(self, gray: npt.ArrayLike) -> None:
-        picture = to_gray(gray)
-        if picture.ndim != 2:
-            raise BadValue("picture", f"of shape {picture.shape}", "a grey picture (H, W)")
-        self._levels: dict[int, Picture] = {1: np.ascontiguousarray(picture, np.float32)}
-
-    def level(self, factor: int) -> Picture:
-        if factor not in self._levels:
-            self._levels[factor] = shrunken(self._levels[1], factor)
-        return self._levels[factor]
-
-
-def _search(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> Peaks:
+def _search(picture: Pyramid, template: Template, factor: int, options: CorrelateOptions) -> Peaks:
     found, worst = _searched(picture, template, factor, options), template.worst(factor)
     poses, _, left = found.maxima(options.candidates)
-    peaks = _climbed(picture, template, factor, poses, options, keep=8 * (options.count + 1))
-    bound = worst * _best_score(peaks, options)
-    if left > bound:
+    keep = 8 * (options.count + 1)
+    peaks, lost = _climbed(picture, template, factor, poses, options, keep=keep)
+    best = _best_score(peaks, options)
+    if left > worst * best:
         poses, coarse, left = found.maxima(_MORE * options.candidates)
-        poses = poses[coarse > bound]
-        peaks = _climbed(picture, template, factor, poses, options, keep=len(poses))
-        bound = worst * _best_score(peaks, options)
-    return replace(peaks, complete=left <= bound)
+        poses = poses[coarse > worst * best]
+        keep = max(keep, len(poses))
+    elif lost <= best:
+        return peaks
+    peaks, lost = _climbed(picture, template, factor, poses, options, keep=keep, rival=best)
+    best = _best_score(peaks, options)
+    return replace(peaks, complete=left <= worst * best and lost <= best)
 
 
 def _best_score(peaks: Peaks, options: CorrelateOptions) -> float:
@@ -179,18 +195,34 @@ def _best_score(peaks: Peaks, options: CorrelateOptions) -> float:
 
 
 def _climbed(
-    picture: _Pyramid, template: Template, factor: int, poses: Array, options: CorrelateOptions, *, keep: int
-) -> Peaks:
-    """Return the peaks that maxima of a level, best first, climb to; `keep`: how many reach the next level."""
+    picture: Pyramid,
+    template: Template,
+    factor: int,
+    poses: Array,
+    options: CorrelateOptions,
+    *,
+    keep: int,
+    rival: float = math.inf,
+) -> tuple[Peaks, float]:
+    """Return the peaks that maxima of a level, best first, climb to, and the most that one left behind might reach.
+
+    keep: how many climb on to the next level; more where more might yet reach the score `rival`, as where the picture
+    shows the same thing many times: coarse pixels do not tell which of them is the best.
+    """
     turned = poses[: max(64, len(poses) // 4)]
     twins = template.twins(factor) if options.angles == _FULL_TURN else np.zeros(0)
     poses = np.concatenate([poses, *(turned + np.array([0, 0, turn, 0]) for turn in twins)])
     poses[:, 2] = _wrapped(poses[:, 2])
+    lost = 0.0
     for level in _levels(factor):
         poses, score = _refined(picture, template, level, poses, options.motions)
-        poses, score = _best_apart(template, poses, score, options, keep, options.least_score - _SMOOTHED)
+        between = max(template.between(level), _LEAST_BETWEEN)
+        near = np.count_nonzero((np.abs(score) if options.either_sign else score) >= between * rival)
+        most = max(keep, min(int(near), _MOST_NEAR))
+        poses, score, left = _best_apart(template, poses, score, options, most, options.least_score - _SMOOTHED)
+        lost = max(lost, min(left / between, 1.0))
         keep = max(keep // 4, options.count + 1)
-    return _peaks(picture, template, poses, options)
+    return _peaks(picture, template, poses, options), lost
 
 
 def _levels(factor: int) -> Iterator[int]:
@@ -227,7 +259,7 @@ class _Coarse:
         return np.concatenate([q, self.motions[self.which.ravel()[at[:most]]]], axis=1), score[:most], left
 
 
-def _searched(picture: _Pyramid, template: Template, factor: int, options: CorrelateOptions) -> _Coarse:
+def _searched(picture: Pyramid, template: Template, factor: int, options: CorrelateOptions) -> _Coarse:
     oriented, motions = template.orientations(factor, options.angles, options.scales)
     plane = np.pad(picture.level(factor), 1, mode="edge")
     best, which = searched(plane, oriented, least_variance=options.least_contrast**2, either_sign=options.either_sign)
@@ -258,7 +290,7 @@ def _maxima(best: Picture, which: Ids, angles: Array, least: float, alike: float
 
 
 def _refined(
-    picture: _Pyramid,
+    picture: Pyramid,
     template: Template,
     factor: int,
     poses: Array,
@@ -287,8 +319,8 @@ def _refined(
 
 def _best_apart(
     template: Template, poses: Array, score: Array, options: CorrelateOptions, count: int, least: float
-) -> tuple[Array, Array]:
-    """Return the best poses that differ in place or angle, best first."""
+) -> tuple[Array, Array, float]:
+    """Return the best poses that differ in place or angle, best first; and the best score of another one, or 0."""
     size = np.abs(score) if options.either_sign else score
     order = np.argsort(-size, kind="stable")
     order = order[size[order] >= least]
@@ -302,17 +334,18 @@ def _best_apart(
         dx, dy = x - x[k], y - y[k]
         free &= (dx * dx + dy * dy >= near * near) | _turned(angle, angle[k], options.apart)
         free[k] = False
-    return poses[kept], score[kept]
+    left = float(size[order[free.argmax()]]) if free.any() else 0.0
+    return poses[kept], score[kept], left
 
 
-def _peaks(picture: _Pyramid, template: Template, poses: Array, options: CorrelateOptions) -> Peaks:
+def _peaks(picture: Pyramid, template: Template, poses: Array, options: CorrelateOptions) -> Peaks:
     """Return the peaks near poses, by cubic interpolation."""
     poses, score = _refined(picture, template, 1, poses, options.motions, cubic=True)
     high = (np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)) & (score != 0)
     poses[high], score[high] = _refined(
         picture, template, 1, poses[high], options.motions, cubic=True, iterations=_TO_THE_END
     )
-    poses, score = _best_apart(template, poses, score, options, len(poses), options.least_score)
+    poses, score, _ = _best_apart(template, poses, score, options, len(poses), options.least_score)
     allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])

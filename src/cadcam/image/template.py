@@ -50,6 +50,7 @@ class Template:
         self._orientations: dict[tuple[object, ...], tuple[Orientations, Array]] = {}
         self._twins: dict[int, Array] = {}
         self._worst: dict[int, float] = {}
+        self._between: dict[int, float] = {}
         self._coarsest = 0  # unknown yet
         self.round_radius = self._round_radius()
 
@@ -96,6 +97,25 @@ class Template:
         off = np.array([[0.5, 0.5, half], [0.5, -0.5, -half], [-0.5, 0.5, -half], [-0.5, -0.5, half]])[..., None]
         moved = self._values(dx + off[:, 0], dy + off[:, 1], off[:, 2], 1.0, factor)
         return min(_correlation(at_rest, other) for other in moved)
+
+    def between(self, factor: int) -> float:
+        """Return the correlation at a level of the template with itself read midway between pixels.
+
+        An exact match has at least about that much there, wherever the picture's blocks of pixels lie.
+        """
+        if factor not in self._between:
+            dx, dy = _disc(self._reach(factor))
+            inside = self._inside(dx, dy, 0.0, 1.0, factor)
+            dx, dy = dx[inside], dy[inside]
+            about = [self._values(dx + x, dy + y, 0.0, 1.0, factor) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
+            at_rest = self._values(dx, dy, 0.0, 1.0, factor)
+            self._between[factor] = _correlation(at_rest, np.mean(about, axis=0)) if len(dx) else 0.0
+        return self._between[factor]
+
+    def effort(self, factor: int, angles: tuple[float, float], scales: tuple[float, float]) -> float:
+        """Return how many products a search at a level takes for each of its pixels: orientations times taps."""
+        reach = self._reach(factor) * max(scales)
+        return len(_motions(self.step(factor), angles, scales)) * max(1.0, math.pi * reach**2)
 
     def step(self, factor: int) -> float:
         """Return the angle (rad) between two orientations at a level; also the logarithm of the ratio of two scales."""

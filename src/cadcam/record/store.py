@@ -137,7 +137,7 @@ class Store:
                     (schema.source, [row for record in some for row in source_rows(record)]),
                 ):
                     if rows:
-                        connection.execute(table.insert(), rows)
+                        _insert(connection, table, rows)
                 count += len(some)
         return count
 
@@ -343,3 +343,12 @@ def _utc(what: str, time: datetime) -> datetime:
 
 def _check_known(verdict: str) -> None:
     expect_known(verdict, "verdict", VERDICTS)
+
+
+def _insert(connection: sql.Connection, table: sql.Table, rows: list[dict[str, Any]]) -> None:
+    """Insert rows, many in one statement where the driver would send one at a time and wait for each, as PostgreSQL's.
+
+    That is what asking for their keys brings about; nobody reads them.
+    """
+    many = table.insert()
+    connection.execute(many.returning(*table.primary_key) if connection.dialect.name == "postgresql" else many, rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -106,6 +107,11 @@ def numbers(rows: Sequence[Sequence[bytes]], n: int, complaint: Callable[[int], 
     return np.array(found, float).reshape(-1, n)
 
 
+def remedy(text: str, otherwise: str) -> str:
+    """Return what is to be done about text that is not the numbers expected: often it has decimal commas."""
+    return "write decimal points, not commas" if "," in text else otherwise
+
+
 def check_finite(path: Path, vertices: npt.NDArray[np.floating], place: Place) -> None:
     """Raise `UnreadableFile` naming the first vertex with a coordinate that is no finite number, or beyond all use."""
     bad = ~(np.abs(vertices) <= LARGEST).all(axis=1)
@@ -127,6 +133,16 @@ def check_indices(path: Path, faces: npt.NDArray[np.integer], n_vertices: int, p
             f"{place(at[0])} refers to vertex {int(faces[at])}, counted from 0, but the file has {n_vertices} vertices",
             "export it again",
         )
+
+
+def without_mark(path: Path, data: bytes) -> bytes:
+    """Return text without the byte order mark that some programs put before UTF-8; refuse UTF-16, which has it always.
+
+    With it the first word of a file is another: an OBJ file lost its first vertex.
+    """
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        raise UnreadableFile(path, "is text in UTF-16", "save it as UTF-8 or ASCII")
+    return data.removeprefix(codecs.BOM_UTF8)
 
 
 def refuse_binary(path: Path, data: bytes, form: str) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Longs
-from cadcam.cad.formats.model import Model, assembled, check_indices, numbers, refuse_binary
+from cadcam.cad.formats.model import Model, assembled, check_indices, numbers, refuse_binary, remedy, without_mark
 from cadcam.cad.formats.polygons import triangulated
 from cadcam.errors import UnreadableFile
 
@@ -38,6 +38,7 @@ def read_obj(path: Path, data: bytes) -> Model:
     neither. The colour of a face is the diffuse colour of its material, if the material library is beside the file,
     else the mean of its vertices' colours (three numbers after their positions).
     """
+    data = without_mark(path, data)
     refuse_binary(path, data, "OBJ")
     lines = _sorted_out(data)
     vertices = _vertices(path, lines)
@@ -107,7 +108,9 @@ def _vertices(path: Path, lines: _ObjLines) -> npt.NDArray[np.float64]:
 
     def complaint(k: int) -> UnreadableFile:
         text = lines.vertices[k].decode("utf-8", "replace").strip()
-        return UnreadableFile(path, f"line {lines.vertex_line[k]}: vertex {text!r} is not three numbers", _REMEDY)
+        return UnreadableFile(
+            path, f"line {lines.vertex_line[k]}: vertex {text!r} is not three numbers", remedy(text, _REMEDY)
+        )
 
     return numbers([line.split(None, 3) for line in lines.vertices], 3, complaint)
 

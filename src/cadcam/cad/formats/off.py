@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cadcam.cad.formats.model import Model, assembled, check_indices, numbers, refuse_binary
+from cadcam.cad.formats.model import Model, assembled, check_indices, numbers, refuse_binary, remedy, without_mark
 from cadcam.cad.formats.polygons import triangulated
 from cadcam.errors import UnreadableFile
 
@@ -18,6 +18,7 @@ Line = tuple[int, list[bytes]]  # its number in the file, its words
 
 def read_off(path: Path, data: bytes) -> Model:
     """Return the polygons of an ASCII OFF file; colours, normals and texture coordinates are ignored."""
+    data = without_mark(path, data)
     refuse_binary(path, data, "OFF")
     lines = _lines(path, data)
     n_vertices, n_faces = (_whole(path, lines[0] if lines else (0, []), k) for k in (0, 1))
@@ -60,7 +61,9 @@ def _polygon(path: Path, line: Line) -> list[int]:
 
 
 def _bad_vertex(path: Path, line: Line) -> UnreadableFile:
-    return UnreadableFile(path, f"line {line[0]}: vertex {_shown(line)!r} is not three numbers", _REMEDY)
+    return UnreadableFile(
+        path, f"line {line[0]}: vertex {_shown(line)!r} is not three numbers", remedy(_shown(line), _REMEDY)
+    )
 
 
 def _whole(path: Path, line: Line, column: int) -> int:

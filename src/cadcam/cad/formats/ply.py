@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Longs
-from cadcam.cad.formats.model import Model, assembled, check_indices, numbers
+from cadcam.cad.formats.model import Model, assembled, check_indices, numbers, without_mark
 from cadcam.cad.formats.polygons import triangulated
 from cadcam.errors import UnreadableFile
 
@@ -57,6 +57,7 @@ class _Element:
 
 def read_ply(path: Path, data: bytes) -> Model:
     """Return the polygons of a PLY file, with the colours of its faces or the mean of their vertices'; no textures."""
+    data = without_mark(path, data)
     order, elements, body = _header(path, data)
     reader = _Ascii(path, data, body) if order == "ascii" else _Binary(path, data, body, order)
     vertices = np.zeros((0, 3))

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import Array
-from cadcam.cad.formats.model import Model, assembled, numbers
+from cadcam.cad.formats.model import Model, assembled, numbers, remedy, without_mark
 from cadcam.errors import UnreadableFile
 
 _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -20,6 +20,7 @@ def read_stl(path: Path, data: bytes) -> Model:
     """Return the triangles of an ASCII or binary STL, recognised by the file's length, not by its first word."""
     if len(data) >= _HEADER and len(data) == _HEADER + _RECORD.itemsize * _claimed(data):
         return _binary(path, data)
+    data = without_mark(path, data)
     if re.match(rb"\s*solid\b", data[:512].lower()) and re.search(rb"facet|endsolid", data[:4096].lower()):
         return _ascii(path, data)
     if len(data) < _HEADER:
@@ -76,7 +77,8 @@ def _corners(path: Path, data: bytes, begin: int, end: int) -> Array:
         at = begin + len(b"vertex".join(words[: k + 1])) + len(b"vertex")
         line = data.count(b"\n", 0, at) + 1
         found = b" ".join(data[at:].split(b"\n", 1)[0].split()).decode("utf-8", "replace")
-        return UnreadableFile(path, f"line {line}: vertex {found!r} is not three finite numbers", _AGAIN)
+        what = f"line {line}: vertex {found!r} is not three finite numbers"
+        return UnreadableFile(path, what, remedy(found, _AGAIN))
 
     corners = numbers([word.split(None, 3) for word in words[1:]], 3, complaint)
     bad = ~np.isfinite(corners).all(axis=1)

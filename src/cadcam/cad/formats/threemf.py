@@ -47,7 +47,8 @@ def read_3mf(path: Path, data: bytes) -> Model:
     faces = np.concatenate([np.zeros((0, 3), np.int64), *found.faces])
     part = np.repeat(np.arange(len(found.faces)), [len(f) for f in found.faces])
     colors = np.concatenate([np.zeros((0, 3)), *found.colors])
-    return Model(assembled(path, points, faces, part=part, names=found.names, face_colors=colors), _UNIT[unit], True)
+    mesh = assembled(path, points, faces, part=part, names=found.names, face_colors=colors)
+    return Model(mesh, _UNIT[unit], declared="unit" in root.attrib)
 
 
 class _Collected:

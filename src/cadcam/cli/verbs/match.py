@@ -18,7 +18,6 @@ from cadcam.image.suffixes import READABLE, WRITABLE
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
     from cadcam.image.picture import PictureInfo
-    from cadcam.image.template import Template
     from cadcam.locate.match.closeness import Closeness
     from cadcam.locate.match.templates import TemplateMatches
     from cadcam.locate.photo import Photo
@@ -63,7 +62,10 @@ def add_to(verbs: Verbs) -> None:
 def _add_template_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("template")
     group.add_argument(
-        "--mask", metavar="FILE", help="picture of the template's size: pixels that are dark in it are ignored"
+        "--mask",
+        metavar="FILE",
+        help="picture of the template's size: pixels that are dark or transparent in it are ignored, as those are that"
+        " are transparent in the template itself",
     )
     group.add_argument(
         "--angles",
@@ -154,6 +156,7 @@ def _check_size(arguments: argparse.Namespace, photo: Picture, template: Picture
 def _run_template(arguments: argparse.Namespace) -> int:
     from cadcam.image.correlate import CorrelateOptions, correlate
     from cadcam.image.picture import to_gray, write_picture
+    from cadcam.image.template_file import read_template
     from cadcam.report.match import peaks_as_json, peaks_table
     from cadcam.report.match_picture import with_peaks
     from cadcam.report.photos import photos_as_json
@@ -169,7 +172,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
         either_sign=arguments.either_sign,
     )
     picture, read = _picture(arguments)
-    photo, template = to_gray(picture), _template(arguments)
+    photo, template = to_gray(picture), read_template(arguments.what, mask=arguments.mask)
     _check_size(arguments, photo, template.gray)
     with working("matching"):
         peaks = correlate(photo, template, options=options)
@@ -189,21 +192,6 @@ def _picture(arguments: argparse.Namespace) -> tuple[Picture, PictureInfo]:
     from cadcam.image.camera_picture import read_camera_picture_with_info
 
     return read_camera_picture_with_info(arguments.photo, full_scale=white_as_asked(arguments, [arguments.photo]))
-
-
-def _template(arguments: argparse.Namespace) -> Template:
-    from cadcam.image.camera_picture import read_camera_picture
-    from cadcam.image.picture import read_picture, to_gray
-    from cadcam.image.template import Template
-
-    gray = to_gray(read_camera_picture(arguments.what))  # of any white: correlation is normalised
-    if not arguments.mask:
-        return Template(gray)
-    mask = to_gray(read_picture(arguments.mask))
-    if mask.shape != gray.shape:
-        size, expected = mask.shape[::-1], gray.shape[::-1]
-        raise BadValue(arguments.mask, f"{size[0]} x {size[1]} px", f"the template's {expected[0]} x {expected[1]} px")
-    return Template(gray, mask=mask > 0.5)
 
 
 def _run_part(arguments: argparse.Namespace) -> int:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Picture
-from cadcam.image.sensor.effect import check, in_rows
+from cadcam.image.sensor.effect import check, in_columns, in_rows
 
 _POISSON_E = 1000.0  # electrons below which Poisson's distribution is drawn as it is
 
@@ -63,14 +63,17 @@ class Blooming:
 
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the picture with overflowing columns; no pixel holds more than the well."""
-        excess = np.maximum(picture - self.full_well, 0.0).astype(np.float64)
-        if not excess.any():
+        if not any((picture[rows] > self.full_well).any() for rows in in_rows(picture)):
             return picture
-        out = np.minimum(picture, self.full_well).astype(np.float64)
-        half = excess * ((1 - self.drained) / 2)
-        _flow(out, half, self.full_well)
-        _flow(out[::-1], half[::-1], self.full_well)
-        return np.asarray(out, dtype=np.float32)
+        out = np.zeros(picture.shape, np.float32)
+        for columns in in_columns(picture):
+            excess = np.maximum(picture[:, columns] - self.full_well, 0.0).astype(np.float64)
+            charge = np.minimum(picture[:, columns], self.full_well).astype(np.float64)
+            half = excess * ((1 - self.drained) / 2)
+            _flow(charge, half, self.full_well)
+            _flow(charge[::-1], half[::-1], self.full_well)
+            out[:, columns] = charge
+        return out
 
 
 def _flow(charge: Array, excess: Array, well: float) -> None:

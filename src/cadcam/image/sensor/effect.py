@@ -33,6 +33,13 @@ def in_rows(picture: Picture) -> Iterator[slice]:
         yield slice(top, min(top + step, len(picture)))
 
 
+def in_columns(picture: Picture) -> Iterator[slice]:
+    """Yield the columns of a picture in blocks, as `in_rows` does its rows."""
+    step = max(1, _TOGETHER // max(picture[:, :1].size, 1))
+    for left in range(0, picture.shape[1], step):
+        yield slice(left, min(left + step, picture.shape[1]))
+
+
 def check(what: str, value: float, low: float = -math.inf, high: float = math.inf, *, above: bool = False) -> None:
     """Raise `BadValue` unless low <= value <= high (low < value, if `above`) and the value is finite."""
     expect_number(value, what)

@@ -11,7 +11,7 @@ import numpy as np
 
 from cadcam.arrays import Picture
 from cadcam.image.picture import decoded_jpeg, encoded
-from cadcam.image.sensor.effect import check
+from cadcam.image.sensor.effect import check, in_rows
 from cadcam.kinds import expect_count
 
 
@@ -53,8 +53,11 @@ class Gamma:
 
 
 def _bent(picture: Picture, exponent: float) -> Picture:
-    inside = np.clip(picture, 0.0, 1.0)
-    return np.asarray(inside**exponent + (picture - inside), dtype=np.float32)
+    out = np.zeros(picture.shape, np.float32)
+    for rows in in_rows(picture):
+        inside = np.clip(picture[rows], 0.0, 1.0)
+        out[rows] = inside**exponent + (picture[rows] - inside)
+    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,7 +82,9 @@ class EdgeEnhancement:
         soft = gaussian_filter1d(picture, self.radius_px, axis=1, mode="nearest", truncate=6.0)
         if self.vertical:
             soft = gaussian_filter1d(soft, self.radius_px, axis=0, mode="nearest", truncate=6.0)
-        return np.asarray(picture + np.float32(self.strength) * (picture - soft), dtype=np.float32)
+        for rows in in_rows(picture):
+            soft[rows] = picture[rows] + np.float32(self.strength) * (picture[rows] - soft[rows])
+        return np.asarray(soft, dtype=np.float32)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,13 +114,17 @@ class Jitter:
         from scipy.ndimage import map_coordinates
 
         by = rng.uniform(-self.worst_px, self.worst_px, len(picture))
-        y, x = np.mgrid[: picture.shape[0], : picture.shape[1]].astype(np.float64)
-        planes = [picture] if picture.ndim == 2 else [picture[..., c] for c in range(picture.shape[2])]
-        from_x = x - by[:, None]
-        out = [
-            map_coordinates(_splined(plane), [y, from_x], order=3, prefilter=False, mode="nearest") for plane in planes
-        ]
-        return np.asarray(out[0] if picture.ndim == 2 else np.stack(out, axis=-1), dtype=np.float32)
+        out = np.zeros(picture.shape, np.float32)
+        deep = (*picture.shape[:2], -1)
+        for plane, made in zip(
+            np.moveaxis(picture.reshape(deep), 2, 0), np.moveaxis(out.reshape(deep), 2, 0), strict=True
+        ):
+            splined = _splined(plane)
+            for rows in in_rows(splined):
+                y, x = np.mgrid[rows, : picture.shape[1]].astype(np.float64)
+                from_xy = [y, x - by[rows, None]]
+                made[rows] = map_coordinates(splined, from_xy, order=3, prefilter=False, mode="nearest")
+        return out
 
 
 def _splined(plane: Picture) -> Picture:
