@@ -76,10 +76,16 @@ CASES = [
     ),
     Case("a pose over the camera", (*LOCATE, "--pose-out", "camera.json"), lambda j: None, LOST),
     Case(
-        "poses over points", ("calibrate", "points.csv", *CALIBRATE[1:4], "--poses", "points.csv"), lambda j: None, LOST
+        "poses over points",
+        ("calibrate", "points.csv", *CALIBRATE[1:4], "--poses-out", "points.csv"),
+        lambda j: None,
+        LOST,
     ),
     Case(
-        "a rig's poses over points", (*RIG, "--camera", "b=points.csv", "--poses", "points.csv"), lambda j: None, LOST
+        "a rig's poses over points",
+        (*RIG, "--camera", "b=points.csv", "--poses-out", "points.csv"),
+        lambda j: None,
+        LOST,
     ),
     Case(
         "camera for points",

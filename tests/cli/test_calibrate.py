@@ -163,7 +163,7 @@ def test_several_files_are_one_camera(cadcam: Cadcam, positions: list[Path], tmp
     words = ("calibrate", *positions, "--size", "320x240", "--lens", "brown-conrady:k1")
     views = [read_points(path) for path in positions]
     expected = calibrate_jointly(views, SIZE, lens=BrownConrady(), free_lens=("k1",))
-    ran = cadcam(*words, "-o", tmp_path / "out.json", "--poses", tmp_path / "poses.csv", "--json")
+    ran = cadcam(*words, "-o", tmp_path / "out.json", "--poses-out", tmp_path / "poses.csv", "--json")
     assert ran.code == 0, ran.err
     focal = ran.json["parameters"]["focal_px"]
     assert focal["value"] == pytest.approx(expected.value("focal"), rel=1e-9)

@@ -32,7 +32,7 @@ def test_pictures_become_a_camera_file_poses_and_pictures_of_what_was_found(
     cadcam: Cadcam, folder: Path, tmp_path: Path
 ) -> None:
     ran = cadcam(
-        "calibrate", folder, "--board", CHESS, "-o", tmp_path / "camera.json", "--poses", tmp_path / "poses.csv",
+        "calibrate", folder, "--board", CHESS, "-o", tmp_path / "camera.json", "--poses-out", tmp_path / "poses.csv",
         "--pictures", tmp_path / "found",
     )  # fmt: skip
     assert ran.code == 0, ran.err
@@ -52,7 +52,7 @@ def test_pictures_of_one_name_in_two_folders_keep_a_pose_each(cadcam: Cadcam, fo
     for place, picture in zip(places, sorted(folder.glob("*.png")), strict=True):
         place.parent.mkdir(exist_ok=True)
         place.write_bytes(picture.read_bytes())
-    ran = cadcam("calibrate", *places, "--board", CHESS, "--no-advice", "--poses", tmp_path / "poses.csv")
+    ran = cadcam("calibrate", *places, "--board", CHESS, "--no-advice", "--poses-out", tmp_path / "poses.csv")
     assert ran.code == 0, ran.err
     assert list(read_poses(tmp_path / "poses.csv")) == [str(place) for place in places]
 
@@ -111,10 +111,10 @@ def test_bad_input_is_one_message(
 
 
 def test_a_board_is_written_to_be_printed(cadcam: Cadcam, tmp_path: Path) -> None:
-    ran = cadcam("board", CHESS, tmp_path / "board.pdf", "--page", "a3")
+    ran = cadcam("board", CHESS, "-o", tmp_path / "board.pdf", "--page", "a3")
     assert ran.code == 0
     assert "225.00 x 150.00 mm" in ran.out
     assert (tmp_path / "board.pdf").read_bytes().startswith(b"%PDF")
-    ran = cadcam("board", "chessboard:90x60:25mm", tmp_path / "large.pdf", "--page", "a3")
+    ran = cadcam("board", "chessboard:90x60:25mm", "-o", tmp_path / "large.pdf", "--page", "a3")
     assert ran.code == 2
     assert "fits on a3" in ran.err

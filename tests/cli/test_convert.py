@@ -59,7 +59,7 @@ def test_a_loss_ends_with_2_and_writes_nothing_until_it_is_allowed(cadcam: Run, 
     half = cadcam("convert", job / "camera.json", target, "--allow-loss", "skew")
     assert half.code == 2
     assert "lens" in half.err
-    fitted = cadcam("convert", job / "camera.json", target, "--allow-loss", "skew", "--fit", "--pixel-um", "4.8")
+    fitted = cadcam("convert", job / "camera.json", target, "--allow-loss", "skew", "--fit", "--pixel-pitch", "4.8")
     assert fitted.code == 0
     assert "lost: fitted lens: brown-conrady (k1 -0.05) becomes" in fitted.err
     assert "lost: skew" in fitted.err
@@ -104,11 +104,12 @@ def test_one_camera_of_many_is_chosen_by_name_or_number(cadcam: Run, tmp_path: P
     said = cadcam("convert", chain, tmp_path / "o.json").err
     assert "number of cameras is 2, and one is what a file of this format (cadcam camera file) holds" in said
     assert (
-        "choose it with --camera NAME (a.png, b.png); all have the same K and lens, and differ in their poses" in said
+        "choose it with --camera-name NAME (a.png, b.png); all have the same K and lens, and differ in their poses"
+        in said
     )
-    assert cadcam("convert", chain, tmp_path / "o.json", "--camera", "b.png").code == 0
-    assert cadcam("convert", chain, tmp_path / "o.json", "--camera", "0").code == 0
-    assert "did you mean 'b.png'" in cadcam("convert", chain, tmp_path / "o.json", "--camera", "b.pn").err
+    assert cadcam("convert", chain, tmp_path / "o.json", "--camera-name", "b.png").code == 0
+    assert cadcam("convert", chain, tmp_path / "o.json", "--camera-name", "0").code == 0
+    assert "did you mean 'b.png'" in cadcam("convert", chain, tmp_path / "o.json", "--camera-name", "b.pn").err
 
 
 @pytest.mark.parametrize(
@@ -116,12 +117,18 @@ def test_one_camera_of_many_is_chosen_by_name_or_number(cadcam: Run, tmp_path: P
     [
         (["none.json", "o.json"], "no such file"),
         (["plain.json", "o.yaml"], "format of"),
-        (["plain.json", "o.json", "--camera", "a", "--camera", "b"], "--camera is given 2 times; expected once"),
+        (
+            ["plain.json", "o.json", "--camera-name", "a", "--camera-name", "b"],
+            "--camera-name is given 2 times; expected once",
+        ),
         (["plain.json", "o.yaml", "--to", "opencw"], "did you mean 'opencv'"),
         (["plain.json", "o.dat", "--allow-loss", "lenz"], "unknown loss 'lenz'; did you mean 'lens'"),
         (["plain.json", "o.dat", "--from", "ros"], "is not YAML|has no|is refused"),
         (["plain.json", "o.json", "--size", "10x10"], "size is"),
-        (["plain.json", "o.dat", "--fit", "--pixel-um", "0.005"], r"--pixel-um is 0.005; expected .* um, such as 3.45"),
+        (
+            ["plain.json", "o.dat", "--fit", "--pixel-pitch", "0.005"],
+            r"--pixel-pitch is 0.005; expected .* um, such as 3.45",
+        ),
         (["plain.json", "plain.json"], "plain.json: cannot be written: is an input of this command"),
         (
             ["plain.json", "o.json", "--resize", "320x200"],
@@ -208,10 +215,10 @@ def test_a_rig_is_made_one_of_other_pictures_of_all_cameras_or_of_those_named(
         for parameter, scale in (("focal", 0.5), ("V0", 0.5), ("aspect", 1.0), ("tx", 1.0)):
             assert half.sigma(name, parameter) == scale * full.sigma(name, parameter)
     np.testing.assert_array_equal(half.camera_from_rig.matrix, full.camera_from_rig.matrix)
-    two = ("--camera", "left", "--camera", "right")
+    two = ("--camera-name", "left", "--camera-name", "right")
     assert cadcam("convert", rig_file, small, "--resize", "640x480", *two).code == 0
     assert [camera.size for camera in read_rig(small).cameras] == [(640, 480), (640, 480), (1024, 1024)]
-    told = cadcam("convert", rig_file, "-", "--crop", "10,20,600x500", "--camera", "top", "--json").json
+    told = cadcam("convert", rig_file, "-", "--crop", "10,20,600x500", "--camera-name", "top", "--json").json
     assert [camera["size_px"] for camera in told["cameras"]] == [[1280, 960], [1280, 960], [600, 500]]
     listed = cadcam("convert", rig_file, "-")
     assert "rig: 3 cameras" in listed.out
@@ -221,12 +228,12 @@ def test_a_rig_is_made_one_of_other_pictures_of_all_cameras_or_of_those_named(
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("o.json", "--resize", "640x480"), r"cameras of several sizes .left 1280 x 960, .* --camera NAME"),
+        (("o.json", "--resize", "640x480"), r"cameras of several sizes .left 1280 x 960, .* --camera-name NAME"),
         (("o.json", "--crop", "0,0,640x480"), r"--crop is given for cameras of several sizes"),
-        (("o.json", "--resize", "640x400", "--camera", "left"), "in another ratio"),
-        (("o.json", "--binning", "2", "--camera", "lef"), "did you mean 'left'"),
+        (("o.json", "--resize", "640x400", "--camera-name", "left"), "in another ratio"),
+        (("o.json", "--binning", "2", "--camera-name", "lef"), "did you mean 'left'"),
         (("o.json",), "rig.json is a rig file; expected --resize, --binning, --crop, or - in place of o.json"),
-        (("-", "--camera", "left"), "--camera is given for a rig whose pictures stay"),
+        (("-", "--camera-name", "left"), "--camera-name is given for a rig whose pictures stay"),
         (("o.yml", "--binning", "2"), r"'.yml' .known: .json"),
         (("o.json", "--binning", "2", "--to", "opencv"), "--to is given for a rig file"),
         (("o.json", "--binning", "2", "--fit"), "--fit is given for a rig file"),
@@ -295,7 +302,7 @@ def test_the_verbs_take_other_programs_camera_files_as_they_are(cadcam: Run, job
     (job / "two.json").write_text(json.dumps(scene))
     two = cadcam("render", job / "block.obj", "--camera", job / "two.json", "-o", job / "x.png")
     assert two.code == 2
-    assert "cadcam convert --camera NAME" in two.err
+    assert "cadcam convert --camera-name NAME" in two.err
 
 
 def test_a_place_that_was_in_metres_is_told_with_its_digits(cadcam: Run, tmp_path: Path) -> None:

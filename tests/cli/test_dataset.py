@@ -17,7 +17,7 @@ SMALL = ("--size", "80x60", "--workers", "1")
 
 def test_it_makes_what_its_help_says_and_goes_on(cadcam: Cadcam, job: Path) -> None:
     words = ("dataset", job / "block.obj", "-o", job / "set", "--seed", "1", "--occluders", "0,2", *SMALL)
-    ran = cadcam(*words, "--views", "3")
+    ran = cadcam(*words, "--count", "3")
     assert ran.code == 0, ran.err
     assert "made now                           3" in ran.out
     assert f"look at {job}/set/contact.png" in ran.err
@@ -26,13 +26,13 @@ def test_it_makes_what_its_help_says_and_goes_on(cadcam: Cadcam, job: Path) -> N
     for name in ("models/obj_000001.ply", "models/models_info.json", "train_coco.json", "camera.json"):
         assert (job / "set" / name).exists(), name
     assert read_picture(job / "set/contact.png").shape == (60, 3 * 80 + 2 * 4, 3)
-    again = cadcam(*words, "--views", "4", "--json")
+    again = cadcam(*words, "--count", "4", "--json")
     assert (again.json["views"], again.json["new"]) == (4, 1)
-    assert cadcam(*words, "--views", "4").err.count("4 views are in") == 1
+    assert cadcam(*words, "--count", "4").err.count("4 views are in") == 1
 
 
 def test_a_plan_file_and_another_split(cadcam: Cadcam, job: Path) -> None:
-    (job / "plan.yaml").write_text("views: 2\nbackground: [noise]\nsamples: 1\n")
+    (job / "plan.yaml").write_text("count: 2\nbackgrounds: [noise]\nsamples: 1\n")
     ran = cadcam("dataset", job / "block.obj", "-o", job / "set", "--plan", job / "plan.yaml", "--split", "val", *SMALL)
     assert ran.code == 0, ran.err
     assert (job / "set/val/000000/rgb/000001.png").exists()
@@ -40,7 +40,7 @@ def test_a_plan_file_and_another_split(cadcam: Cadcam, job: Path) -> None:
 
 
 def test_the_jobs_camera_with_its_lens_and_grey_pictures(cadcam: Cadcam, job: Path) -> None:
-    words = ("dataset", job / "block.obj", "-o", job / "set", "--camera", job / "camera.json", "--gray", "--views", "1")
+    words = ("dataset", job / "block.obj", "-o", job / "set", "--camera", job / "camera.json", "--gray", "--count", "1")
     ran = cadcam(*words, "--workers", "1", "--json")
     assert ran.code == 0, ran.err
     assert read_picture(job / "set/train/000000/gray/000000.png").shape == (240, 320)
@@ -50,8 +50,8 @@ def test_the_jobs_camera_with_its_lens_and_grey_pictures(cadcam: Cadcam, job: Pa
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--views", "0"), "views is 0"),
-        (("--background", "nois"), "did you mean 'noise'"),
+        (("--count", "0"), "views is 0"),
+        (("--backgrounds", "nois"), "did you mean 'noise'"),
         (("--plan", "none.yaml"), "none.yaml: no such file"),
         (("--sensor", "phon"), "did you mean 'phone'"),
         (("--workers", "0"), "workers is 0"),
@@ -59,7 +59,7 @@ def test_the_jobs_camera_with_its_lens_and_grey_pictures(cadcam: Cadcam, job: Pa
         (("-o", "block.obj"), "block.obj: cannot be written: is an input of this command"),
         (("-o", "block.obj/set"), "block.obj/set: cannot be written: '{job}/block.obj' is a file; name a folder"),
         (("--fill", "0.9,0.4"), "(least, greatest), from 0.01 to 2"),
-        (("--fill", "0.5", "--distance-mm", "900"), "fill is given beside distance_mm"),
+        (("--fill", "0.5", "--distance", "900"), "--fill is given beside --distance"),
         (("--key-points", "lost.csv"), "lost.csv: no such file"),
     ],
 )
@@ -67,7 +67,7 @@ def test_what_is_wrong_is_one_message_and_exit_2(
     cadcam: Cadcam, job: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], message: str
 ) -> None:
     monkeypatch.chdir(job)
-    ran = cadcam("dataset", "block.obj", "-o", "set", "--views", "2", *SMALL, *options)
+    ran = cadcam("dataset", "block.obj", "-o", "set", "--count", "2", *SMALL, *options)
     assert ran.code == 2
     assert ran.out == ""
     errors = [line for line in ran.err.splitlines() if line.startswith("cadcam dataset: ")]
@@ -95,9 +95,9 @@ def test_what_differs_of_a_data_set_is_what_was_asked_for_and_not_what_follows_f
     cadcam: Cadcam, job: Path
 ) -> None:
     """Another distance brings another depth_scale; the first is what a user knows of."""
-    words = ("dataset", job / "block.obj", "-o", job / "set", "--views", "1", *SMALL)
-    assert cadcam(*words, "--distance-mm", "500").code == 0
-    assert "is begun with another around.distance_mm (" in cadcam(*words, "--distance-mm", "50000").err
+    words = ("dataset", job / "block.obj", "-o", job / "set", "--count", "1", *SMALL)
+    assert cadcam(*words, "--distance", "500").code == 0
+    assert "is begun with another around.distance_mm (" in cadcam(*words, "--distance", "50000").err
 
 
 def test_an_interruption_says_that_the_same_command_goes_on(
@@ -107,13 +107,13 @@ def test_an_interruption_says_that_the_same_command_goes_on(
         raise KeyboardInterrupt
 
     monkeypatch.setattr("cadcam.dataset.make.make_dataset", interrupted)
-    ran = cadcam("dataset", job / "block.obj", "-o", job / "set", "--views", "1", *SMALL)
+    ran = cadcam("dataset", job / "block.obj", "-o", job / "set", "--count", "1", *SMALL)
     assert ran.code == 130
     assert "cadcam dataset: interrupted; the same command goes on where it was" in ran.err
 
 
 def test_a_picture_far_wider_than_high_has_its_tile(cadcam: Cadcam, job: Path) -> None:
-    words = ("dataset", job / "block.obj", "-o", job / "set", "--views", "1", "--workers", "1")
+    words = ("dataset", job / "block.obj", "-o", job / "set", "--count", "1", "--workers", "1")
     ran = cadcam(*words, "--size", "2000x4")
     assert ran.code == 0, ran.err
     assert read_picture(job / "set/contact.png").shape == (1, 500, 3)

@@ -207,7 +207,7 @@ def test_a_folder_that_cannot_be_made_is_exit_2(tmp_path: Path, capsys: pytest.C
     code = main(["demo", str(tmp_path / "file" / "folder")])
     ran = Ran(code, *capsys.readouterr())
     assert ran.code == 2
-    assert "name another folder" in ran.err
+    assert "is a file; name a folder" in ran.err
 
 
 def test_a_folder_that_may_not_be_written_to_is_exit_2_before_any_work(

@@ -71,7 +71,7 @@ def test_a_declared_range_of_views_is_searched_and_what_that_took_is_kept(
     cadcam: Cadcam, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CADCAM_CACHE", str(here / "kept"))
-    search = (*LOCATE, "--views", "0.45,-0.73,0.51:15", "--roll", "20", "--distance", "270,330", "--json")
+    search = (*LOCATE, "--seen-from", "0.45,-0.73,0.51:15", "--roll", "20", "--distance", "270,330", "--json")
     (here / "found.json").write_text(cadcam(*search).out)
     assert off_mm(read_part_pose("found.json")) < 0.3
     (kept,) = (here / "kept").glob("*.npz")
@@ -83,9 +83,9 @@ def test_a_declared_range_of_views_is_searched_and_what_that_took_is_kept(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--views", "below"), "any, above"),
-        (("--views", "1,0"), "X,Y,Z:DEG"),
-        (("--views", "above:200"), "0 to 180"),
+        (("--seen-from", "below"), "any, above"),
+        (("--seen-from", "1,0"), "X,Y,Z:DEG"),
+        (("--seen-from", "above:200"), "0 to 180"),
         (("--distance", "300"), "nearest,farthest"),
         (("--distance", "300,200"), "least, greatest"),
         (("--roll", "15", "--start", "start.txt"), "a start is not searched for"),

@@ -76,7 +76,7 @@ def test_a_part_comes_with_features_edges_and_pose(cadcam: Callable[..., Ran], j
     assert {"drawn", "p_part", "chosen", "peaks", "complete"} == set(ran.json["features"][0])
     assert len(ran.json["edges"]["each"]) == 9  # the edges of a block that can be seen at once
     assert read_picture(job / "features.png").shape == (240, 320, 3)
-    words_out = cadcam(*words, "--edges", "--peaks").out
+    words_out = cadcam(*words, "--measure", "--peaks").out
     assert "features" in words_out
     assert "How close the photo's edges are" in words_out
     assert "Feature 1, drawn at" in words_out
@@ -112,7 +112,7 @@ def test_a_part_that_is_not_there_is_exit_3(cadcam: Callable[..., Ran], job: Pat
     ("words", "said"),
     [
         (["block.obj"], "--camera is missing"),
-        (["photo.png", "--angles", "10", "-10"], "angles"),
+        (["photo.png", "--angles", "10,-10"], "angles"),
         (["none.png"], "none.png"),
         (["photo.png", "-o", "where.svg"], "suffix"),
         (["photo.png", "--count", "0"], "count"),

@@ -73,7 +73,7 @@ def close(document: dict, sigmas: float = 4.0) -> bool:
 
 
 def test_two_cameras_measure_points_and_a_distance(cadcam: Cadcam, rig: Path) -> None:
-    ran = cadcam(*two(rig), "--distance", "A,B", "--json")
+    ran = cadcam(*two(rig), "--between", "A,B", "--json")
     assert ran.code == 0, ran.err
     assert [p["name"] for p in ran.json["points"]] == ["A", "B", "C", "D"]
     assert close(ran.json)
@@ -87,7 +87,7 @@ def test_two_cameras_measure_points_and_a_distance(cadcam: Cadcam, rig: Path) ->
 
 
 def test_the_tables_show_points_distances_and_causes(cadcam: Cadcam, rig: Path) -> None:
-    out = cadcam(*two(rig), "--distance", "A,B").out
+    out = cadcam(*two(rig), "--between", "A,B").out
     for words in (
         "4 points, mm +- sigma",
         "gap/sigma",
@@ -209,8 +209,8 @@ WRONG = {
     ),
     "plane": (["--moved", "away=left:motion.txt", "--plane", "0,0,1"], "NX,NY,NZ,D"),
     "output": (["-o", "points.xyz"], ".csv"),
-    "distance": (["--moved", "away=left:motion.txt", "--distance", "A"], "two point names"),
-    "unknown point": (["--moved", "away=left:motion.txt", "--distance", "A,Z"], "unknown point 'Z'"),
+    "distance": (["--moved", "away=left:motion.txt", "--between", "A"], "two point names"),
+    "unknown point": (["--moved", "away=left:motion.txt", "--between", "A,Z"], "unknown point 'Z'"),
 }
 
 

@@ -111,7 +111,7 @@ def test_depth_and_normals_as_openexr_are_the_renderers_own(cadcam: Cadcam, job:
         (("-o", "a.npy", "--channel", "depth", "--crease-angle", "20"), "--crease-angle is given where no lines"),
         (("-o", "a.png", "--hidden", "--light", "sun"), "--hidden is given where no lines are drawn"),
         (("-o", "a.png", "--seed", "0"), "--seed is given without --sensor"),
-        (("-o", "a.png", "--tolerance", "0.1"), "tolerance for block.obj is 0.1 mm; expected none"),
+        (("-o", "a.png", "--mesh-tolerance", "0.1"), "tolerance for block.obj is 0.1 mm; expected none"),
         (("-o", "a.png", "--overwrite"), "--overwrite is given without --poses"),
     ],
 )

@@ -1,4 +1,4 @@
-"""`cadcam render --light --lens --f-number --focus --sensor`: photographs, and what cannot be photographed."""
+"""`cadcam render --light --focal --f-number --focus --sensor`: photographs, and what cannot be photographed."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ HALF = 0.5 / 255 + 1e-6  # what rounding to 8 bits may change
 
 
 def shot(cadcam: Cadcam, job: Path, *options: str | Path, name: str = "a.png") -> Ran:
-    few = () if "--samples" in options else ("--samples", "2")
+    few = () if "--renderings" in options else ("--renderings", "2")
     return cadcam("render", job / "block.obj", "--camera", job / "camera.json", *options, *few, "-o", job / name)
 
 
@@ -35,7 +35,7 @@ def test_the_lights_offered_are_those_there_are() -> None:
 
 
 def test_a_photograph_is_what_the_library_takes(cadcam: Cadcam, job: Path) -> None:
-    options = ("--light", "sun", "--lens", "16", "--f-number", "2", "--focus", "700", "--sensor", "global-shutter")
+    options = ("--light", "sun", "--focal", "16", "--f-number", "2", "--focus", "700", "--sensor", "global-shutter")
     ran = shot(cadcam, job, *options, "--seed", "3", "--background", "#000000", "--json")
     assert ran.code == 0, ran.err
     said = json.loads(ran.out)
@@ -53,7 +53,7 @@ def test_a_photograph_is_what_the_library_takes(cadcam: Cadcam, job: Path) -> No
 
 
 def test_focus_is_the_middle_of_the_model_unless_it_is_said(cadcam: Cadcam, job: Path) -> None:
-    ran = shot(cadcam, job, "--lens", "25", "--f-number", "2.5")
+    ran = shot(cadcam, job, "--focal", "25", "--f-number", "2.5")
     assert ran.code == 0, ran.err
     low, high = read_model(job / "block.obj").bounds
     depth = (POSE @ ((low + high) / 2))[2]
@@ -70,17 +70,17 @@ def test_transparent_photographs_have_no_wall_behind_them(cadcam: Cadcam, job: P
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--f-number", "2"), "--f-number is given without --lens"),
-        (("--lens", "16"), "given without --f-number"),
+        (("--f-number", "2"), "--f-number is given without --focal"),
+        (("--focal", "16"), "given without --f-number"),
         (("--focus", "500", "--light", "sun"), "given without --f-number"),
-        (("--samples", "4"), "given without --light or --f-number"),
+        (("--renderings", "4"), "given without --light or --f-number"),
         (("--light", "sun", "--look", "flat"), "--look is given beside --light"),
         (("--light", "sun", "--edges"), "--edges is given beside --light"),
         (("--light", "sun", "--channel", "depth"), "--light is given with --channel depth"),
-        (("--lens", "16", "--f-number", "0"), "--f-number is 0"),
-        (("--lens", "-16", "--f-number", "2"), "--lens is -16"),
-        (("--lens", "16", "--f-number", "2", "--focus", "10"), "nothing nearer has a real picture"),
-        (("--light", "sun", "--samples", "0"), "a whole number from 1 to 4096"),
+        (("--focal", "16", "--f-number", "0"), "--f-number is 0"),
+        (("--focal", "-16", "--f-number", "2"), "--focal is -16"),
+        (("--focal", "16", "--f-number", "2", "--focus", "10"), "nothing nearer has a real picture"),
+        (("--light", "sun", "--renderings", "0"), "a whole number from 1 to 4096"),
     ],
 )
 def test_what_would_be_ignored_or_cannot_be_is_refused(

@@ -56,7 +56,7 @@ def words(folder: Path) -> tuple[str, ...]:
 
 
 def test_points_files_become_a_rig_file_that_measures(cadcam: Cadcam, points: Path, tmp_path: Path) -> None:
-    ran = cadcam(*words(points), *POINTS, "-o", tmp_path / "rig.json", "--poses", tmp_path / "poses.csv")
+    ran = cadcam(*words(points), *POINTS, "-o", tmp_path / "rig.json", "--poses-out", tmp_path / "poses.csv")
     assert ran.code == 0, ran.err
     assert "Rig of 2 cameras, 6 frames; axes are those of left" in ran.out
     assert "distance of the focal centres of left and right" in ran.out
@@ -65,14 +65,14 @@ def test_points_files_become_a_rig_file_that_measures(cadcam: Cadcam, points: Pa
     base = found.relative("left", "right")
     assert abs(base.baseline - np.linalg.norm(TO_RIGHT.translation)) < 4 * base.baseline_sigma()
     assert set(read_poses(tmp_path / "poses.csv")) == {f"{j + 1:02}" for j in range(6)}
-    ran = cadcam("measure", points / "pixels.csv", "--rig", tmp_path / "rig.json", "--distance", "A,B", "--json")
+    ran = cadcam("measure", points / "pixels.csv", "--rig", tmp_path / "rig.json", "--between", "A,B", "--json")
     assert ran.code == 0, ran.err
     (distance,) = json.loads(ran.out)["distances_mm"]
     assert abs(distance["value"] - 50) < 4 * distance["sigma"]
 
 
 def test_json_says_the_same(cadcam: Cadcam, points: Path) -> None:
-    said = json.loads(cadcam(*words(points), *POINTS, "--known", f"right={points}/right.json", "--json").out)
+    said = json.loads(cadcam(*words(points), *POINTS, "--internals", f"right={points}/right.json", "--json").out)
     assert said["format"] == "cadcam rig"
     assert said["cameras"][1]["free"] == []
     assert said["cameras"][1]["baseline_mm"]["sigma"] > 0
@@ -110,8 +110,8 @@ def test_pictures_of_a_board_become_a_rig(cadcam: Cadcam, tmp_path: Path) -> Non
         ((), "--size WxH"),
         (("--size", "640x480", "--board", "chessboard:9x6:25mm"), "folder without pictures"),
         (("--camera", "third={folder}/thrid"), "thrid: no such file or folder"),
-        (("--known", "top={folder}/right.json"), "top"),
-        (("--known", "right"), "NAME=PATH"),
+        (("--internals", "top={folder}/right.json"), "top"),
+        (("--internals", "right"), "NAME=PATH"),
         (("--camera", "left={folder}/left"), "twice"),
         (("--size", "640x480", "-o", "rig.yml"), ".json"),
         (("--size", "1280x960", "--fix", "X=3"), "X"),

@@ -160,17 +160,17 @@ def test_where_nothing_fits_it_is_said_why(cadcam: Cadcam, here: Path) -> None:
     trend = cadcam("state", "trend", "rib", "--part", "brackets")
     assert (trend.code, trend.err) == (2, f"cadcam state trend: {unknown}\n")
     both = ("--serial", "S0", "--verdict", "FAIL")
-    exported = cadcam("state", "export", "none.csv", *both).err
+    exported = cadcam("state", "export", "-o", "none.csv", *both).err
     assert exported.startswith("store parts.sqlite: no record fits --serial, --verdict (3 records in all)\n")
     assert "known: S0, S1, S2" in cadcam("state", "trend", "rib", "--serial", "S9").err
 
 
 def test_an_export_is_csv_for_people_and_json_for_another_store(cadcam: Cadcam, here: Path) -> None:
     cadcam("state", "add", "three.jsonl")
-    assert cadcam("state", "export", "fail.csv", "--verdict", "FAIL").code == 0
+    assert cadcam("state", "export", "-o", "fail.csv", "--verdict", "FAIL").code == 0
     with (here / "fail.csv").open() as file:
         assert [row["serial"] for row in csv.DictReader(file)] == ["S2"]
-    cadcam("state", "export", "all.json")
+    cadcam("state", "export", "-o", "all.json")
     assert cadcam("state", "add", "all.json", "--store", "other.sqlite").code == 0
     assert cadcam("state", "list", "--store", "other.sqlite", "--json").json["of"] == 3
 

@@ -53,7 +53,7 @@ CALIBRATE = (
     *("--plate", "plate.json", "--survey", "survey_6.csv", "--survey-sigma", "0.1"),
 )
 MEASURE = ("station", "measure", "--pixels", "day_pixels.csv", "--positions", "day_positions.csv")
-BOTH = ("--station", "station_6.json", "--station", "station_12.json")
+BOTH = ("--station-file", "station_6.json", "--station-file", "station_12.json")
 
 
 def test_a_lens_is_taken_off(cadcam: Cadcam, folder: Path) -> None:
@@ -66,8 +66,8 @@ def test_a_lens_is_taken_off(cadcam: Cadcam, folder: Path) -> None:
     write_plate(folder / "plate.json", hall.plate)
     write_camera(folder / "camera.json", bent)
     assert cadcam(*CALIBRATE, "--limit", "0.5").code == 2
-    assert cadcam(*CALIBRATE, "--limit", "0.5", "--lens", "camera.json", "-o", "bent.json").code == 0
-    found = cadcam(*MEASURE, "--station", "bent.json", "--drawing", "day_truth.csv", "--json").json
+    assert cadcam(*CALIBRATE, "--limit", "0.5", "--camera", "camera.json", "-o", "bent.json").code == 0
+    found = cadcam(*MEASURE, "--station-file", "bent.json", "--drawing", "day_truth.csv", "--json").json
     assert read_station(folder / "bent.json").lens is not None
     truth = read_drawing(folder / "day_truth.csv")
     off = [np.array(one["point_mm"]) - truth[one["mark"]] for one in found["measured"]]
@@ -97,7 +97,7 @@ def test_marks_are_measured_logged_kept_and_compared(cadcam: Cadcam, folder: Pat
     assert len((folder / "log.jsonl").read_text().splitlines()) == 12
     with open_store(folder / "parts.sqlite") as store:
         assert len(store.query(serial="B1")) == 12
-    said = cadcam(*MEASURE, *BOTH, "--drawing", "day_truth.csv", "--distance", "mark01,mark02", "--json").json
+    said = cadcam(*MEASURE, *BOTH, "--drawing", "day_truth.csv", "--between", "mark01,mark02", "--json").json
     assert len(said["distances"]) == 1
     assert len(said["measured"]) == 12
 
@@ -161,12 +161,14 @@ def test_a_known_mark_recalibrates(cadcam: Cadcam, folder: Path) -> None:
     row = next(line for line in pixels[1:] if positions[line.split(",")[1]].split(",")[1] == "6")
     (folder / "one.csv").write_text(f"{pixels[0]}\n{row}\n")
     given = ("--pixels", "one.csv", "--positions", "day_positions.csv")
-    x, y = cadcam("station", "measure", *given, "--station", "station_6.json", "--json").json["measured"][0]["point_mm"]
+    x, y = cadcam("station", "measure", *given, "--station-file", "station_6.json", "--json").json["measured"][0][
+        "point_mm"
+    ]
     known = ("--known", f"{x + 300!r},{y - 200!r}")
     ran = cadcam("station", "recalibrate", "station_6.json", *given, *known, "-o", "new.json")
     assert ran.code == 0
     assert "taken off everywhere" in ran.out
-    again = cadcam("station", "measure", *given, "--station", "new.json", "--json").json
+    again = cadcam("station", "measure", *given, "--station-file", "new.json", "--json").json
     assert again["measured"][0]["point_mm"] == pytest.approx([x + 300, y - 200], abs=1e-6)
     assert "give -o FILE to take it off" in cadcam("station", "recalibrate", "station_6.json", *given, *known).out
     metres = f"{x / 1000!r},{y / 1000!r}"
@@ -254,11 +256,11 @@ CASES = {
     "reflectors in a wrong order": (CALIBRATE, swapped_reflectors, "they would fit in the order"),
     "a plate that was not surveyed": (CALIBRATE, no_survey, "plate_6_99.pgm"),
     "a mark that the plate has not": (CALIBRATE, unknown_mark, "unknown mark of the plate 'nine'"),
-    "another camera's name": ((*CALIBRATE, "--camera", "7"), None, "--camera is '7'; expected '6'"),
+    "another camera's name": ((*CALIBRATE, "--camera-name", "7"), None, "--camera-name is '7'; expected '6'"),
     "no pictures at all": (("station", "measure", *BOTH), None, "pictures is none given"),
-    "no station": ((*MEASURE, "--station", "none.json"), None, "none.json: no such file"),
-    "a drawing without the mark": ((*MEASURE, *BOTH, "--drawing", "day_truth.csv", "--distance", "A,B"), None, "'A'"),
-    "a distance without a drawing": ((*MEASURE, *BOTH, "--distance", "A,B"), None, "--distance"),
+    "no station": ((*MEASURE, "--station-file", "none.json"), None, "none.json: no such file"),
+    "a drawing without the mark": ((*MEASURE, *BOTH, "--drawing", "day_truth.csv", "--between", "A,B"), None, "'A'"),
+    "a distance without a drawing": ((*MEASURE, *BOTH, "--between", "A,B"), None, "--between"),
     "an unknown reference": (("station", "map", "station_6.json", "--reference", "x"), None, "unknown position 'x'"),
     "a reference for two stations": (
         ("station", "map", "station_6.json", "station_12.json", "--reference", "plate_6_01.pgm"),
@@ -275,7 +277,7 @@ CASES = {
     "a block that nobody keeps": ((*MEASURE, *BOTH, "--block", "B1"), None, "--block is given where nothing is kept"),
     "a sensor without a picture": (("station", "simulate", "--sensor", "phone"), None, "--sensor"),
     "an unknown sensor": (
-        ("station", "simulate", "x", "--pictures", "--sensor", "fone"),
+        ("station", "simulate", "x", "--render", "--sensor", "fone"),
         None,
         "did you mean 'phone'?",
     ),
@@ -327,7 +329,7 @@ def test_pictures_are_enough(cadcam: Cadcam, pictured: Path, tmp_path: Path) -> 
     given = ("--plate", pictured / "plate.json", "--survey", pictured / "survey.csv", "--survey-sigma", "0.1")
     ran = cadcam("station", "calibrate", *pictures, *given, "--repeatability", "0.2", "-o", tmp_path / "s.json")
     assert ran.code == 0, ran.err
-    measured = cadcam("station", "measure", pictured / "A.pgm", "--station", tmp_path / "s.json", "--json")
+    measured = cadcam("station", "measure", pictured / "A.pgm", "--station-file", tmp_path / "s.json", "--json")
     assert measured.code == 0, measured.err
     entry = measured.json["measured"][0]
     off = np.array(entry["point_mm"]) - json.loads((pictured / "truth.json").read_text())
@@ -351,7 +353,7 @@ def test_a_noise_of_zero_is_refused_and_not_taken_for_none_given(
     given = ("--plate", pictured / "plate.json", "--survey", pictured / "survey.csv", "--survey-sigma", "0.1")
     calibrate = ("station", "calibrate", pictured / "p1.pgm", *given)
     assert cadcam(*calibrate, "-o", tmp_path / "s.json").code == 0
-    for words in (calibrate, ("station", "measure", pictured / "A.pgm", "--station", tmp_path / "s.json")):
+    for words in (calibrate, ("station", "measure", pictured / "A.pgm", "--station-file", tmp_path / "s.json")):
         ran = cadcam(*words, "--sigma", "0")
         assert ran.code == 2
         assert "sigma_px" in ran.err
@@ -361,6 +363,6 @@ def test_a_noise_of_zero_is_refused_and_not_taken_for_none_given(
 def test_a_plate_picture_is_no_daily_picture(cadcam: Cadcam, pictured: Path, tmp_path: Path) -> None:
     given = ("--plate", pictured / "plate.json", "--survey", pictured / "survey.csv", "--survey-sigma", "0.1")
     assert cadcam("station", "calibrate", pictured / "p1.pgm", *given, "-o", tmp_path / "s.json").code == 0
-    ran = cadcam("station", "measure", pictured / "p1.pgm", "--station", tmp_path / "s.json")
+    ran = cadcam("station", "measure", pictured / "p1.pgm", "--station-file", tmp_path / "s.json")
     assert ran.code == 2
     assert "number of marks in the picture is 8" in ran.err

@@ -31,8 +31,8 @@ def photo(tmp_path: Path) -> Path:
 def test_marks_are_printed_with_their_plan(cadcam: Callable[..., Ran], tmp_path: Path) -> None:
     plan = tmp_path / "plan.csv"
     ran = cadcam(
-        "targets", "print", "coded:5:20mm:30mm:40mm", tmp_path / "codes.pdf", "--grid", "2x2:55mm", "--numbers", "4",
-        "--plan", plan, "--page", "a4",
+        "targets", "print", "coded:5:20mm:30mm:40mm", "-o", tmp_path / "codes.pdf", "--page", "a4",
+        "--grid", "2x2:55mm", "--numbers", "4", "--csv", plan,
     )  # fmt: skip
     assert ran.code == 0
     assert "95.00 x 95.00 mm" in ran.out
@@ -58,13 +58,6 @@ def test_marks_are_found_written_and_drawn(cadcam: Callable[..., Ran], photo: Pa
     assert "radius px" in cadcam("targets", "find", photo, "--mark", TEXT, "--radius", "12").out
 
 
-def test_a_mark_and_its_file_that_changed_places_are_told(cadcam: Callable[..., Ran]) -> None:
-    for words, what in ((("targets", "print"), "mark"), (("board",), "board")):
-        ran = cadcam(*words, "sheet.pdf", "dot:12mm")
-        assert ran.code == 2
-        assert f"{what} is 'sheet.pdf'; expected the {what} first, then the file: dot:12mm sheet.pdf" in ran.err
-
-
 def test_too_few_marks_are_exit_3_and_a_wrong_wish_is_exit_2(cadcam: Callable[..., Ran], photo: Path) -> None:
     few = cadcam("targets", "find", photo, "--mark", TEXT, "--count", "5")
     assert few.code == 3
@@ -72,7 +65,8 @@ def test_too_few_marks_are_exit_3_and_a_wrong_wish_is_exit_2(cadcam: Callable[..
     for words, said in (
         ((photo, "--mark", "star:3mm"), "kind of mark"),
         ((photo, "--mark", "dot:3"), "unit"),
-        ((photo, "--mark", TEXT, "--radius", "1", "2", "3"), "from, to"),
+        ((photo, "--mark", TEXT, "--radius", "1,2,3"), "least,greatest"),
+        ((photo, "--mark", TEXT, "--radius", "9,5"), "--radius is '9,5'; expected one radius in px, or least,greatest"),
         ((photo.with_name("none.png"), "--mark", TEXT), "no such file"),
     ):
         ran = cadcam("targets", "find", *words)

@@ -73,7 +73,7 @@ def test_without_draws_and_steps_first_order_is_left(cadcam: Cadcam, points: Pat
 
 
 def test_noise_of_the_world_leaves_method_b_out(cadcam: Cadcam, points: Path) -> None:
-    ran = cadcam("variability", points, "--size", "320x240", "--draws", "200", "--sigma-mm", "0.1")
+    ran = cadcam("variability", points, "--size", "320x240", "--draws", "200", "--points-sigma", "0.1")
     assert "0.1 mm a world coordinate" in ran.out
     assert "Method B" not in ran.out
 
@@ -129,13 +129,13 @@ def test_without_matplotlib_the_extra_is_named_before_the_work(
     [
         (("--draws", "5"), "100 to 10000000, or 0"),
         (("--steps", "10"), "10000 to 10000000, or 0"),
-        (("--sigma-mm", "0.1", "--steps", "20000"), "B has noise of pixels only"),
+        (("--points-sigma", "0.1", "--steps", "20000"), "B has noise of pixels only"),
         (("--unseen",), "--alternate"),
         (("--alternate", "30"), "2 numbers"),
         (("--alternate", "30,x"), "a number"),
         (("--alternate", "30,3", "--unseen"), "nothing to see behind"),
         (("--alternate", "30,3", "--fix", "skew=0"), "all eleven"),
-        (("--plane", "0,0,1"), "4 numbers"),
+        (("--plane", "0,0,1"), "NX,NY,NZ,D"),
         (("--plane", "0,0,0,1"), "not zero"),
         (("--depth", "-3"), "a positive distance"),
         (("--method", "dlt", "--fix", "skew=0"), "reprojection"),

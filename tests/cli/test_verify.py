@@ -236,7 +236,7 @@ def test_names_that_are_no_text_are_spelled_out(cadcam: Callable[..., Ran], cell
     said = json.loads((cell / "r.json").read_text())
     assert (Path(said["photos"][0]["path"]).name, said["serial"]) == (r"Pr\udcfcfling.png", r"\udcb5 7")
     assert r"Pr\udcfcfling.png" in (cell / "r.html").read_text()
-    for job in ("add", cell / "r.json"), ("show", said["id"]), ("export", cell / "all.jsonl"):
+    for job in ("add", cell / "r.json"), ("show", said["id"]), ("export", "-o", cell / "all.jsonl"):
         kept = cadcam("state", *job, "--store", cell / "parts.sqlite")
         assert kept.code == 0, kept.err
     assert cadcam("state", "add", cell / "all.jsonl", "--store", cell / "again.sqlite").code == 0

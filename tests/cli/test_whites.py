@@ -61,7 +61,7 @@ def test_each_result_says_with_which_white_its_photos_were_read(cadcam: Cadcam, 
         ("locate", "raw.tif", *PART),
         ("verify", "raw.tif", *PART),
         ("match", "raw.tif", PART[0], *pose),
-        ("match", "raw.tif", "raw.tif", "--angles", "0", "0"),
+        ("match", "raw.tif", "raw.tif", "--angles", "0"),
     ):
         ran = cadcam(*line, "--json")
         assert ran.json["photos"] == [twelve], line

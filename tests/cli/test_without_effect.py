@@ -17,9 +17,9 @@ CASES = [
     (("render", "block.obj", "-o", "a.png", "--channel", "wireframe", "--threads", "1"), "--threads"),
     (("render", "block.obj", "-o", "a.png", "--renderer", "ray", "--threads", "1"), "--threads"),
     (("match", "photo.png", "photo.png", "--unit", "m"), "--unit"),
-    (("match", "photo.png", "photo.png", "--edges"), "--edges"),
+    (("match", "photo.png", "photo.png", "--measure"), "--measure"),
     (("match", "photo.png", "photo.png", *CAMERA), "--camera"),
-    (("match", *ON_PHOTO, "--angles", "-10", "10"), "--angles"),
+    (("match", *ON_PHOTO, "--angles", "-10,10"), "--angles"),
     (("match", *ON_PHOTO, "--least-score", "0.8"), "--least-score"),
     (("overlay", *ON_PHOTO, "-o", "a.png", "--points-unit", "m"), "--points-unit"),
     (("overlay", *ON_PHOTO, "-o", "a.png", "--mode", "sum", "--shaded", "0.5"), "--shaded"),
@@ -43,7 +43,7 @@ CASES = [
     (("measure", "pixels.csv", *CAMERA, "--joint"), "--joint"),
     (("decompose", "camera.json", "--rows", "uv"), "--rows"),
     (("convert", "camera.json", "-", "--fit"), "--fit"),
-    (("convert", "camera.json", "-", "--pixel-um", "5"), "--pixel-um"),
+    (("convert", "camera.json", "-", "--pixel-pitch", "5"), "--pixel-pitch"),
     (("convert", "camera.json", "-", "--unit", "m"), "--unit"),
     (("convert", "camera.json", "-", "--stretched"), "--stretched"),
     (("convert", "camera.json", "a.py", "--unit", "m"), "--unit"),
@@ -54,7 +54,7 @@ CASES = [
     (("targets", "find", "photo.png", "--mark", "dot:30mm", "--full-scale", "4095"), "--full-scale"),
     (("track", *ON_PHOTO, "-o", "a.jsonl", "--full-scale", "4095"), "--full-scale"),
     (("targets", "find", "photo.png", "--mark", "ring:20mm:30mm", *CAMERA, "--perspective"), "--perspective"),
-    (("targets", "print", "coded:5:20mm:30mm:40mm", "a.svg", "--numbers", "1"), "--numbers"),
+    (("targets", "print", "coded:5:20mm:30mm:40mm", "-o", "a.svg", "--numbers", "1"), "--numbers"),
 ]
 
 
@@ -88,7 +88,7 @@ def test_threads_of_a_set_of_lines_are_taken_because_files_are_written_by_severa
     ("command", "name"),
     [
         (("overlay", *ON_PHOTO, "-o", "a.png", "--pose", ""), "argument --pose"),
-        (("overlay", "", "block.obj", *CAMERA, "-o", "a.png"), "argument photo"),
+        (("overlay", "", "block.obj", *CAMERA, "-o", "a.png"), "argument PHOTO"),
         (("state", "list", "--part", " "), "argument --part"),
         (("calibrate", "points.csv", "--size", "320x240", "--board="), "argument --board"),
     ],

@@ -24,17 +24,17 @@ from cadcam.image.sensor.sensor import Sensor
 from .sets import CAMERA, plan, scene
 
 FULL = """
-views: 12
+count: 12
 seed: 3
 size: [320, 240]
 view_angle_deg: 60
-from: 1,0,0:30
+seen_from: 1,0,0:30
 up: [0, 1, 0]
 roll_deg: 15
 distance_mm: [500, 700]
 off_centre: 0
 head: 0.4
-background: [noise, photos]
+backgrounds: [noise, photos]
 occluders: [1, 2]
 occluder_shapes: [cylinder, clamp.stl]
 sensor: phone
@@ -57,7 +57,7 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_a_file_says_everything_and_options_go_before_it(here: Path) -> None:
-    plan = read_plan("plan.yaml", {"views": 7, "occluders": [0.0, 4.0]})
+    plan = read_plan("plan.yaml", {"count": 7, "occluders": [0.0, 4.0]})
     assert (plan.views, plan.seed, plan.camera.size, plan.gray) == (7, 3, (320, 240), True)
     assert plan.camera.fy == pytest.approx(120 / np.tan(np.radians(30)))
     assert (plan.around.half_angle_deg, plan.around.roll_deg, plan.around.distance_mm) == (30, 15, (500, 700))
@@ -79,24 +79,24 @@ def test_poses_and_a_camera_say_how_many_views_there_are(here: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"views": 0}, "views is 0; expected a whole number from 1"),
+        ({"count": 0}, "views is 0; expected a whole number from 1"),
         ({"seed": -1}, "seed is -1"),
         ({"size": [0, 240]}, "picture size is .0.0, 240.0."),
         ({"size": [320.5, 240]}, "picture size is .320.5, 240"),
         ({"occluders": [0.5, 2]}, "occluders is .0.5, 2.0.; expected whole numbers"),
-        ({"view_angle_deg": 0}, "view_angle_deg is 0.0; expected 1 to 150 degrees"),
-        ({"camera": "camera.json", "size": [10, 10]}, "size is given beside a camera"),
+        ({"view_angle_deg": 0}, "--view-angle is 0.0; expected 1 to 150 degrees"),
+        ({"camera": "camera.json", "size": [10, 10]}, "--size is given beside a camera"),
         ({"camera": "none.json"}, "none.json: no such file"),
-        ({"poses": "poses.csv", "fill": [1, 2]}, "fill is given beside poses"),
-        ({"from": "abov"}, "from is 'abov'; expected any, above, above:DEG or X,Y,Z:DEG"),
-        ({"from": "0,0,0:10"}, "axis of the views is .0.0, 0.0, 0.0.; expected a direction"),
+        ({"poses": "poses.csv", "fill": [1, 2]}, "--fill is given beside --poses"),
+        ({"seen_from": "abov"}, "--seen-from is 'abov'; expected any, above, above:DEG or X,Y,Z:DEG"),
+        ({"seen_from": "0,0,0:10"}, "axis of the views is .0.0, 0.0, 0.0.; expected a direction"),
         ({"roll_deg": 400}, "roll_deg of the views is 400"),
         ({"fill": [3, 4]}, "fill is .3.0, 4.0.; expected the part's diameter by .* to 2; closer by distance_mm"),
         ({"fill": [0.9, 0.4]}, "fill is .0.9, 0.4.; expected .least, greatest."),
         ({"distance_mm": [-1, 4]}, "distance_mm"),
         ({"head": [0, -1]}, "strength of the head light"),
-        ({"background": ["nois"]}, "unknown background 'nois'; did you mean 'noise'"),
-        ({"background": ["pics/"]}, "pics/: no such file or folder"),
+        ({"backgrounds": ["nois"]}, "unknown background 'nois'; did you mean 'noise'"),
+        ({"backgrounds": ["pics/"]}, "pics/: no such file or folder"),
         ({"occluders": [3, 1]}, "occluders is .3, 1."),
         ({"occluders": [0, 1], "occluder_shapes": ["bax"]}, "unknown occluder shape 'bax'; did you mean 'box'"),
         ({"occluder_shapes": ["lost.stl"]}, "lost.stl: does not exist"),
@@ -117,9 +117,9 @@ def test_what_is_wrong_is_named(here: Path, options: dict[str, Any], message: st
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("view: 3", "has an unknown key 'view'; did you mean 'views'"),
-        ("views: many", 'views is "many", a number is expected|views is \'many\'|views is "many"'),
-        ("views: 2.5", "views is 2.5; a whole number is expected"),
+        ("counts: 3", "has an unknown key 'counts'; did you mean 'count'"),
+        ("count: many", 'count is "many"'),
+        ("count: 2.5", "count is 2.5; a whole number is expected"),
         ("gray: 3", "gray is 3"),
         ("fill: [1, 2, 3]", "fill has shape .3,."),
         ("- 1", "is \\[1.0\\]; .key: value. lines are expected"),

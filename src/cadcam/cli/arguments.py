@@ -30,12 +30,13 @@ _LONGEST_SIDE_PX = 1_000_000
 class Parser(argparse.ArgumentParser):
     """A parser with one-message errors, like those of the library: the usage is in the help.
 
-    Empty texts, as from a script's unset variable, are refused: each would count as an option left out. What begins as
-    a negative number is a value everywhere: -1e9 and -1,0,0,5 as well as -1, as from Python 3.14 on.
+    Options are spelled out: a script with half a name would break as soon as another option begins alike. Empty texts,
+    as from a script's unset variable, are refused: each would count as an option left out. What begins as a negative
+    number is a value everywhere: -1e9 and -1,0,0,5 as well as -1, as from Python 3.14 on.
     """
 
     def __init__(self, *args: Any, **kwargs: Any) -> None:
-        super().__init__(*args, **kwargs)
+        super().__init__(*args, **{"allow_abbrev": False, **kwargs})
         self.register("type", None, _filled)
         self._negative_number_matcher = re.compile(r"-\.?\d")
 
@@ -45,21 +46,21 @@ class Parser(argparse.ArgumentParser):
         verbs.type = str
         return verbs
 
-    @property
-    def positionals(self) -> list[argparse.Action]:
-        """Return the names under which positional arguments are stored."""
-        return self._get_positional_actions()
+    def destination(self, option: str) -> str:
+        """Return the name under which the value of an option is stored."""
+        return self._option_string_actions[option].dest
 
     def error(self, message: str) -> NoReturn:
         """Report the error in the command line and where to read more; exit with 2."""
+        for action in self._actions:  # which jobs there are is what was not known
+            if isinstance(action, argparse._SubParsersAction):
+                message = message.replace(str(action.metavar), f"one of {', '.join(action.choices)}")
         self.exit(2, f"{self.prog}: {message}; see {self.prog} --help\n")
 
     def unrecognized(self, arguments: Sequence[str]) -> NoReturn:
         """Refuse unknown arguments; for an option, name the nearest known one."""
         near = get_close_matches(arguments[0].partition("=")[0], self._option_string_actions, n=1)
         hint = f"; did you mean {near[0]}?" if near and near[0].startswith("--") else ""
-        if arguments[0] in ("-o", "--output") and any(a.dest == "output" for a in self.positionals):
-            hint = f"; here the output stands without {arguments[0]}"
         self.error(f"unrecognized arguments: {' '.join(arguments)}{hint}")
 
     def _check_value(self, action: argparse.Action, value: Any) -> None:
@@ -80,6 +81,11 @@ class Help(argparse.RawDescriptionHelpFormatter):
 
     def __init__(self, prog: str) -> None:
         super().__init__(prog, max_help_position=30, width=min(shutil.get_terminal_size().columns, 120) - 2)
+
+    def _split_lines(self, text: str, width: int) -> list[str]:
+        """Return the lines of an option's help; dot-ring:4cm is one word."""
+        wrap = textwrap.TextWrapper(width, break_long_words=False, break_on_hyphens=False)
+        return wrap.wrap(" ".join(text.split()))
 
     def _fill_text(self, text: str, width: int, indent: str) -> str:
         """Return the text with its long sentences wrapped; tables and examples unchanged."""
@@ -145,9 +151,9 @@ def add_json(parser: argparse.ArgumentParser) -> None:
 
 def given(arguments: argparse.Namespace, *options: str) -> list[str]:
     """Return which of a verb's options, such as "--view", were given: those that differ from their defaults."""
-    usual = arguments.parser.get_default
-    names = ((option, option.lstrip("-").replace("-", "_")) for option in options)
-    return [option for option, name in names if getattr(arguments, name) != usual(name)]
+    parser: Parser = arguments.parser
+    names = ((option, parser.destination(option)) for option in options)
+    return [option for option, name in names if getattr(arguments, name) != parser.get_default(name)]
 
 
 def refuse(arguments: argparse.Namespace, *options: str, why: str, expected: str) -> None:
@@ -252,6 +258,19 @@ def _remedy(text: str) -> str:
     if re.fullmatch(r"[+-]?\d+,\d+", text):
         return "; write a decimal point, not a comma"
     return "; give it alone, in the unit that the help names" if re.match(r"[+-]?\.?\d", text) else ""
+
+
+def reals(text: str) -> tuple[float, ...]:
+    """Return the numbers in a text, separated by commas."""
+    return tuple(real(value.strip()) for value in text.split(","))
+
+
+def span(text: str) -> tuple[float, float]:
+    """Return (least, greatest) of a text such as 0.4,0.9, or of one number for both."""
+    values = reals(text)
+    if len(values) not in (1, 2):
+        raise argparse.ArgumentTypeError(f"{text!r} is not a range; give two numbers with a comma between, or one")
+    return values[0], values[-1]
 
 
 def share(text: str) -> float:

@@ -104,7 +104,7 @@ def found_boards(files: Sequence[str], pattern: Pattern, white: float | None) ->
 
 def _check_options(arguments: argparse.Namespace) -> None:
     check_target(arguments.output, (".json",))
-    check_target(arguments.poses, (".csv", ".txt"))
+    check_target(arguments.poses_out, (".csv", ".txt"))
     beside = "beside --board"
     pictures_say = "neither: the pictures say their size, and all is estimated"
     refuse(arguments, "--size", "--photo", "--internals", why=beside, expected=pictures_say)
@@ -134,7 +134,7 @@ def _write_found(folder: str, found: Sequence[BoardPicture], white: float | None
 
 
 def _write(arguments: argparse.Namespace, calibration: BoardCalibration) -> None:
-    """Write the files of -o, --pictures and --poses."""
+    """Write the files of -o, --pictures and --poses-out."""
     from cadcam.calibrate.boards.coverage import coverage_picture
     from cadcam.files.camera import write_camera
     from cadcam.files.poses import write_poses
@@ -147,9 +147,9 @@ def _write(arguments: argparse.Namespace, calibration: BoardCalibration) -> None
     if arguments.pictures:
         write_picture(Path(arguments.pictures) / "coverage.png", coverage_picture(calibration))
         say(f"wrote {len(calibration.pictures)} pictures and coverage.png into {arguments.pictures}")
-    if arguments.poses:
+    if arguments.poses_out:
         names = [Path(view.source).name for view in estimate.views]
         if len(set(names)) < len(names):  # pictures of one name in several folders
             names = list(estimate.names)
-        write_poses(arguments.poses, {name: estimate.pose(j) for j, name in enumerate(names)})
-        say(f"wrote {arguments.poses}: {len(names)} poses")
+        write_poses(arguments.poses_out, {name: estimate.pose(j) for j, name in enumerate(names)})
+        say(f"wrote {arguments.poses_out}: {len(names)} poses")

@@ -98,7 +98,7 @@ def _foreign(camera_file: str) -> CameraFile | None:
         raise BadValue(
             f"number of cameras in {camera_file}",
             len(found.cameras),
-            "one: cadcam convert --camera NAME makes a file of it",
+            "one: cadcam convert --camera-name NAME makes a file of it",
         )
     return CameraFile(first.camera, first.camera_from_world if len(found.cameras) == 1 else None)
 

@@ -54,7 +54,7 @@ freedom:  free            all six degrees of freedom (default)
 """
 
 VIEWS_HELP = """\
-views:    any             from all sides (default), where the part is 0.2 to 1.2 of the photo's shorter side large
+seen from: any            from all sides (default), where the part is 0.2 to 1.2 of the photo's shorter side large
           above, above:60   from the side of the model's +z, up to 80 or 60 degrees from that axis
           X,Y,Z:30        from the direction X,Y,Z of the model (from its middle to the camera), up to 30 degrees off
           A narrower range is faster and surer. The first search of a model draws its views (seconds) and keeps them in
@@ -75,7 +75,7 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the range of views of a part that is searched for."""
     group = parser.add_argument_group("search (without a start)")
     group.add_argument(
-        "--views", default="any", metavar="V", help="from where the part may be seen: see below (default any)"
+        "--seen-from", default="any", metavar="V", help="from where the part may be seen: see below (default any)"
     )
     group.add_argument(
         "--roll", type=real, metavar="DEG", help="the part's z axis is upright in the photo, to within DEG"
@@ -86,17 +86,19 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
 
 
 def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
-    """Return the range of views that --views, --roll and --distance declare; they need a search, not a start."""
+    """Return the range of views that --seen-from, --roll and --distance declare; they need a search, not a start."""
     from cadcam.locate.views.view_range import ViewRange
 
     if arguments.start or arguments.points:
         one = "one of them: a start is not searched for"
-        refuse(arguments, "--views", "--roll", "--distance", why="beside a start", expected=one)
-    text, _, angle = arguments.views.partition(":")
-    axis = numbers("--views", text) if "," in text else []
+        refuse(arguments, "--seen-from", "--roll", "--distance", why="beside a start", expected=one)
+    text, _, angle = arguments.seen_from.partition(":")
+    axis = numbers("--seen-from", text) if "," in text else []
     if text not in ("any", "above") and len(axis) != 3:
-        raise BadValue("--views", repr(arguments.views), "any, above, above:DEG or X,Y,Z:DEG")
-    around: dict[str, Any] = {"half_angle_deg": number("--views", angle) if angle else 180.0 if text == "any" else 80.0}
+        raise BadValue("--seen-from", repr(arguments.seen_from), "any, above, above:DEG or X,Y,Z:DEG")
+    around: dict[str, Any] = {
+        "half_angle_deg": number("--seen-from", angle) if angle else 180.0 if text == "any" else 80.0
+    }
     if axis:
         around["axis"] = axis
     if arguments.roll is not None:

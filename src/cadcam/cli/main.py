@@ -86,7 +86,7 @@ camera axes x right, y down, z forward. Help on a verb: cadcam VERB --help
 """
 
 
-_WRITTEN = ("output", "csv", "plot", "diagram", "pose_out")  # arguments that name files to be written anew
+_WRITTEN = ("output", "csv", "plot", "diagram", "pose_out", "poses_out")  # arguments that name files to be written anew
 _RESULTS = (*_WRITTEN, "log", "store")  # ... and those that a run may continue from
 _TAKEN_UP = {"pose_out": ("start",)}  # what may be written over: where the part was found is where to look next
 _UNREAD = 141  # as shells say of any program whose pipe was closed; 0 would say PASS, or found, of what may be neither
@@ -138,13 +138,10 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def _refuse_own_input(arguments: argparse.Namespace) -> None:
-    """Refuse an output that is one of the input files: it would be overwritten.
-
-    `writes` of a verb's parser names further arguments that it writes, which other verbs read, such as --poses.
-    """
-    given, more = vars(arguments), getattr(arguments, "writes", ())
-    for written in (*_WRITTEN, *more):
-        unread = (*_RESULTS, *more, *_TAKEN_UP.get(written, ()))
+    """Refuse an output that is one of the input files: it would be overwritten."""
+    given = vars(arguments)
+    for written in _WRITTEN:
+        unread = (*_RESULTS, *_TAKEN_UP.get(written, ()))
         read = [path for dest, value in given.items() if dest not in unread for path in _files(value)]
         for out in _texts(given.get(written)):
             if any(_same_file(out, path) for path in read):

@@ -17,12 +17,19 @@ if TYPE_CHECKING:
 
 def add_model_options(parser: argparse.ArgumentParser) -> None:
     """Add the model and the options for reading it."""
-    parser.add_argument("model", help="CAD file: STL, OBJ, PLY, OFF, GLB/glTF, 3MF; STEP and IGES with cadcam[step]")
+    parser.add_argument(
+        "model", metavar="MODEL", help="CAD file: STL, OBJ, PLY, OFF, GLB/glTF, 3MF; STEP and IGES with cadcam[step]"
+    )
+    add_reading_options(parser)
+
+
+def add_reading_options(parser: argparse.ArgumentParser | argparse._ArgumentGroup) -> None:
+    """Add the options for reading a model."""
     parser.add_argument(
         "--unit", metavar="U", help="the model's unit where its file names none: um, mm (default), cm, m, in, ft"
     )
     parser.add_argument(
-        "--tolerance",
+        "--mesh-tolerance",
         type=real,
         metavar="MM",
         help="STEP, IGES: largest distance of triangles from the true surface (default: by the model's size)",
@@ -50,7 +57,7 @@ def load_as_asked(arguments: argparse.Namespace) -> tuple[Mesh, LoadReport]:
         from cadcam.cad.read import read_model_with_report
 
         mesh, report = read_model_with_report(
-            arguments.model, unit=arguments.unit, chordal_tolerance_mm=arguments.tolerance
+            arguments.model, unit=arguments.unit, chordal_tolerance_mm=arguments.mesh_tolerance
         )
     if not arguments.json:
         for line in report.lines():

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from cadcam.files.foreign.model import Foreign
 
 _OPTIONS = ("--resize", "--binning", "--crop")
-_OF_OTHER_FORMATS = ("--source-format", "--target-format", "--size", "--unit", "--pixel-um", "--allow-loss", "--fit")
+_OF_OTHER_FORMATS = ("--from", "--to", "--size", "--unit", "--pixel-pitch", "--allow-loss", "--fit")
 _MOST_BINNED = 64  # pixels: far more than any sensor takes together
 
 
@@ -51,8 +51,7 @@ def convert_rig(arguments: argparse.Namespace) -> RigEstimate:
     from cadcam.files.rig import read_rig, write_rig
 
     for option in given(arguments, *_OF_OTHER_FORMATS):
-        name = {"--source-format": "--from", "--target-format": "--to"}.get(option, option)
-        raise BadValue(name, "given for a rig file", "leave it out: it has its sizes and units, and stays a rig file")
+        raise BadValue(option, "given for a rig file", "leave it out: it has its sizes and units, and stays a rig file")
     asked, told = _asked(arguments), arguments.output == "-"
     if not asked and not told:
         raise BadValue(arguments.input, "a rig file", f"{', '.join(_OPTIONS)}, or - in place of {arguments.output}")
@@ -60,16 +59,20 @@ def convert_rig(arguments: argparse.Namespace) -> RigEstimate:
         check_target(arguments.output, (".json",))
     rig = read_rig(arguments.input)
     if not asked:
-        refuse(arguments, "--camera", why="for a rig whose pictures stay", expected=f"{', '.join(_OPTIONS)} beside it")
+        refuse(
+            arguments, "--camera-name", why="for a rig whose pictures stay", expected=f"{', '.join(_OPTIONS)} beside it"
+        )
         return rig
-    chosen = arguments.camera or rig.names
+    chosen = arguments.camera_name or rig.names
     for name in chosen:
         if name not in rig.names:
             raise UnknownName(f"camera of {arguments.input}", name, rig.names)
     sizes = {rig.camera(name).size for name in chosen}
     if asked != "--binning" and len(sizes) > 1:
         each = ", ".join("{} {} x {}".format(name, *rig.camera(name).size) for name in chosen)
-        remedy = "--camera NAME: those of one size; convert the result again for the others, which stay as they are"
+        remedy = (
+            "--camera-name NAME: those of one size; convert the result again for the others, which stay as they are"
+        )
         raise BadValue(asked, f"given for cameras of several sizes ({each} px)", remedy)
     rig = resampled_rig(rig, {name: _map(arguments, name, rig.camera(name).size) for name in chosen})
     if not told:

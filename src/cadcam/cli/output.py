@@ -10,7 +10,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.errors import BadValue, UnknownName, UnwritableFile
+from cadcam.errors import UnknownName, UnwritableFile
 
 if TYPE_CHECKING:
     from cadcam.report.table import Table
@@ -38,12 +38,6 @@ def check_target(path: str | None, suffixes: Sequence[str]) -> None:
     for place in (target, target.parent):
         if place.exists() and not os.access(place, os.W_OK):
             raise UnwritableFile(path, f"{place} is read-only", "choose another place, or change its permissions")
-
-
-def refuse_swapped(what: str, given: str, output: str, suffixes: Sequence[str]) -> None:
-    """Refuse swapped arguments: an output in the place of the input to draw on, and vice versa."""
-    if Path(given).suffix.lower() in suffixes and Path(output).suffix.lower() not in suffixes:
-        raise BadValue(what, repr(given), f"the {what} first, then the file: {output} {given}")
 
 
 def check_folder(path: str | None) -> None:

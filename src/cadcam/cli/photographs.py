@@ -34,14 +34,14 @@ def add_photograph_options(parser: argparse.ArgumentParser) -> None:
         "round the lens), even; +Z is up",
     )
     group.add_argument(
-        "--lens", type=real, metavar="MM", help="focal length, for --f-number; lens distortion is the camera file's"
+        "--focal", type=real, metavar="MM", help="focal length, for --f-number; lens distortion is the camera file's"
     )
     group.add_argument("--f-number", type=real, metavar="N", help="aperture of the lens: blurs what is out of focus")
     group.add_argument(
         "--focus", type=real, metavar="MM", help="distance in focus, from the lens (default: the middle of the model)"
     )
     group.add_argument(
-        "--samples",
+        "--renderings",
         type=whole,
         metavar="N",
         help=f"renderings that make up the photograph (default: {_SAMPLES}; more for much blur, fewer for speed)",
@@ -55,18 +55,18 @@ def is_photograph(arguments: argparse.Namespace) -> bool:
 
 def check_photograph_options(arguments: argparse.Namespace) -> None:
     """Refuse options that would be ignored, and a lens that is half specified, before the work starts."""
-    photograph = ("--light", "--f-number", "--lens", "--focus", "--samples")
+    photograph = ("--light", "--f-number", "--focal", "--focus", "--renderings")
     if arguments.channel != "shaded":
         here = f"with --channel {arguments.channel}"
         refuse(arguments, *photograph, why=here, expected="--channel shaded, or leave it out")
     if arguments.f_number is None:
-        all_of_it = "all of it: blur is decided by the opening"
-        refuse(arguments, "--lens", "--focus", why="without --f-number", expected=all_of_it)
-    elif arguments.lens is None:
-        raise BadValue("--f-number", "given without --lens", "both: the opening is focal length by f-number")
+        all_of_it = "--f-number N too: blur is decided by the opening"
+        refuse(arguments, "--focal", "--focus", why="without --f-number", expected=all_of_it)
+    elif arguments.focal is None:
+        raise BadValue("--f-number", "given without --focal", "both: the opening is focal length by f-number")
     if not is_photograph(arguments):
         one = "one of them: else nothing is photographed"
-        refuse(arguments, "--samples", why="without --light or --f-number", expected=one)
+        refuse(arguments, "--renderings", why="without --light or --f-number", expected=one)
     for asked in given(arguments, *photograph)[:1]:
         neither = "one of them: photographs have neither looks nor drawn edges"
         refuse(arguments, "--look", "--edges", why=f"beside {asked}", expected=neither)
@@ -83,7 +83,7 @@ class Photographs:
 
         self._photographer = Photographer(scene, renderer=arguments.renderer, threads=arguments.threads)
         self._light = named_light(arguments.light or "hall")
-        self._samples = _SAMPLES if arguments.samples is None else arguments.samples
+        self._samples = _SAMPLES if arguments.renderings is None else arguments.renderings
         self._sensor = Sensor() if arguments.sensor is None else named_sensor(arguments.sensor)
         self._arguments, self._dress = arguments, dress
 
@@ -129,17 +129,17 @@ class Photographs:
             return None
         from cadcam.camera.aperture import Aperture
 
-        for name, value in (("--lens", self._arguments.lens), ("--f-number", self._arguments.f_number)):
+        for name, value in (("--focal", self._arguments.focal), ("--f-number", self._arguments.f_number)):
             if not 0 < value < float("inf"):
                 raise BadValue(name, value, "a positive number")
         focus = self._arguments.focus
         if focus is None:
             low, high = self._photographer.scene.mesh.bounds
             focus = float((camera_from_world @ ((low + high) / 2))[2])
-        if not focus > self._arguments.lens:
+        if not focus > self._arguments.focal:
             raise BadValue(
                 "the focus distance",
                 f"{focus:.6g} mm",
-                f"more than the focal length of {self._arguments.lens:g} mm: nothing nearer has a real picture",
+                f"more than the focal length of {self._arguments.focal:g} mm: nothing nearer has a real picture",
             )
-        return Aperture(self._arguments.lens / self._arguments.f_number, focus)
+        return Aperture(self._arguments.focal / self._arguments.f_number, focus)

@@ -113,7 +113,7 @@ class DatasetPlan(Brief):
             raise BadValue("key_point_names", f"{len(self.key_point_names)} names", f"one for each of {count} points")
         expect_numbers(self)
         if not 1 <= self.views <= 10_000_000:
-            raise BadValue("views", self.views, "a whole number from 1 to 10 million")
+            raise BadValue("number of views", self.views, "a whole number from 1 to 10 million")
         if not 0 <= self.seed < 2**63:
             raise BadValue("seed", self.seed, "a whole number of at least 0")
         if not 0 <= self.focal_jitter <= 0.2:

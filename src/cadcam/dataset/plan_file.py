@@ -1,17 +1,17 @@
-"""The plan file: YAML, every key optional; the options of `cadcam dataset` have the same names.
+"""The plan file: YAML, every key optional; options have the same names, without the unit.
 
-    views: 1000
+    count: 1000
     seed: 1
     camera: camera.json             # or: size: [640, 480] and view_angle_deg: 40 (over the shorter side)
     focal_jitter_percent: 0.5       # sigma; also centre_jitter_px
-    from: above:70                  # any, above, above:DEG, X,Y,Z:DEG: towards the camera, in the part's axes
+    seen_from: above:70             # any, above, above:DEG, X,Y,Z:DEG: towards the camera, in the part's axes
     up: [0, 0, 1]                   # stands at most roll_deg from upright in the picture
     roll_deg: 20
     fill: [0.4, 0.9]                # the part's diameter by the shorter side, to 2; or: distance_mm: [800, 1500]
     off_centre: 0.1                 # of the shorter side
-    poses: poses.csv                # camera_from_part one by one, in place of from, up, roll_deg, fill ...
+    poses: poses.csv                # camera_from_part one by one, in place of seen_from, up, roll_deg, fill ...
     head: [0.1, 0.5]                # lights: at the camera; also distant (two, from anywhere) and ambient
-    background: [plain, noise, photos/]
+    backgrounds: [plain, noise, photos/]
     occluders: [0, 3]
     occluder_shapes: [box, cylinder, clamp.stl]
     occluder_size: [0.1, 0.3]       # of boxes and cylinders, by the part's diameter
@@ -27,6 +27,7 @@ from __future__ import annotations
 
 import math
 import os
+import re
 from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
@@ -49,12 +50,17 @@ from cadcam.image.suffixes import READABLE
 from cadcam.locate.views.view_range import ViewRange
 
 KEYS = (
-    *("views", "seed", "camera", "size", "view_angle_deg", "focal_jitter_percent", "centre_jitter_px"),
-    *("from", "up", "roll_deg", "fill", "distance_mm", "off_centre", "poses", "head", "distant", "ambient"),
-    *("background", "occluders", "occluder_shapes", "occluder_size", "sensor", "samples", "gray", "key_points"),
+    *("count", "seed", "camera", "size", "view_angle_deg", "focal_jitter_percent", "centre_jitter_px"),
+    *("seen_from", "up", "roll_deg", "fill", "distance_mm", "off_centre", "poses", "head", "distant", "ambient"),
+    *("backgrounds", "occluders", "occluder_shapes", "occluder_size", "sensor", "samples", "gray", "key_points"),
 )
-_DRAWN = ("from", "up", "roll_deg", "fill", "distance_mm", "off_centre")
-_VIEWS, _SIZE, _ANGLE_DEG = 100, (640, 480), 40.0
+_DRAWN = ("seen_from", "up", "roll_deg", "fill", "distance_mm", "off_centre")
+_COUNT, _SIZE, _ANGLE_DEG = 100, (640, 480), 40.0
+
+
+def option_of(key: str) -> str:
+    """Return the option of a key, such as --roll of roll_deg: an option's unit stands in its help."""
+    return "--" + re.sub("_(mm|deg|px|percent)$", "", key).replace("_", "-")
 
 
 def read_plan(path: str | os.PathLike[str] | None, options: Mapping[str, Any] | None = None) -> DatasetPlan:
@@ -73,8 +79,12 @@ class _Given:
 
     def place(self, key: str) -> Place | None:
         if key in self._options:
-            return Place(f"--{key.replace('_', '-')}", (), self._options[key])
+            return Place(option_of(key), (), self._options[key])
         return self._file.at(key) if key in self._file.object else None
+
+    def name(self, key: str) -> str:
+        """Return what the user called it: the option, or the key of the file."""
+        return option_of(key) if key in self._options else key
 
     def has(self, key: str) -> bool:
         return self.place(key) is not None
@@ -107,14 +117,16 @@ class _Given:
     def plan(self) -> DatasetPlan:
         """Return the plan; what is refused is reported with its key."""
         if self.has("poses") and (beside := [key for key in _DRAWN if self.has(key)]):
-            raise BadValue(beside[0], "given beside poses", "one of them: poses say where the camera stands")
+            with_poses = f"given beside {self.name('poses')}"
+            raise BadValue(self.name(beside[0]), with_poses, "one of them: poses say where the camera stands")
         if self.has("fill") and self.has("distance_mm"):
-            raise BadValue("fill", "given beside distance_mm", "one of them: either says how far the camera stands")
+            with_distance = f"given beside {self.name('distance_mm')}"
+            raise BadValue(self.name("fill"), with_distance, "one of them: either says how far the camera stands")
         poses, sensor, points = self.text("poses"), self.text("sensor"), self.text("key_points")
         listed = tuple(read_poses(poses).values()) if poses else ()
         names, places = read_key_points(points) if points else ((), None)
         return DatasetPlan(
-            views=self.whole("views", len(listed) or _VIEWS),
+            views=self.whole("count", len(listed) or _COUNT),
             seed=self.whole("seed", 0),
             camera=self._camera(),
             focal_jitter=self.number("focal_jitter_percent", 0.0) / 100,
@@ -141,17 +153,17 @@ class _Given:
         file = self.text("camera")
         if file is not None:
             if beside := [key for key in ("size", "view_angle_deg") if self.has(key)]:
-                raise BadValue(beside[0], "given beside a camera", "one of them: the camera file says it")
+                raise BadValue(self.name(beside[0]), "given beside a camera", "one of them: the camera file says it")
             return read_camera(file).camera
         place = self.place("size")
         width, height = _SIZE if place is None else place.array((2,)).tolist()
         angle = self.number("view_angle_deg", _ANGLE_DEG)
         if not 1 <= angle <= 150:
-            raise BadValue("view_angle_deg", angle, "1 to 150 degrees over the picture's shorter side")
+            raise BadValue(self.name("view_angle_deg"), angle, "1 to 150 degrees over the picture's shorter side")
         return Camera.from_focal((width, height), min(width, height) / 2 / math.tan(math.radians(angle) / 2))
 
     def _around(self) -> ViewRange:
-        axis, half_angle = _sides(self.text("from") or "any")
+        axis, half_angle = self._sides()
         up = self.place("up")
         return ViewRange(
             axis=axis,
@@ -161,16 +173,30 @@ class _Given:
             distance_mm=self.span("distance_mm", (0.0, 0.0)) if self.has("distance_mm") else None,
         )
 
+    def _sides(self) -> tuple[Any, float]:
+        """Return axis and half angle (degrees) of any, above, above:DEG or X,Y,Z:DEG."""
+        text = self.text("seen_from") or "any"
+        where, _, angle = text.partition(":")
+        axes = {"any": [0.0, 0.0, 1.0], "above": [0.0, 0.0, 1.0]}
+        try:
+            axis = axes[where] if where in axes else [float(v) for v in where.split(",")]
+            degrees = float(angle) if angle else (180.0 if where == "any" else 80.0)
+        except ValueError:
+            axis = []
+        if len(axis) != 3:
+            raise BadValue(self.name("seen_from"), repr(text), "any, above, above:DEG or X,Y,Z:DEG")
+        return np.array(axis), degrees
+
     def _backgrounds(self) -> tuple[str | Path, ...]:
         found: list[str | Path] = []
-        for word in self.words("background", (PLAIN,)):
+        for word in self.words("backgrounds", (PLAIN,)):
             found += [word] if word in (PLAIN, NOISE) else _photos(word)
         return tuple(found)
 
     def _occluders(self) -> Occluders:
         low, high = self.span("occluders", (0.0, 0.0))
         if low != int(low) or high != int(high):
-            raise BadValue("occluders", (low, high), "whole numbers: (fewest, most)")
+            raise BadValue(self.name("occluders"), (low, high), "whole numbers: (fewest, most)")
         words = self.words("occluder_shapes", (BOX, CYLINDER))
         files = [word for word in words if word not in (BOX, CYLINDER)]
         for word in files:
@@ -182,20 +208,6 @@ class _Given:
             self.span("occluder_size", (0.1, 0.3)),
             tuple(map(partial(read_model, unit=None), files)),
         )
-
-
-def _sides(text: str) -> tuple[Any, float]:
-    """Return axis and half angle (degrees) of any, above, above:DEG or X,Y,Z:DEG."""
-    where, _, angle = text.partition(":")
-    axes = {"any": [0.0, 0.0, 1.0], "above": [0.0, 0.0, 1.0]}
-    try:
-        axis = axes[where] if where in axes else [float(v) for v in where.split(",")]
-        degrees = float(angle) if angle else (180.0 if where == "any" else 80.0)
-    except ValueError:
-        axis = []
-    if len(axis) != 3:
-        raise BadValue("from", repr(text), "any, above, above:DEG or X,Y,Z:DEG")
-    return np.array(axis), degrees
 
 
 def _photos(word: str) -> list[str | Path]:

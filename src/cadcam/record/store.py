@@ -285,7 +285,7 @@ class Store:
                 self.name,
                 f"has tables of version {row['version']} (made by {row['software']}); cadcam {cadcam.__version__} "
                 f"reads and writes versions up to {schema.VERSION}",
-                "export it with the cadcam that made it (cadcam state export all.jsonl), and add that to a new store",
+                "export it with the cadcam that made it (cadcam state export -o all.jsonl); add that to a new store",
             )
         return int(row["version"])
 

@@ -36,8 +36,8 @@ def calibrate(arguments: argparse.Namespace) -> None:
     plate = read_plate(arguments.plate)
     survey, given = read_survey(arguments.survey, plate), source(arguments)
     shots = {picture: given.shot(picture) for picture in given.pictures}
-    camera = _one_camera(arguments.camera or "", shots)
-    lens = read_any_camera(arguments.lens).camera if arguments.lens else None
+    camera = _one_camera(arguments.camera_name or "", shots)
+    lens = read_any_camera(arguments.camera).camera if arguments.camera else None
     positions = []
     find = _Finder(arguments, given, plate, lens)
     with progress("finding the plate", len(shots)) as step:
@@ -145,9 +145,9 @@ def _one_camera(given: str, shots: Mapping[str, ShotPosition]) -> str:
         raise BadValue("camera", f"{one!r} in {a} and {other!r} in {b}", "pictures of one camera")
     camera = next(iter(said), "")
     if given and camera and given != camera:
-        raise BadValue("--camera", repr(given), f"{camera!r}, which took {said[camera]}")
+        raise BadValue("--camera-name", repr(given), f"{camera!r}, which took {said[camera]}")
     if not (given or camera):
-        raise BadValue("--camera", "not given, and the pictures do not say it", "the camera's name")
+        raise BadValue("--camera-name", "not given, and the pictures do not say it", "the camera's name")
     return given or camera
 
 

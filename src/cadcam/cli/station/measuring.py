@@ -40,7 +40,7 @@ def measure_marks(arguments: argparse.Namespace) -> None:
 
     _refuse_unused(arguments)
     measured = _measured(arguments)
-    checks, together = _against_drawing(measured, arguments.distance)
+    checks, together = _against_drawing(measured, arguments.between)
     entries = log_entries(measured.marks, measured.seen, times=measured.times, block=measured.block)
     _write(arguments, measured, entries, checks)  # before printing: the reader of the tables may close the pipe
     if arguments.json:
@@ -53,7 +53,7 @@ def _refuse_unused(arguments: argparse.Namespace) -> None:
     check_target(arguments.csv, (".csv",))
     if not arguments.drawing:
         refuse(
-            arguments, "--distance", "--csv", why="without --drawing", expected="--drawing FILE with the marks' places"
+            arguments, "--between", "--csv", why="without --drawing", expected="--drawing FILE with the marks' places"
         )
     if not (arguments.log or arguments.store):
         refuse(arguments, "--block", why="where nothing is kept", expected="--log FILE or --store FILE beside it")
@@ -64,13 +64,13 @@ def _measured(arguments: argparse.Namespace) -> _Measured:
     from cadcam.station.document import read_stations
     from cadcam.station.survey import read_drawing
 
-    stations = read_stations(arguments.station)
+    stations = read_stations(arguments.station_file)
     seen, shots = sightings(arguments, stations)
     _refuse_twice(seen)
     marks = measure.measure_marks(stations, seen, rule=arguments.rule, extrapolate=arguments.extrapolate)
-    for pair in arguments.distance:
+    for pair in arguments.between:
         if len(pair) != 2:
-            raise BadValue("--distance", ",".join(pair), "two mark names such as A,B")
+            raise BadValue("--between", ",".join(pair), "two mark names such as A,B")
     drawn = read_drawing(arguments.drawing) if arguments.drawing else {}
     return _Measured(marks, seen, [shot.time for shot in shots], stations, drawn, arguments.block or "")
 

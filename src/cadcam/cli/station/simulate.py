@@ -33,7 +33,7 @@ def simulate(arguments: argparse.Namespace) -> None:
     folder = _folder(arguments.folder)
     with working("calibrating the hall"):
         found = {
-            name: calibrate_robot(hall, name, rng, pictures=folder if arguments.pictures else None)
+            name: calibrate_robot(hall, name, rng, pictures=folder if arguments.render else None)
             for name in hall.gantries
         }
         stations = {name: one.station for name, one in found.items()}
@@ -41,7 +41,7 @@ def simulate(arguments: argparse.Namespace) -> None:
         cover = distances(stations, work, rule=arguments.rule, longest_mm=_LONGEST)
     if folder is not None:
         _write(folder, hall, stations)
-        write_day(folder, hall, work, rng, pictures=arguments.pictures)
+        write_day(folder, hall, work, rng, pictures=arguments.render)
     if arguments.json:
         print_json(_as_json(found, cover))
     else:
@@ -56,15 +56,15 @@ def _check_options(arguments: argparse.Namespace) -> None:
     for option, value in (
         ("--deflection", arguments.deflection),
         ("--survey-sigma", arguments.survey_sigma),
-        ("--noise", arguments.noise),
+        ("--sigma", arguments.sigma),
     ):
         if value < 0:
             raise BadValue(option, value, "0 or more")
     if arguments.folder is None:
-        refuse(arguments, "--pictures", why="without a folder", expected="a folder to write them to")
-    if not arguments.pictures:
+        refuse(arguments, "--render", why="without a folder", expected="a folder to write them to")
+    if not arguments.render:
         through = "both: only a picture goes through a sensor"
-        refuse(arguments, "--sensor", why="without --pictures", expected=through)
+        refuse(arguments, "--sensor", why="without --render", expected=through)
 
 
 def _hall(arguments: argparse.Namespace, rng: np.random.Generator) -> Hall:
@@ -76,7 +76,7 @@ def _hall(arguments: argparse.Namespace, rng: np.random.Generator) -> Hall:
         robots=arguments.robots,
         deflection_mm=arguments.deflection,
         survey_mm=arguments.survey_sigma,
-        noise_px=arguments.noise,
+        noise_px=arguments.sigma,
         sensor=named_sensor(arguments.sensor) if arguments.sensor else SENSOR,
     )
 

@@ -6,12 +6,12 @@ import argparse
 
 from cadcam.cli.arguments import Verbs, verb
 from cadcam.cli.boards import BOARD_HELP
-from cadcam.cli.output import check_target, refuse_swapped
+from cadcam.cli.output import check_target
 
 _SHEETS = (".pdf", ".svg")
 _EXAMPLES = f"""\
-  cadcam board chessboard:9x6:25mm board.pdf --page a4
-  cadcam board charuco:8x11:20mm:15mm:5X5_100 board.svg
+  cadcam board chessboard:9x6:25mm -o board.pdf --page a4
+  cadcam board charuco:8x11:20mm:15mm:5X5_100 -o board.svg
   cadcam calibrate images/*.png --board chessboard:9x6:25mm -o camera.json      then, with pictures of it
 
 {BOARD_HELP}"""
@@ -32,8 +32,8 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
-    parser.add_argument("board", help="the board, such as chessboard:9x6:25mm (see below)")
-    parser.add_argument("output", help="file to write (.pdf, .svg)")
+    parser.add_argument("board", metavar="BOARD", help="the board, such as chessboard:9x6:25mm (see below)")
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="sheet to write: .pdf or .svg")
     parser.add_argument("--page", metavar="SIZE", help="paper: a4, a3 ... letter (default: the board with a margin)")
 
 
@@ -42,7 +42,6 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.target.boards.pattern import parse_pattern
     from cadcam.target.sheet import write_sheet
 
-    refuse_swapped("board", arguments.board, arguments.output, _SHEETS)
     check_target(arguments.output, _SHEETS)
     pattern = parse_pattern(arguments.board)
     sheet = write_sheet(arguments.output, pattern, page=arguments.page)

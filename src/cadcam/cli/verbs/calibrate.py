@@ -39,7 +39,7 @@ _EXAMPLES = f"""\
   cadcam calibrate left.csv front.csv right.csv --size 768x576 --fix skew=0 --lens brown-conrady:k1 -o camera.json
                                                                            one camera from three positions
   cadcam calibrate images/*.png --board chessboard:9x6:25mm -o camera.json        pictures of a board
-  cadcam calibrate images/ --board circles:7x6:30mm --pictures found --poses poses.csv
+  cadcam calibrate images/ --board circles:7x6:30mm --pictures found --poses-out poses.csv
   cadcam calibrate table_2_7.csv --columns U2,V2 --size 768x576            a file with two image points per line
 
 points file (CSV, tabs or blanks; # comments):
@@ -73,11 +73,13 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
-    parser.add_argument("points", nargs="+", help="points file; several: one per position; with --board: pictures")
+    parser.add_argument(
+        "points", nargs="+", metavar="POINTS", help="points file; several: one per position; with --board: pictures"
+    )
     add_estimate_options(parser, required=False)
     parser.add_argument("-o", "--output", metavar="FILE", help="camera file to write (.json)")
     joint = parser.add_argument_group("several positions, or pictures of a board")
-    joint.add_argument("--poses", metavar="FILE", help="write camera_from_world of every position (.txt, .csv)")
+    joint.add_argument("--poses-out", metavar="FILE", help="write camera_from_world of every position (.txt, .csv)")
     joint.add_argument("--bend", action="store_true", help="the flat board is bowed: estimate by how much, in x and y")
     joint.add_argument(
         "--loss",
@@ -87,7 +89,6 @@ def add_to(verbs: Verbs) -> None:
     joint.add_argument("--no-advice", action="store_true", help="do not check which parameters the views determine")
     add_board_options(parser)
     add_points_options(parser)
-    parser.set_defaults(writes=("poses",))
     add_json(parser)
 
 
@@ -109,7 +110,7 @@ def run(arguments: argparse.Namespace) -> None:
         _run_jointly(arguments)
         return
     several = "points files of several positions"
-    refuse(arguments, "--poses", "--bend", "--loss", "--no-advice", why="for one points file", expected=several)
+    refuse(arguments, "--poses-out", "--bend", "--loss", "--no-advice", why="for one points file", expected=several)
     _run_alone(arguments, arguments.points[0])
 
 
@@ -123,7 +124,7 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
     one = "one points file at a time"
     refuse(arguments, "--internals", "--method", why="for several points files", expected=one)
     check_target(arguments.output, (".json",))
-    check_target(arguments.poses, (".txt", ".csv"))
+    check_target(arguments.poses_out, (".txt", ".csv"))
     views, size = [read_points_as_asked(arguments, path) for path in arguments.points], size_as_asked(arguments)
     for view in views:
         check_in_picture(view, size)
@@ -151,7 +152,7 @@ def _run_jointly(arguments: argparse.Namespace) -> None:
 
 
 def _written(arguments: argparse.Namespace, estimate: JointEstimate) -> list[str]:
-    """Write the files of -o and --poses; return what was written, one line each."""
+    """Write the files of -o and --poses-out; return what was written, one line each."""
     from cadcam.files.camera import write_camera
     from cadcam.files.poses import write_poses
 
@@ -159,9 +160,9 @@ def _written(arguments: argparse.Namespace, estimate: JointEstimate) -> list[str
     if arguments.output:
         write_camera(arguments.output, estimate.view(0))
         said.append(f"wrote {arguments.output}: the camera with the joint covariance, posed as in {estimate.names[0]}")
-    if arguments.poses:
-        write_poses(arguments.poses, {name: estimate.pose(j) for j, name in enumerate(estimate.names)})
-        said.append(f"wrote {arguments.poses}: {len(estimate.names)} poses")
+    if arguments.poses_out:
+        write_poses(arguments.poses_out, {name: estimate.pose(j) for j, name in enumerate(estimate.names)})
+        said.append(f"wrote {arguments.poses_out}: {len(estimate.names)} poses")
     return said
 
 

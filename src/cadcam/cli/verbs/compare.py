@@ -38,8 +38,8 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument("b", metavar="B", help="the other")
     parser.add_argument("--rotate", action="store_true", help="allow a rotation between the two camera frames")
     parser.add_argument("-o", "--output", metavar="FILE", help="picture of the field (.png or .svg)")
-    parser.add_argument("--camera-a", metavar="NAME", help="which camera of A, by its name or number from 0")
-    parser.add_argument("--camera-b", metavar="NAME", help="which camera of B")
+    parser.add_argument("--camera-name-a", metavar="NAME", help="which camera of A, by its name or number from 0")
+    parser.add_argument("--camera-name-b", metavar="NAME", help="which camera of B")
     parser.add_argument("--size", type=size, metavar="WxH", help="picture size in px, where a file has none")
     add_json(parser)
 
@@ -50,8 +50,8 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.report.difference import difference_as_json, difference_table, write_difference
 
     check_target(arguments.output, (".png", ".svg"))
-    a = _camera(arguments, arguments.a, arguments.camera_a)
-    b = _camera(arguments, arguments.b, arguments.camera_b)
+    a = _camera(arguments, arguments.a, arguments.camera_name_a)
+    b = _camera(arguments, arguments.b, arguments.camera_name_b)
     difference = compare_cameras(a, b, rotate=arguments.rotate)
     if arguments.output:
         write_difference(arguments.output, difference, a.size)
@@ -68,5 +68,7 @@ def _camera(arguments: argparse.Namespace, path: str, name: str | None) -> Camer
     found = read_cameras(path, size=arguments.size).named(name).cameras
     if any(named.camera is not found[0].camera for named in found):
         known = ", ".join(named.name for named in found[:8])
-        raise BadValue(f"number of cameras in {path}", len(found), f"one: --camera-a or --camera-b NAME ({known})")
+        raise BadValue(
+            f"number of cameras in {path}", len(found), f"one: --camera-name-a or --camera-name-b NAME ({known})"
+        )
     return found[0].camera

@@ -24,13 +24,13 @@ _EXAMPLES = """\
   cadcam convert camera.json sparse/0 --to colmap --unit m        a folder; lengths in m
   cadcam convert camera.json cam.dat --to halcon --fit            the nearest HALCON lens, its error in px told
   cadcam convert skewed.json camera.yml --to opencv --allow-loss skew
-  cadcam convert sparse/0 view7.json --camera IMG_0007.jpg --unit m
+  cadcam convert sparse/0 view7.json --camera-name IMG_0007.jpg --unit m
   cadcam convert camera.json half.json --resize 1224x1024         for photos scaled after the calibration
   cadcam convert camera.json binned.json --binning 2              for photos taken with 2 x 2 pixels binned
   cadcam convert camera.json roi.json --crop 400,200,1024x768     for photos of a region of interest
-  cadcam convert rig.json small.json --binning 2                  all cameras of a rig, or --camera left alone
+  cadcam convert rig.json small.json --binning 2                  all cameras of a rig, or --camera-name left alone
 
-formats: cadcam opencv ros colmap colmap-bin kalibr mrcal bop nerfstudio metashape halcon visp blender gltf usd
+formats: cadcam opencv ros colmap colmap-bin kalibr mrcal bop nerfstudio metashape halcon visp blender gltf usd.
 Each is read by its content. By the suffix of OUT alone are written: .json cadcam, .cameramodel mrcal, .dat .cal halcon,
 .py blender, .gltf gltf, .usda usd. What each can hold: docs/camera-formats.md
 
@@ -38,7 +38,7 @@ other pictures: the lens is the same; focal length, principal point and the cova
 on the outline; --binning drops columns and rows left over, as sensors do; --crop counts px of the whole picture, from
 (0, 0), its top-left pixel. One at a time: convert the result again for two of them.
 """
-_WRITING = ("--pixel-um", "--allow-loss", "--fit")
+_WRITING = ("--pixel-pitch", "--allow-loss", "--fit")
 _LEAST_UM, _MOST_UM = 0.1, 1000.0  # of a pixel: less than the wavelength of light, and far above any detector's
 _DESCRIPTION = """\
 Read a camera with its pose from one program's file and write it for another: every half pixel, axis, unit and lens
@@ -46,7 +46,7 @@ term by the rules of both. What the new format cannot hold is said on stderr. If
 principal-point), nothing is written and the exit code is 2, unless --allow-loss accepts it by name or --fit replaces
 the lens. The result is read back before it is written.
 --resize, --binning and --crop make it the camera of pictures that were scaled, binned or cut after the calibration; of
-a rig file the cameras of all its pictures, or of those named by --camera."""
+a rig file the cameras of all its pictures, or of those named by --camera-name."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -66,7 +66,7 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument("--from", dest="source_format", metavar="FORMAT", help="IN's format, if its content misleads")
     parser.add_argument("--to", dest="target_format", metavar="FORMAT", help="OUT's format, if its suffix does not say")
     parser.add_argument(
-        "--camera",
+        "--camera-name",
         action="append",
         default=[],
         metavar="NAME",
@@ -78,7 +78,7 @@ def add_to(verbs: Verbs) -> None:
         "--unit", metavar="U", help="unit of length of formats that have none of their own: mm (default), m, in ..."
     )
     parser.add_argument(
-        "--pixel-um",
+        "--pixel-pitch",
         type=real,
         metavar="UM",
         help="pixel pitch in um, for formats with a sensor (HALCON, Blender, USD)",
@@ -104,14 +104,16 @@ def run(arguments: argparse.Namespace) -> None:
     if is_rig(arguments.input):
         _run_rig(arguments)
         return
-    if len(arguments.camera) > 1:
-        raise BadValue("--camera", f"given {len(arguments.camera)} times", "once: several are named of a rig alone")
+    if len(arguments.camera_name) > 1:
+        raise BadValue(
+            "--camera-name", f"given {len(arguments.camera_name)} times", "once: several are named of a rig alone"
+        )
     found = read_cameras(
         arguments.input,
         format_name=arguments.source_format,
         size=arguments.size,
         unit=_unit_of_input(arguments),
-    ).named(arguments.camera[0] if arguments.camera else None)
+    ).named(arguments.camera_name[0] if arguments.camera_name else None)
     for note in found.notes:
         say(f"{arguments.input}: {note}")
     found = for_other_pictures(arguments, found)
@@ -141,10 +143,10 @@ def _check_options(arguments: argparse.Namespace) -> None:
             raise UnknownName("loss", name, (*PIXEL_LOSSES, "all"))
     if arguments.output == "-":
         refuse(arguments, *_WRITING, why="where nothing is written", expected="a file in place of -, or leave it out")
-    pitch = arguments.pixel_um
+    pitch = arguments.pixel_pitch
     if pitch is not None and not _LEAST_UM <= pitch <= _MOST_UM:
         raise BadValue(
-            "--pixel-um", f"{pitch:g}", f"a pixel's pitch from {_LEAST_UM:g} to {_MOST_UM:g} um, such as 3.45"
+            "--pixel-pitch", f"{pitch:g}", f"a pixel's pitch from {_LEAST_UM:g} to {_MOST_UM:g} um, such as 3.45"
         )
 
 
@@ -184,7 +186,7 @@ def _write(arguments: argparse.Namespace, found: Foreign) -> Written:
         found,
         format_name=form.name,
         unit=arguments.unit if form.unit is None else None,
-        pixel_mm=None if arguments.pixel_um is None else arguments.pixel_um / 1000,
+        pixel_mm=None if arguments.pixel_pitch is None else arguments.pixel_pitch / 1000,
         allow_loss=arguments.allow_loss,
         fit=arguments.fit,
     )

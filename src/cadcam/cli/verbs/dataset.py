@@ -9,7 +9,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, real, seed, size, verb, whole
+from cadcam.cli.arguments import Verbs, add_json, real, reals, seed, size, span, verb, whole
 from cadcam.cli.models import add_model_options, load_as_asked, model_as_json
 from cadcam.cli.output import check_folder, print_json, print_tables, progress, say, working
 
@@ -17,12 +17,12 @@ if TYPE_CHECKING:
     from cadcam.dataset.make import Made
 
 _EXAMPLES = """\
-  cadcam dataset part.step -o set --views 1000 --seed 1
-  cadcam dataset part.stl -o set --views 5000 --from above:70 --background noise photos/ --occluders 0,3
+  cadcam dataset part.step -o set --count 1000 --seed 1
+  cadcam dataset part.stl -o set --count 5000 --seen-from above:70 --backgrounds noise photos/ --occluders 0,3
   cadcam dataset part.step -o set --camera camera.json --sensor global-shutter --gray --key-points points.csv
   cadcam dataset part.step -o set --camera camera.json --poses poses.csv
   cadcam dataset part.step -o set --plan plan.yaml --split val --seed 2
-  cadcam dataset part.step -o set --views 1000000 --cluster tcp://10.0.0.1:8786
+  cadcam dataset part.step -o set --count 1000000 --cluster tcp://10.0.0.1:8786
 
 what is written: a BOP data set (SPLIT/000000/rgb, depth, mask, mask_visib, scene_camera.json, scene_gt.json,
 scene_gt_info.json; models/; camera.json), SPLIT_coco.json, and beside them edges/ (visible edges as polylines with the
@@ -30,17 +30,17 @@ numbers of the part's edges), normal/, and view/ (key points, camera with its le
 twelve views with their labels drawn: look at it first.
 
 the same command gives the same bytes: each view depends on --seed and its own number alone, not on --workers, the
-cluster or interruptions. Run it again and it goes on where it was stopped; with more --views it adds to what is there.
+cluster or interruptions. Run it again and it goes on where it was stopped; with more --count it adds to what is there.
 
 a range A,B is drawn evenly for each view; one number is fixed. Everything can stand in a plan file, in YAML, keys named
-as the options (--occluder-size: occluder_size); options go before it:
-  views: 1000
-  from: above:70
-  background: [plain, noise, photos/]
+as the options, with their unit (--occluder-size: occluder_size, --roll: roll_deg); options go before it:
+  count: 1000
+  seen_from: above:70
+  backgrounds: [plain, noise, photos/]
   occluders: [0, 3]
 
---from      any (default), above, above:DEG or X,Y,Z:DEG: towards the camera in the part's axes, and how far around
---roll-deg  how far --up may stand from upright in the picture (default 180: any turn)
+--seen-from  any (default), above, above:DEG or X,Y,Z:DEG: towards the camera in the part's axes, and how far around
+--roll       how far --up may stand from upright in the picture (default 180: any turn)
 
 occluders hide the part and are not labelled. Depth is in steps of depth_scale mm, 0 where there is nothing.
 """
@@ -55,14 +55,16 @@ def add_to(verbs: Verbs) -> None:
     parser = verb(verbs, "dataset", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     add_model_options(parser)
     parser.add_argument("-o", "--output", metavar="FOLDER", required=True, help="folder of the data set")
-    parser.add_argument("--views", type=whole, metavar="N", help="how many pictures (default 100, or one per pose)")
-    parser.add_argument("--seed", type=seed, metavar="N", help="another seed, another data set (default 0)")
+    parser.add_argument("--count", type=whole, metavar="N", help="how many pictures (default 100, or one per pose)")
+    parser.add_argument(
+        "--seed", type=seed, metavar="N", help="seed of the random numbers: another one, another data set (default 0)"
+    )
     parser.add_argument("--plan", metavar="FILE", help="plan file: YAML, see below")
     _add_seeing(parser.add_argument_group("camera and where it stands"))
     _add_looks(parser.add_argument_group("what it sees"))
     group = parser.add_argument_group("how it is made")
     group.add_argument("--split", default="train", metavar="NAME", help="BOP's name of the set (default train)")
-    group.add_argument("--workers", type=whole, metavar="N", help="processes (default: one per core)")
+    group.add_argument("--workers", type=whole, metavar="N", help="how many processes (default: one per core)")
     group.add_argument("--cluster", metavar="ADDRESS", help="address of a Dask scheduler, instead of processes")
     parser.set_defaults(resumes=True)
     add_json(parser)
@@ -72,15 +74,20 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--camera", metavar="FILE", help="camera file, including its lens")
     group.add_argument("--size", type=size, metavar="WxH", help="without a camera: picture size (default 640x480)")
     group.add_argument(
-        "--view-angle-deg", type=real, metavar="DEG", help="without a camera: over the shorter side (default 40)"
+        "--view-angle",
+        type=real,
+        metavar="DEG",
+        help="without a camera: angle of view over the shorter side (default 40)",
     )
     group.add_argument(
-        "--focal-jitter-percent", type=real, metavar="P", help="sigma of the focal length, by view (default 0)"
+        "--focal-jitter", type=real, metavar="PERCENT", help="sigma of the focal length, by view (default 0)"
     )
-    group.add_argument("--centre-jitter-px", type=real, metavar="PX", help="sigma of the principal point (default 0)")
-    group.add_argument("--from", dest="from_", metavar="V", help="from where the part is seen (below; default any)")
+    group.add_argument("--centre-jitter", type=real, metavar="PX", help="sigma of the principal point (default 0)")
+    group.add_argument("--seen-from", metavar="V", help="from where the part is seen (below; default any)")
     group.add_argument("--up", type=reals, metavar="X,Y,Z", help="what is up, in the part's axes (default 0,0,1)")
-    group.add_argument("--roll-deg", type=real, metavar="DEG", help="how far it may stand from upright (default 180)")
+    group.add_argument(
+        "--roll", type=real, metavar="DEG", help="how far --up may be from upright in the picture (default 180)"
+    )
     group.add_argument(
         "--fill",
         type=span,
@@ -88,23 +95,51 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
         help="size of the part by the picture's shorter side, at most 2 (default 0.4,0.9)",
     )
     group.add_argument(
-        "--distance-mm", type=span, metavar="A,B", help="distance of the part's centre, instead of --fill"
+        "--distance",
+        type=span,
+        metavar="NEAR,FAR",
+        help="range of the camera's distance from the part's middle, mm; instead of --fill",
     )
-    group.add_argument("--off-centre", type=real, metavar="S", help="share of the shorter side (default 0.1)")
+    group.add_argument(
+        "--off-centre",
+        type=real,
+        metavar="S",
+        help="how far the part may be off the middle, by the shorter side (default 0.1)",
+    )
     group.add_argument("--poses", metavar="FILE", help="camera_from_part of each view: a poses file of `cadcam render`")
 
 
 def _add_looks(group: argparse._ArgumentGroup) -> None:
-    group.add_argument("--head", type=span, metavar="A,B", help="light at the camera (default 0.1,0.5)")
-    group.add_argument("--distant", type=span, metavar="A,B", help="two lights from anywhere (default 0.1,0.5)")
-    group.add_argument("--ambient", type=span, metavar="A,B", help="light without direction (default 0.1,0.3)")
-    group.add_argument("--background", nargs="+", metavar="B", help="plain, noise, photos or folders of them")
-    group.add_argument("--occluders", type=span, metavar="N,M", help="fewest and most per view (default 0)")
+    group.add_argument("--head", type=span, metavar="A,B", help="strength of the light at the camera (default 0.1,0.5)")
     group.add_argument(
-        "--occluder-shapes", nargs="+", metavar="S", help="box, cylinder, CAD files (default the first two)"
+        "--distant", type=span, metavar="A,B", help="strength of two lights from anywhere (default 0.1,0.5)"
     )
     group.add_argument(
-        "--occluder-size", type=span, metavar="A,B", help="relative to the part's diameter (default 0.1,0.3)"
+        "--ambient", type=span, metavar="A,B", help="strength of light without direction (default 0.1,0.3)"
+    )
+    group.add_argument(
+        "--backgrounds",
+        nargs="+",
+        metavar="B",
+        help="what is behind the part, one of them a view: plain (default), noise, photos, folders of photos",
+    )
+    group.add_argument(
+        "--occluders",
+        type=span,
+        metavar="N,M",
+        help="how many things hide the part, fewest and most per view (default 0)",
+    )
+    group.add_argument(
+        "--occluder-shapes",
+        nargs="+",
+        metavar="S",
+        help="what they are: box, cylinder, CAD files (default the first two)",
+    )
+    group.add_argument(
+        "--occluder-size",
+        type=span,
+        metavar="A,B",
+        help="size of boxes and cylinders by the part's diameter (default 0.1,0.3)",
     )
     group.add_argument(
         "--sensor",
@@ -114,19 +149,6 @@ def _add_looks(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--samples", type=whole, metavar="N", help="N x N rays per pixel (default 2)")
     group.add_argument("--gray", action="store_true", default=None, help="grey pictures")
     group.add_argument("--key-points", metavar="FILE", help="name, X, Y, Z of the points to label (default: corners)")
-
-
-def span(text: str) -> list[float]:
-    """Return (least, greatest) of a text such as 0.4,0.9 or 2."""
-    values = reals(text)
-    if len(values) not in (1, 2):
-        raise argparse.ArgumentTypeError(f"{text!r} is not a range; give A,B or one number")
-    return [values[0], values[-1]]
-
-
-def reals(text: str) -> list[float]:
-    """Return the numbers in a text, separated by commas."""
-    return [real(value) for value in text.split(",")]
 
 
 def run(arguments: argparse.Namespace) -> None:
@@ -165,9 +187,9 @@ def run(arguments: argparse.Namespace) -> None:
 
 
 def _options(arguments: argparse.Namespace) -> dict[str, Any]:
-    from cadcam.dataset.plan_file import KEYS
+    from cadcam.dataset.plan_file import KEYS, option_of
 
-    named = {key: getattr(arguments, "from_" if key == "from" else key) for key in KEYS}
+    named = {key: getattr(arguments, option_of(key).lstrip("-").replace("-", "_")) for key in KEYS}
     given = {key: value for key, value in named.items() if value is not None}
     return {key: list(value) if isinstance(value, tuple) else value for key, value in given.items()}
 

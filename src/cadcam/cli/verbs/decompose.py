@@ -38,7 +38,9 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
-    parser.add_argument("file", help="text file with a 3x4 matrix, or a camera file (.json, .yaml, .xml)")
+    parser.add_argument(
+        "file", metavar="FILE", help="text file with a 3x4 matrix, or a camera file (.json, .yaml, .xml)"
+    )
     parser.add_argument(
         "--rows",
         choices=("uv", "xy"),

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Verbs, add_json, verb
-from cadcam.cli.output import print_json, print_tables, say, working
+from cadcam.cli.output import check_folder, print_json, print_tables, say, working
 from cadcam.errors import UnwritableFile
 
 if TYPE_CHECKING:
@@ -73,7 +73,9 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "the whole chain on built-in data, into a folder"
     parser = verb(verbs, "demo", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("folder", nargs="?", default="cadcam-demo", help="folder to fill (default: cadcam-demo)")
+    parser.add_argument(
+        "folder", nargs="?", metavar="FOLDER", default="cadcam-demo", help="folder to fill (default: cadcam-demo)"
+    )
     add_json(parser)
 
 
@@ -81,6 +83,7 @@ def run(arguments: argparse.Namespace) -> None:
     """Fill the folder; print commands, tables and the files."""
     from cadcam.cli.demo import results as results
 
+    check_folder(arguments.folder)
     folder = Path(arguments.folder)
     _make(folder)
     _write_inputs(folder)

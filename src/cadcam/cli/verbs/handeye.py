@@ -83,7 +83,9 @@ def add_to(verbs: Verbs) -> None:
 
 
 def _add_robot(parser: argparse.ArgumentParser) -> None:
-    parser.add_argument("robot", nargs="+", help="file or folder of robot poses, or files of one pose each")
+    parser.add_argument(
+        "robot", nargs="+", metavar="ROBOT", help="file or folder of robot poses, or files of one pose each"
+    )
     parser.add_argument(
         "--mounting", required=True, choices=("eye-in-hand", "eye-to-hand"), help="camera on the flange, or in the cell"
     )

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from cadcam.plan.what_if import WhatIf
 
 _OF_A_SET = (
-    "-k",
+    "--count",
     "--output",
     "--pictures",
     "--cameras",
@@ -68,9 +68,13 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "part + places for cameras + features with limits -> cameras to mount, and how well they will measure"
     parser = verb(verbs, "layout", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("scene", nargs="?", help="scene file (see below)")
+    parser.add_argument("scene", nargs="?", metavar="SCENE", help="scene file (see below)")
     parser.add_argument(
-        "-k", type=whole, metavar="N", help="cameras to choose beside the fixed ones (default: the scene's)"
+        "-k",
+        "--count",
+        type=whole,
+        metavar="N",
+        help="how many cameras to choose beside the fixed ones (default: the scene's)",
     )
     parser.add_argument(
         "--keep",
@@ -155,10 +159,10 @@ def _survey(path: str) -> CandidateSurvey:
 def _planned(arguments: argparse.Namespace, seen: CandidateSurvey) -> Layout:
     from cadcam.plan.layout import plan_layout
 
-    if arguments.k is not None and arguments.k < 0:
-        raise BadValue("-k", arguments.k, "a number of cameras, from 0 on")
+    if arguments.count is not None and arguments.count < 0:
+        raise BadValue("--count", arguments.count, "a number of cameras, from 0 on")
     with working("choosing cameras"):
-        return plan_layout(seen, arguments.k, keep=arguments.keep)
+        return plan_layout(seen, arguments.count, keep=arguments.keep)
 
 
 def _following(layout: Layout) -> list[tuple[Candidate, Score]]:

@@ -38,7 +38,7 @@ _EXAMPLES = f"""\
   cadcam locate photo.png part.step --camera camera.json -o overlay.png
   cadcam locate photo.png part.obj --unit m --camera camera.json --start rough.txt --pose-out pose.json
   cadcam locate photo.png part.stl --camera camera.json --points picked.csv --json
-  cadcam locate photo.png part.stl --camera camera.json --views above --distance 800,1500
+  cadcam locate photo.png part.stl --camera camera.json --seen-from above --distance 800,1500
   cadcam locate left.png right.png part.stl --camera left.json --camera right.json -o both.png
   cadcam locate left.png right.png part.stl --rig rig.json
   cadcam locate photo.png plate.stl --camera camera.json --start rough.txt --freedom plane:0,0,1@part
@@ -60,7 +60,7 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "photo + CAD model + camera -> where the part is, with covariance, or that it is not there"
     parser = verb(verbs, "locate", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("photos", nargs="+", metavar="photo", help="PNG, JPEG, TIFF ...: one, or one per camera")
+    parser.add_argument("photos", nargs="+", metavar="PHOTO", help="PNG, JPEG, TIFF ...: one, or one per camera")
     add_model_options(parser)
     add_photo_options(parser)
     add_start_options(parser)

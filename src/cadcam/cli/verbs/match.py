@@ -7,9 +7,9 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import NO, Verbs, add_json, real, refuse, verb, whole
+from cadcam.cli.arguments import NO, Verbs, add_json, real, refuse, span, verb, whole
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
-from cadcam.cli.models import check_order, load_as_asked, model_as_json
+from cadcam.cli.models import add_reading_options, check_order, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say_written, working
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue
@@ -24,14 +24,14 @@ if TYPE_CHECKING:
 
 _TEMPLATE_OPTIONS = ("--mask", "--angles", "--scales", "--count", "--least-score", "--either-sign")
 _PART_OPTIONS = (
-    *("--camera", "--pose", "--unit", "--tolerance"),
-    *("--appearance", "--reach", "--turn", "--edges", "--peaks"),
+    *("--camera", "--pose", "--unit", "--mesh-tolerance"),
+    *("--appearance", "--reach", "--turn", "--measure", "--peaks"),
 )
 _EXAMPLES = f"""\
   cadcam match photo.png corner.png -o where.png
-  cadcam match photo.png corner.png --angles -20 20 --scales 0.9 1.1 --count 5 --json
+  cadcam match photo.png corner.png --angles -20,20 --scales 0.9,1.1 --count 5 --json
   cadcam match photo.png part.step --camera camera.json --pose start.txt -o features.png
-  cadcam match photo.png part.stl --unit mm --camera camera.json --edges --peaks
+  cadcam match photo.png part.stl --unit mm --camera camera.json --measure --peaks
 
 The gap is the score of a peak less that of the next one: a high score with a small gap means that the picture shows the
 same thing twice. A feature whose best peak is wrong does no harm: the pose is that on which most features agree.
@@ -50,8 +50,8 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "photo + template, or CAD model + camera + rough pose -> where they match"
     parser = verb(verbs, "match", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("photo", help="PNG, JPEG, TIFF ...")
-    parser.add_argument("what", help="a picture: the template; or a CAD file: STL, OBJ, PLY, STEP ...")
+    parser.add_argument("photo", metavar="PHOTO", help="picture to search: PNG, JPEG, TIFF ...")
+    parser.add_argument("what", metavar="WHAT", help="a picture: the template; or a CAD file: STL, OBJ, PLY, STEP ...")
     parser.add_argument("-o", "--output", metavar="FILE", help="write the photo with what was found: .png or .jpg")
     add_full_scale(parser)
     _add_template_options(parser)
@@ -69,19 +69,17 @@ def _add_template_options(parser: argparse.ArgumentParser) -> None:
     )
     group.add_argument(
         "--angles",
-        type=real,
-        nargs=2,
-        default=(-180, 180),
-        metavar="DEG",
-        help="range of the template's angle, from x towards y (default all)",
+        type=span,
+        default=(-180.0, 180.0),
+        metavar="DEG,DEG",
+        help="least and greatest angle of the template, from x towards y (default -180,180)",
     )
     group.add_argument(
         "--scales",
-        type=real,
-        nargs=2,
-        default=(1, 1),
-        metavar="S",
-        help="smallest and largest scale of the template (default 1 1)",
+        type=span,
+        default=(1.0, 1.0),
+        metavar="S,S",
+        help="least and greatest scale of the template (default 1)",
     )
     group.add_argument("--count", type=whole, default=3, metavar="N", help="number of peaks to report (default 3)")
     group.add_argument(
@@ -92,15 +90,7 @@ def _add_template_options(parser: argparse.ArgumentParser) -> None:
 
 def _add_part_options(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("CAD model")
-    group.add_argument(
-        "--unit", metavar="U", help="the model's unit where its file names none: mm (default), m, in ..."
-    )
-    group.add_argument(
-        "--tolerance",
-        type=real,
-        metavar="MM",
-        help="STEP, IGES: largest distance of triangles from the true surface (default: by the model's size)",
-    )
+    add_reading_options(group)
     add_camera_options(parser, required=False)
     group.add_argument(
         "--appearance",
@@ -114,7 +104,9 @@ def _add_part_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--turn", type=real, default=20.0, metavar="DEG", help="how far it may be rotated in the picture (default 20)"
     )
-    group.add_argument("--edges", action="store_true", help="also say how close the photo's edges are to each CAD edge")
+    group.add_argument(
+        "--measure", action="store_true", help="also say how close the photo's edges are to each CAD edge"
+    )
     group.add_argument("--peaks", action="store_true", help="also print each feature's peaks")
 
 
@@ -163,10 +155,10 @@ def _run_template(arguments: argparse.Namespace) -> int:
 
     low, high = arguments.angles
     if not 0 <= high - low <= 360:
-        raise BadValue("--angles", f"{low:g} {high:g}", "FROM TO in degrees, at most a full turn apart")
+        raise BadValue("--angles", f"{low:g},{high:g}", "least,greatest in degrees, at most a full turn apart")
     options = CorrelateOptions(
         angles=(math.radians(low), math.radians(high)),
-        scales=tuple(arguments.scales),
+        scales=arguments.scales,
         count=arguments.count,
         least_score=arguments.least_score,
         either_sign=arguments.either_sign,
@@ -241,7 +233,7 @@ def _print_part(arguments: argparse.Namespace, matches: TemplateMatches, close: 
 
     tables = [feature_table(matches)]
     tables += feature_peaks(matches.features) if arguments.peaks else []
-    tables += [closeness_table(close)] if arguments.edges else []
+    tables += [closeness_table(close)] if arguments.measure else []
     print_tables(tables)
     where = "at the pose found" if matches.found else "at the pose given"
     print("found" if matches.found else f"not found: {_why_not(matches)}")

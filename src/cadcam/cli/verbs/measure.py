@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 _EXAMPLES = """\
   cadcam measure pixels.csv --camera left=left.json --camera right=right.json -o points.csv
-  cadcam measure pixels.csv --camera left.json --camera right.json --distance A,B     views named as their files
+  cadcam measure pixels.csv --camera left.json --camera right.json --between A,B     views named as their files
   cadcam measure pixels.csv --rig rig.json                     cameras mounted together, in the axes of the first one
   cadcam measure pixels.csv --camera home=cam.json --moved away=home:motion.txt --motion-sigma 0.1,0.01
   cadcam measure pixels.csv --camera home=cam.json --placed away=home:posed.json     where points located it since
@@ -58,7 +58,7 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
-    parser.add_argument("pixels", help="pixels file")
+    parser.add_argument("pixels", metavar="PIXELS", help="pixels file (see below)")
     _add_view_options(parser)
     _add_point_options(parser)
     parser.add_argument("--columns", type=names, metavar="A,B", help="the two image columns, where there are several")
@@ -123,7 +123,7 @@ def _add_point_options(parser: argparse.ArgumentParser) -> None:
         help="how well the plane's height is known (default exact)",
     )
     group.add_argument(
-        "--distance",
+        "--between",
         action="append",
         type=names,
         default=[],
@@ -156,12 +156,12 @@ def run(arguments: argparse.Namespace) -> None:
         plane_sigma_mm=arguments.plane_sigma,
         method=arguments.method,
     )
-    tables = measurement_tables(measured, viewpoints, arguments.distance)
+    tables = measurement_tables(measured, viewpoints, arguments.between)
     if arguments.output:
         write_measurement(arguments.output, measured, pixels=pixels, joint=arguments.joint)
     if arguments.json:
         document = measurement_as_json(measured, pixels=pixels, joint=arguments.joint)
-        print_json(document | {"distances_mm": _distances(measured, arguments.distance)})
+        print_json(document | {"distances_mm": _distances(measured, arguments.between)})
     else:
         print_tables(tables)
     if measured.refused:
@@ -181,9 +181,9 @@ def _check_options(arguments: argparse.Namespace) -> None:
     """Refuse uncertainties of absent inputs, results that only JSON holds if none is written, and unknown distances."""
     if arguments.sigma is not None and not arguments.sigma > 0:
         raise BadValue("--sigma", arguments.sigma, "a positive number of px")
-    for pair in arguments.distance:
+    for pair in arguments.between:
         if len(pair) != 2:
-            raise BadValue("--distance", ",".join(pair), "two point names such as A,B")
+            raise BadValue("--between", ",".join(pair), "two point names such as A,B")
     if not (arguments.moved or arguments.placed):
         moved = "--moved or --placed beside it: nothing else was moved"
         refuse(arguments, "--motion-sigma", why="without a motion", expected=moved)

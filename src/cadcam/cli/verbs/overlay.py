@@ -55,14 +55,19 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "photo + CAD model + camera -> the wireframe on the photo"
     parser = verb(verbs, "overlay", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("photo", help="PNG, JPEG, TIFF ... of the camera's size (EXIF orientation is applied)")
+    parser.add_argument(
+        "photo", metavar="PHOTO", help="PNG, JPEG, TIFF ... of the camera's size (EXIF orientation is applied)"
+    )
     add_model_options(parser)
     add_camera_options(parser, required=True)
     add_full_scale(parser)
     parser.add_argument("--points", metavar="FILE", help="find the pose from these points, keeping the internals")
     parser.add_argument("-o", "--output", metavar="FILE", required=True, help="picture to write: .png, .jpg or .svg")
     parser.add_argument(
-        "--mode", choices=("overlay", "side-by-side", "sum", "canny"), default="overlay", help="see below"
+        "--mode",
+        choices=("overlay", "side-by-side", "sum", "canny"),
+        default="overlay",
+        help="what is drawn (below; default overlay)",
     )
     parser.add_argument(
         "--shaded", type=opacity, metavar="OPACITY", help="lay the shaded model under the lines, 0 to 1"

@@ -45,7 +45,7 @@ _EXAMPLES = f"""\
   cadcam render part.step --camera camera.json --background photo.png -o in_place.png
   cadcam render part.step --camera camera.json --channel depth -o depth.npy
   cadcam render part.step --camera internals.json --pose pose.txt -o as_seen.png
-  cadcam render part.step --camera cam.json --light hall --lens 16 --f-number 2 --sensor ccir-1996 -o as_taken.png
+  cadcam render part.step --camera cam.json --light hall --focal 16 --f-number 2 --sensor ccir-1996 -o as_taken.png
   cadcam render part.step --camera internals.json --poses poses.csv -o 'views/{{name}}.png'
 
 {POSE_HELP}

@@ -38,7 +38,7 @@ _POINTS = (".csv", ".txt", ".tsv", ".dat")
 _EXAMPLES = f"""\
   cadcam rig --camera left=left/ --camera right=right/ --board chessboard:9x6:25mm -o rig.json
   cadcam rig --camera left='shots/left*.jpg' --camera right='shots/right*.jpg' --board chessboard:9x6:25mm
-  cadcam rig --camera a=a/ --camera b=b/ --camera c=c/ --board charuco:8x11:20mm:15mm:5X5_100 --known b=b.json
+  cadcam rig --camera a=a/ --camera b=b/ --camera c=c/ --board charuco:8x11:20mm:15mm:5X5_100 --internals b=b.json
   cadcam rig --camera left=left/ --camera right=right/ --size 640x480 --lens brown-conrady:k1,k2 --fix skew=0
                                                                     folders of points files, one per frame
   cadcam measure pixels.csv --rig rig.json                          then: points in the axes of the first camera
@@ -56,7 +56,7 @@ saw known points, at the same moments. Internals and lens of each camera, where 
 in each frame are estimated together, each with its standard deviation; the first camera's axes are those of the rig. No
 starting values are needed. The cameras need not see the board in every frame, but each must share some frames with
 another one, and be seen well enough to be calibrated alone (three pictures of a board, tilted differently), or be
---known.
+--internals.
 
 Frames that were not taken together (files in another order, pictures exchanged) show another relative pose than the
 rest; they are refused and named. With a board that looks the same after half a turn (an even number of squares by an
@@ -85,19 +85,18 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument("--board", metavar="BOARD", help="the board in the pictures, such as chessboard:9x6:25mm")
     parser.add_argument("-o", "--output", metavar="FILE", help="rig file to write (.json)")
     parser.add_argument(
-        "--poses", metavar="FILE", help="write camera_from_world of the first camera in every frame (.txt, .csv)"
+        "--poses-out", metavar="FILE", help="write camera_from_world of the first camera in every frame (.txt, .csv)"
     )
     add_full_scale(parser)
     _add_camera_options(parser.add_argument_group("cameras"))
     add_points_options(parser)
-    parser.set_defaults(writes=("poses",))
     add_json(parser)
 
 
 def _add_camera_options(group: argparse._ArgumentGroup) -> None:
     group.add_argument("--size", type=size, metavar="WxH", help="picture size in px, for points files")
     group.add_argument(
-        "--known",
+        "--internals",
         action="append",
         default=[],
         metavar="NAME=FILE",
@@ -126,10 +125,10 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.report.rig import rig_tables
 
     check_target(arguments.output, (".json",))
-    check_target(arguments.poses, (".txt", ".csv"))
+    check_target(arguments.poses_out, (".txt", ".csv"))
     named = _named("--camera", arguments.camera)
     frames, files = _frames({name: _files(path, arguments.board) for name, path in named.items()})
-    known = _known(arguments.known, named)
+    known = _known(arguments.internals, named)
     alone = None
     if arguments.board:
         estimate, alone = _from_boards(arguments, frames, files, known)
@@ -137,16 +136,16 @@ def run(arguments: argparse.Namespace) -> None:
         estimate = _from_points(arguments, frames, files, known)
     if arguments.output:
         write_rig(arguments.output, estimate)
-    if arguments.poses:
-        write_poses(arguments.poses, {name: estimate.frame(j) for j, name in enumerate(estimate.frames)})
+    if arguments.poses_out:
+        write_poses(arguments.poses_out, {name: estimate.frame(j) for j, name in enumerate(estimate.frames)})
     if arguments.json:
         print_json(rig_as_json(estimate))
     else:
         print_tables(rig_tables(estimate, alone))
     if arguments.output:
         say(f"wrote {arguments.output}: measure with it by cadcam measure PIXELS --rig {arguments.output}")
-    if arguments.poses:
-        say(f"wrote {arguments.poses}: the first camera in {len(estimate.frames)} frames")
+    if arguments.poses_out:
+        say(f"wrote {arguments.poses_out}: the first camera in {len(estimate.frames)} frames")
 
 
 def _from_boards(
@@ -186,7 +185,7 @@ def _from_points(
     pictures = "--board and pictures of it, or leave it out"
     refuse(arguments, "--free-skew", "--keep-all", "--full-scale", why="without --board", expected=pictures)
     if not arguments.size and len(known) < len(files):
-        raise BadValue("the picture's size", "not given", "--size WxH, or --known for every camera; or --board")
+        raise BadValue("the picture's size", "not given", "--size WxH, or --internals for every camera; or --board")
     lens, free_lens = lens_as_asked(arguments)
     fixed = fixed_as_asked(arguments)
     cameras = {}
@@ -258,10 +257,10 @@ def _files(path: str, board: str | None) -> list[str]:
 
 
 def _known(given: Sequence[str], cameras: Mapping[str, str]) -> dict[str, Camera]:
-    named = _named("--known", given)
+    named = _named("--internals", given)
     for name in named:
         if name not in cameras:
-            raise UnknownName("camera in --known:", name, cameras)
+            raise UnknownName("camera in --internals:", name, cameras)
     return {name: read_any_camera(path).camera for name, path in named.items()}
 
 

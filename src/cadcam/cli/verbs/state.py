@@ -30,7 +30,7 @@ _EXAMPLES = """\
   cadcam state list --part bracket --verdict FAIL --since 2026-03-01
   cadcam state show 3f2a91c0
   cadcam state trend stiffener --part bracket
-  cadcam state export all.csv --store postgresql://user:password@server/yard
+  cadcam state export -o all.csv --store postgresql://user:password@server/yard
 
 the store: --store FILE|URL, else $CADCAM_STORE, else parts.sqlite in this folder. A file is SQLite and needs nothing
 else; PostgreSQL needs cadcam[postgresql]. Give a password in $CADCAM_STORE rather than on the command line.
@@ -71,8 +71,12 @@ def _job(jobs: Verbs, name: str, run: Run, short: str) -> argparse.ArgumentParse
 def _add_add(jobs: Verbs) -> None:
     parser = _job(jobs, "add", run_add, "keep the results in JSON files of `cadcam verify`, or exported records")
     parser.add_argument("files", nargs="+", metavar="FILE", help="JSON of `cadcam verify`, or an export")
-    for name, what in (("part", "kind of part"), ("serial", "which one of them"), ("station", "where it was measured")):
-        parser.add_argument(f"--{name}", help=f"{what}, in place of what the file says")
+    for name, what in (
+        ("part", "kind of part"),
+        ("serial", "serial number of the part"),
+        ("station", "where it was measured"),
+    ):
+        parser.add_argument(f"--{name}", metavar="NAME", help=f"{what}, in place of what the file says")
 
 
 def _add_list(jobs: Verbs) -> None:
@@ -83,33 +87,43 @@ def _add_list(jobs: Verbs) -> None:
 
 def _add_show(jobs: Verbs) -> None:
     parser = _job(jobs, "show", run_show, "show all that one record holds")
-    parser.add_argument("id", help=f"the record's id, or its beginning ({_SHORT_ID} characters or more)")
+    parser.add_argument("id", metavar="ID", help=f"the record's id, or its beginning ({_SHORT_ID} characters or more)")
 
 
 def _add_trend(jobs: Verbs) -> None:
     short = "show a feature's deviation or presence over the parts: mean, sigma, verdicts, since when"
     parser = _job(jobs, "trend", run_trend, short)
-    parser.add_argument("feature", help="the feature's name")
-    parser.add_argument("--kind", help="of its judgements, where it has several: position, angle, presence ...")
+    parser.add_argument("feature", metavar="FEATURE", help="the feature's name, as in the tolerance file")
+    parser.add_argument(
+        "--kind", metavar="NAME", help="which of its judgements, where it has several: position, angle, presence ..."
+    )
     _add_filters(parser)
     _add_newest(parser, "a line for no more than the latest N (default 30); mean and sigma are of all")
 
 
 def _add_export(jobs: Verbs) -> None:
     parser = _job(jobs, "export", run_export, "write records to a file")
-    parser.add_argument("output", help=".csv (one line per deviation), .json or .jsonl (everything)")
+    parser.add_argument(
+        "-o",
+        "--output",
+        required=True,
+        metavar="FILE",
+        help="file to write: .csv (one line per deviation), .json or .jsonl (everything)",
+    )
     _add_filters(parser)
 
 
 def _add_filters(parser: argparse.ArgumentParser) -> None:
     group = parser.add_argument_group("which records (default: all)")
-    group.add_argument("--part", help="kind of part")
-    group.add_argument("--serial", help="which one of them")
-    group.add_argument("--station", help="where it was measured")
+    group.add_argument("--part", metavar="NAME", help="kind of part")
+    group.add_argument("--serial", metavar="NAME", help="serial number of the part")
+    group.add_argument("--station", metavar="NAME", help="where it was measured")
     verdicts = ("PASS", "FAIL", "UNDECIDED")
-    group.add_argument("--verdict", type=str.upper, choices=verdicts, help="as a whole")
-    group.add_argument("--since", type=_when, metavar="TIME", help="2026-03-01 or 2026-03-01T14:30, UTC")
-    group.add_argument("--until", type=_when, metavar="TIME", help="as --since; a day counts to its end")
+    group.add_argument("--verdict", type=str.upper, choices=verdicts, help="verdict on the part as a whole")
+    group.add_argument(
+        "--since", type=_when, metavar="TIME", help="measured then or later: 2026-03-01 or 2026-03-01T14:30, UTC"
+    )
+    group.add_argument("--until", type=_when, metavar="TIME", help="measured then or earlier; a day counts to its end")
 
 
 def _add_newest(parser: argparse.ArgumentParser, what: str) -> None:

@@ -17,9 +17,9 @@ mechanics from the vision's own error. A mark anywhere in the area is then measu
 an uncertainty that includes pixels, survey, plate, repeatability and the mechanics between the positions."""
 _EXAMPLES = """\
   cadcam station simulate hall                      a simulated hall: its files, and how well it measures
-  cadcam station calibrate p*.pgm --camera 12 --plate plate.json --survey survey.csv --survey-sigma 0.2 -o s12.json
+  cadcam station calibrate p*.pgm --camera-name 12 --plate plate.json --survey survey.csv --survey-sigma 0.2 -o s12.json
   cadcam station map s12.json --pairs --plot map.svg      deflection and twist, every pair of positions
-  cadcam station measure A.pgm B.pgm --station s12.json --log station.jsonl --drawing marks.csv
+  cadcam station measure A.pgm B.pgm --station-file s12.json --log station.jsonl --drawing marks.csv
   cadcam station recalibrate s12.json ref.pgm --known 5077.3,4763.1 -o s12-today.json
   cadcam station report s12.json s6.json --log station.jsonl -o report.html
 
@@ -58,8 +58,12 @@ def _add_pictures(parser: argparse.ArgumentParser) -> None:
     group.add_argument("--positions", metavar="FILE", help="list of the pictures' positions")
     group.add_argument("--pixels", metavar="FILE", help="marks found by other means: name,view,x_px,y_px")
     group.add_argument("--sigma", type=real, metavar="PX", help="noise of one pixel coordinate (default: as found)")
-    group.add_argument("--mark", help="what the marks look like in pictures (default: as the plate file says)")
-    group.add_argument("--radius", metavar="PX[,PX]", help="radius of a mark in the picture, or its range")
+    group.add_argument(
+        "--mark", metavar="MARK", help="what the marks look like in pictures (default: as the plate file says)"
+    )
+    group.add_argument(
+        "--radius", metavar="PX[,PX]", help="radius of a mark's outermost border in the picture, or its range"
+    )
     add_full_scale(group)
 
 
@@ -81,9 +85,9 @@ def _add_calibrate(jobs: Verbs) -> None:
         "calibrate a camera from pictures of the plate at a grid of positions",
     )
     parser.add_argument("pictures", nargs="*", metavar="PICTURE", help="pictures of the plate, one for each position")
-    parser.add_argument("--camera", metavar="NAME", help="the camera's name (default: as the pictures say)")
-    parser.add_argument("--plate", required=True, metavar="FILE", help="plate file")
-    parser.add_argument("--survey", required=True, metavar="FILE", help="survey file")
+    parser.add_argument("--camera-name", metavar="NAME", help="the camera's name (default: as the pictures say)")
+    parser.add_argument("--plate", required=True, metavar="FILE", help="plate file: where the marks are on it")
+    parser.add_argument("--survey", required=True, metavar="FILE", help="survey file: where the plate was laid")
     parser.add_argument(
         "--survey-sigma",
         type=real,
@@ -96,7 +100,7 @@ def _add_calibrate(jobs: Verbs) -> None:
         help="standard deviation of where the camera looks, from visit to visit, x and y",
     )
     parser.add_argument(
-        "--lens", metavar="FILE", help="camera file: its lens distortion is removed from all pixels (default: none)"
+        "--camera", metavar="FILE", help="camera file: its lens distortion is removed from all pixels (default: none)"
     )
     parser.add_argument(
         "--limit", type=real, default=2.0, metavar="PX", help="largest allowed residual of a plate (default 2)"
@@ -127,11 +131,11 @@ def _add_measure(jobs: Verbs) -> None:
         "pictures", nargs="*", metavar="PICTURE", help="pictures of one mark each, which is named as the file"
     )
     parser.add_argument(
-        "--station", action="append", required=True, metavar="FILE", help="station file; may be repeated"
+        "--station-file", action="append", required=True, metavar="FILE", help="station file; may be repeated"
     )
     parser.add_argument("--drawing", metavar="FILE", help="where the marks are on the drawing: name,x_mm,y_mm")
     parser.add_argument(
-        "--distance",
+        "--between",
         action="append",
         type=names,
         default=[],
@@ -142,7 +146,7 @@ def _add_measure(jobs: Verbs) -> None:
     parser.add_argument("--explain", action="store_true", help="print where each calibration places each mark")
     parser.add_argument("--log", metavar="FILE", help="add the measurements to this log (JSON lines)")
     parser.add_argument("--store", metavar="FILE|URL", help="add a record for each mark to this store of product state")
-    parser.add_argument("--block", help="which block the marks are on, for log and store")
+    parser.add_argument("--block", metavar="NAME", help="which block the marks are on, for log and store")
     _add_rule(parser)
     parser.add_argument("--extrapolate", action="store_true", help="measure outside of the calibrated area too")
     _add_pictures(parser)
@@ -197,16 +201,16 @@ def _add_simulate(jobs: Verbs) -> None:
         "--survey-sigma", type=real, default=0.1, metavar="MM", help="noise of the survey (default 0.1)"
     )
     parser.add_argument(
-        "--noise", type=real, default=0.03, metavar="PX", help="noise of one pixel coordinate (default 0.03)"
+        "--sigma", type=real, default=0.03, metavar="PX", help="noise of one pixel coordinate (default 0.03)"
     )
     parser.add_argument(
         "--marks", type=whole, default=40, metavar="N", help="number of marks measured in a day (default 40)"
     )
     parser.add_argument(
-        "--pictures", action="store_true", help="render pictures into FOLDER and find the marks in them (slow)"
+        "--render", action="store_true", help="render pictures into FOLDER and find the marks in them (slow)"
     )
     parser.add_argument(
         "--sensor", metavar="PROFILE", help="sensor of those pictures: a file or a preset (`cadcam sensor`)"
     )
-    parser.add_argument("--seed", type=seed, default=1, help="seed of the random numbers (default 1)")
+    parser.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the random numbers (default 0)")
     _add_rule(parser)

@@ -7,9 +7,9 @@ import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import NO, Verbs, add_jobs, add_json, job, real, refuse, verb, whole
+from cadcam.cli.arguments import NO, Verbs, add_jobs, add_json, job, real, reals, refuse, verb, whole
 from cadcam.cli.cameras import read_any_camera
-from cadcam.cli.output import check_target, print_json, print_tables, progress, refuse_swapped, say, say_written
+from cadcam.cli.output import check_target, print_json, print_tables, progress, say, say_written
 from cadcam.cli.whites import add_full_scale, white_as_asked
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
@@ -33,7 +33,7 @@ marks (diameters, with their unit; light- before a mark: white on black):
   coded:37:30mm:45mm:60mm          a disc in a ring of coded sectors: number, disc, white, ring
 """
 _EXAMPLES = """\
-  cadcam targets print dot-ring:40mm:80mm:120mm mark.pdf --page a4
+  cadcam targets print dot-ring:40mm:80mm:120mm -o mark.pdf --page a4
   cadcam targets find photo.png --mark dot-ring:40mm:80mm:120mm -o found.png
 
 `cadcam targets find --help` and `cadcam targets print --help` list the marks.
@@ -58,12 +58,12 @@ the fitted mark with the picture. flags: saturated, covered, cut, tilt open (two
 exit codes: 0 found; 3 no marks, or fewer than --count, in a picture.
 """
 _PRINT_EXAMPLES = f"""\
-  cadcam targets print dot-ring:40mm:80mm:120mm mark.pdf --page a4
-  cadcam targets print dot:12mm plate.pdf --grid 8x6:30mm --page a3 --plan plan.csv
-  cadcam targets print coded:5:20mm:30mm:40mm codes.svg --grid 4x3:55mm --numbers 12
+  cadcam targets print dot-ring:40mm:80mm:120mm -o mark.pdf --page a4
+  cadcam targets print dot:12mm -o plate.pdf --grid 8x6:30mm --page a3 --csv places.csv
+  cadcam targets print coded:5:20mm:30mm:40mm -o codes.svg --grid 4x3:55mm --numbers 12
 
 {MARK_HELP}
-Print without "fit to page" and measure what is printed below the marks. --plan writes each mark's place in mm
+Print without "fit to page" and measure what is printed below the marks. --csv writes each mark's place in mm
 (id,x_mm,y_mm,z_mm), x to the right, y down the print.
 """
 
@@ -81,17 +81,35 @@ def _add_find(jobs: Verbs) -> None:
     find = job(jobs, "find", run_find, short="pictures -> marks, with standard deviations", examples=_FIND_EXAMPLES)
     find.add_argument("pictures", nargs="+", metavar="PICTURE", help="pictures, patterns ('images/*.png'), or folders")
     find.add_argument("--mark", required=True, metavar="MARK", help="what is looked for, such as dot-ring:4cm:8cm:12cm")
-    find.add_argument("--radius", type=real, nargs="+", metavar="PX", help="of the outermost border: one, or from to")
+    find.add_argument(
+        "--radius",
+        type=reals,
+        metavar="PX[,PX]",
+        help="radius of a mark's outermost border in the picture, or its range",
+    )
     find.add_argument("--count", type=whole, metavar="N", help="how many there are in each picture")
-    find.add_argument("--method", default=_METHODS[0], choices=_METHODS, help="of the search (default auto)")
+    find.add_argument(
+        "--method",
+        default=_METHODS[0],
+        choices=_METHODS,
+        help="how marks are searched for (default auto: spots where --radius is known, else blobs)",
+    )
     find.add_argument(
         "--subpixel", default=_RULES[0], choices=_RULES, help="rule for the position; all but the first for comparison"
     )
     find.add_argument("--camera", metavar="FILE", help="camera file: fit poses through it")
     find.add_argument("--perspective", action="store_true", help="no camera: fit the perspective of several borders")
     find.add_argument("--any-number", action="store_true", help="coded marks: whichever number is read")
-    find.add_argument("--margin", type=real, default=0.7, metavar="M", help="ground fitted too, by the radius (0.7)")
-    find.add_argument("--least-score", type=real, default=0.8, metavar="S", help="of a mark, 0 to 1 (default 0.8)")
+    find.add_argument(
+        "--margin",
+        type=real,
+        default=0.7,
+        metavar="M",
+        help="ground around a mark that is fitted with it, by its radius (default 0.7)",
+    )
+    find.add_argument(
+        "--least-score", type=real, default=0.8, metavar="S", help="least score of a mark, 0 to 1 (default 0.8)"
+    )
     find.add_argument("--csv", metavar="FILE", help="write all marks: .csv")
     find.add_argument("-o", "--output", metavar="FILE", help="write the (one) picture with its marks: .png or .jpg")
     add_full_scale(find)
@@ -100,12 +118,12 @@ def _add_find(jobs: Verbs) -> None:
 
 def _add_print(jobs: Verbs) -> None:
     draw = job(jobs, "print", run_print, short="a mark, or a plate of them, as PDF or SVG", examples=_PRINT_EXAMPLES)
-    draw.add_argument("mark", help="such as dot-ring:40mm:80mm:120mm (see below)")
-    draw.add_argument("output", help="file to write (.pdf, .svg)")
+    draw.add_argument("mark", metavar="MARK", help="the mark, such as dot-ring:40mm:80mm:120mm (see below)")
+    draw.add_argument("-o", "--output", required=True, metavar="FILE", help="sheet to write: .pdf or .svg")
     draw.add_argument("--page", metavar="SIZE", help="paper: a4, a3 ... letter (default: the marks with a margin)")
     draw.add_argument("--grid", metavar="CxR:MM", help="columns x rows and their distance, such as 4x3:55mm")
     draw.add_argument("--numbers", type=whole, metavar="N", help="coded marks: as many, from the mark's number on")
-    draw.add_argument("--plan", metavar="FILE", help="write the places of the marks: .csv")
+    draw.add_argument("--csv", metavar="FILE", help="write the places of the marks: .csv")
 
 
 def run_print(arguments: argparse.Namespace) -> None:
@@ -114,20 +132,19 @@ def run_print(arguments: argparse.Namespace) -> None:
     from cadcam.target.sheet import write_sheet
     from cadcam.whole import write_whole
 
-    refuse_swapped("mark", arguments.mark, arguments.output, _SHEETS)
     check_target(arguments.output, _SHEETS)
-    check_target(arguments.plan, (".csv",))
+    check_target(arguments.csv, (".csv",))
     if arguments.grid is None:
         refuse(arguments, "--numbers", why="without --grid", expected="both: a sheet of one mark has one number")
     columns, rows, spacing = _grid(arguments.grid)
     marks = _marks(parse_mark(arguments.mark), arguments.numbers, columns * rows)
     plate = MarkSheet.grid(marks, columns, rows, spacing)
     width, height = write_sheet(arguments.output, plate, page=arguments.page)
-    if arguments.plan:
+    if arguments.csv:
         coded = arguments.numbers is not None
         names = [m.number if coded else i for i, m in enumerate(plate.marks)]
         lines = [f"{n},{x:.6g},{y:.6g},0" for n, (x, y) in zip(names, plate.places.tolist(), strict=True)]
-        write_whole(arguments.plan, ("\n".join(["id,x_mm,y_mm,z_mm", *lines]) + "\n").encode())
+        write_whole(arguments.csv, ("\n".join(["id,x_mm,y_mm,z_mm", *lines]) + "\n").encode())
     across, down = plate.size_mm
     print(
         f"wrote {arguments.output}: {plate} on {width:.4g} x {height:.4g} mm; print it without scaling: the black area "
@@ -208,8 +225,8 @@ def _find(arguments: argparse.Namespace, mark: Mark, file: str, white: float | N
         if camera.size != gray.shape[::-1]:
             raise SizeMismatch(file, gray.shape[::-1], camera.size)
     radius = arguments.radius
-    if radius and len(radius) > 2:
-        raise BadValue("--radius", radius, "one number, or two: from, to")
+    if radius and (len(radius) > 2 or min(radius) <= 0 or radius[0] > radius[-1]):
+        raise BadValue("--radius", repr(",".join(f"{r:g}" for r in radius)), "one radius in px, or least,greatest")
     options = MarkOptions(
         method=arguments.method,
         subpixel=arguments.subpixel,

@@ -71,7 +71,10 @@ def add_to(verbs: Verbs) -> None:
     short = "pictures or a video + CAD model + camera -> where the part is in each frame"
     parser = verb(verbs, "track", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
     parser.add_argument(
-        "frames", nargs="+", help="folder of pictures, pattern such as 'left/*.png', or video; one per camera"
+        "frames",
+        nargs="+",
+        metavar="FRAMES",
+        help="folder of pictures, pattern such as 'left/*.png', or video; one per camera",
     )
     add_model_options(parser)
     add_photo_options(parser)

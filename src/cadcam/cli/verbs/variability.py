@@ -33,7 +33,7 @@ _EXAMPLES = """\
   cadcam variability points.csv --size 768x576                             both methods beside first order
   cadcam variability points.csv --photo photo.png --plots figures          ... with distributions, correlations, a map
   cadcam variability points.csv --size 768x576 --fix skew=0 --fix aspect=1   what is gained by knowing two parameters
-  cadcam variability points.csv --size 768x576 --sigma-mm 0.2              world points known to 0.2 mm a coordinate
+  cadcam variability points.csv --size 768x576 --points-sigma 0.2          world points known to 0.2 mm a coordinate
   cadcam variability points.csv --size 768x576 --plane 0,0,1,0 --plots f   the map on the plane Z = 0
   cadcam variability table_2_7.csv --columns U1,V1 --size 768x576 --method dlt-c23 --sigma 0.5122
                                                                            the dissertation's Tables 2.14 and 2.15
@@ -86,14 +86,14 @@ def add_to(verbs: Verbs) -> None:
         description=_DESCRIPTION,
         examples=_EXAMPLES,
     )
-    parser.add_argument("points", help="points file")
+    parser.add_argument("points", metavar="POINTS", help="points file")
     add_estimate_options(parser)
     _add_study_options(parser.add_argument_group("study"))
     where = parser.add_argument_group("uncertainty of projections").add_mutually_exclusive_group()
     where.add_argument("--depth", type=real, metavar="MM", help="for points at this depth (default: the points' mean)")
     where.add_argument("--plane", metavar="NX,NY,NZ,D", help="for points p on the plane NX X + NY Y + NZ Z = D, mm")
     output = parser.add_argument_group("output")
-    output.add_argument("--plots", metavar="DIR", help="write figures there (extra: cadcam[plots])")
+    output.add_argument("--plots", metavar="FOLDER", help="write figures there (extra: cadcam[plots])")
     output.add_argument("--format", default="png", choices=("png", "svg", "pdf"), help="of the figures (default png)")
     add_points_options(parser)
     add_json(parser)
@@ -107,12 +107,12 @@ def _add_study_options(group: argparse._ArgumentGroup) -> None:
         "--steps",
         type=whole,
         metavar="N",
-        help="Markov steps of Method B (default 1000000, with free lens terms 200000, with --sigma-mm 0: none)",
+        help="Markov steps of Method B (default 1000000, with free lens terms 200000, with --points-sigma 0: none)",
     )
     group.add_argument(
-        "--sigma-mm", type=real, default=0.0, metavar="MM", help="noise of a world coordinate too (Method A)"
+        "--points-sigma", type=real, default=0.0, metavar="MM", help="noise of a world coordinate too (Method A)"
     )
-    group.add_argument("--seed", type=seed, default=1, metavar="N", help="seed of the random numbers (default 1)")
+    group.add_argument("--seed", type=seed, default=0, metavar="N", help="seed of the random numbers (default 0)")
     group.add_argument(
         "--alternate",
         metavar="MM,DEG",
@@ -146,8 +146,10 @@ def _check(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, name)
         if value and not least <= value <= _MOST:
             raise BadValue(f"--{name}", value, f"{least} to {_MOST}, or 0 to leave that method out")
-    if arguments.sigma_mm and arguments.steps:
-        raise BadValue("--sigma-mm", f"{arguments.sigma_mm:g} with Method B", "--steps 0: B has noise of pixels only")
+    if arguments.points_sigma and arguments.steps:
+        raise BadValue(
+            "--points-sigma", f"{arguments.points_sigma:g} with Method B", "--steps 0: B has noise of pixels only"
+        )
     if arguments.alternate is None:
         refuse(arguments, "--unseen", why="without --alternate", expected="both, or neither")
     if arguments.plots is None:
@@ -166,8 +168,8 @@ def _studied(arguments: argparse.Namespace, estimate: CameraEstimate) -> _Studie
     from cadcam.calibrate.variability.methods import first_order_variability
     from cadcam.calibrate.variability.projection_map import projection_map
 
-    first = first_order_variability(estimate, sigma_mm=arguments.sigma_mm, method=arguments.method)
-    plane = numbers("--plane", arguments.plane, 4) if arguments.plane else None
+    first = first_order_variability(estimate, sigma_mm=arguments.points_sigma, method=arguments.method)
+    plane = numbers("--plane", arguments.plane, 4, form="NX,NY,NZ,D, D in mm") if arguments.plane else None
     map_ = projection_map(estimate, depth_mm=arguments.depth, plane=plane)
     monte_carlo = _monte_carlo(arguments, estimate) if arguments.draws else None
     markov, unmixed = _markov_if_mixed(arguments, estimate)
@@ -190,7 +192,7 @@ def _monte_carlo(arguments: argparse.Namespace, estimate: CameraEstimate) -> Var
             estimate,
             rng=_rng(arguments, 0),
             draws=arguments.draws,
-            sigma_mm=arguments.sigma_mm,
+            sigma_mm=arguments.points_sigma,
             method=arguments.method,
             progress=step,
         )
@@ -200,7 +202,7 @@ def _steps(arguments: argparse.Namespace, estimate: CameraEstimate) -> int:
     """Return the number of Markov steps; a separate lens for every state makes them slow."""
     from cadcam.camera.extended_pinhole import NAMES
 
-    if arguments.steps is not None or arguments.sigma_mm:
+    if arguments.steps is not None or arguments.points_sigma:
         return arguments.steps or 0
     return _STEPS if set(estimate.free) <= set(NAMES) else _STEPS // 5
 

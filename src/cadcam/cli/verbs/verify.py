@@ -69,7 +69,7 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "photo + CAD + tolerances -> PASS, FAIL or UNDECIDED, deviations in mm with U, a report"
     parser = verb(verbs, "verify", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("photos", nargs="*", metavar="photo", help="one photo, or one per camera")
+    parser.add_argument("photos", nargs="*", metavar="PHOTO", help="one photo, or one per camera")
     add_model_options(parser)
     add_photo_options(parser)
     parser.add_argument("--tolerances", metavar="FILE", help="tolerance file (see below)")
@@ -91,8 +91,8 @@ def add_to(verbs: Verbs) -> None:
         metavar="SHARE",
         help="share of good pictures that may give a false alarm (default 0.01)",
     )
-    parser.add_argument("--serial", help="serial number of the part, for the report")
-    parser.add_argument("--station", help="name of the place of measurement, for the report")
+    parser.add_argument("--serial", metavar="NAME", help="serial number of the part, for the report")
+    parser.add_argument("--station", metavar="NAME", help="where it was measured, for the report")
     parser.add_argument(
         "-o",
         "--output",

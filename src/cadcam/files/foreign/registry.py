@@ -202,7 +202,7 @@ def _chosen(named: list[NamedCamera], form: Format) -> tuple[list[NamedCamera], 
     names = ", ".join(one.name for one in named[:8]) + (", ..." if len(named) > 8 else "")
     alike = "; all have the same K and lens, and differ in their poses" if _alike(named) else ""
     given = f"{len(named)}, and one is what a file of this format ({form.title}) holds"
-    raise BadValue("number of cameras", given, f"one: choose it with --camera NAME ({names}){alike}")
+    raise BadValue("number of cameras", given, f"one: choose it with --camera-name NAME ({names}){alike}")
 
 
 def _alike(named: list[NamedCamera]) -> bool:
