@@ -1,7 +1,7 @@
 /* Random and vicious tasks along lines and over pictures, the second half of each scene of fuzz.c: steps along lines in
  * and out of a picture, the room around samples, how they move, regressions by groups, marks at any homography, points
- * and edges before and behind what a view shows, crossings of segments, and pictures and masks of every size made
- * files. */
+ * and edges before and behind what a view shows, crossings of segments, rays at triangles, and pictures and masks of
+ * every size made files. */
 #include <float.h>
 #include <math.h>
 #include <stdio.h>
@@ -15,6 +15,7 @@
 #include "mark.h"
 #include "pack.h"
 #include "profile.h"
+#include "rays.h"
 #include "seen.h"
 
 /* What steps leave over of the pixels of cells, and what steps beside them explain of that: never less than nothing. */
@@ -275,6 +276,28 @@ static void crossing(void) {
     free(w[0]), free(w[1]), free(slack), free(s), free(line);
 }
 
+/* Rays from anywhere at triangles of every size, many at one place, on a grid's planes, or none at all. */
+static void rays(void) {
+    const int n = upto(3) ? upto(60) : 0, points = 1 + upto(40), m = 1 + upto(20), even = upto(2);
+    double *vertices = doubles(3 * points, 4), *origin = doubles(3 * m, 4), *way = doubles(3 * m, 1);
+    double *reach = malloc((size_t)m * 8);
+    int32_t *faces = malloc((size_t)n * 12 + 1), *face = malloc((size_t)m * 4);
+    for (int i = 0; even && i < 3 * points; i++) vertices[i] = even == 1 ? 2 : upto(4);
+    for (int i = 0; i < 3 * n; i++) faces[i] = upto(points - 1);
+    for (int i = 0; i < 3 * m; i++) {
+        if (even) origin[i] = upto(8) * 0.5;
+        if (upto(2) == 0) way[i] = upto(1) ? 0.0 : -0.0;
+    }
+    for (int i = 0; i < m; i++) reach[i] = upto(3) ? 9 : upto(1) ? INFINITY : wild();
+    cc_rays *tree = cc_rays_new(vertices, faces, n);
+    if (!tree) exit(fprintf(stderr, "no memory for rays\n"));
+    cc_rays_first(tree, m, origin, way, reach, face);
+    for (int i = 0; i < m; i++)
+        if (face[i] < -1 || face[i] >= n) exit(fprintf(stderr, "a ray meets face %d of %d\n", (int)face[i], n));
+    cc_rays_free(tree);
+    free(vertices), free(origin), free(way), free(reach), free(faces), free(face);
+}
+
 /* Pictures of noise, of runs and of nothing, in and out of the room they need; masks, depths and normals as files
  * have them. */
 static void files(void) {
@@ -303,4 +326,4 @@ static void files(void) {
     free(pixels), free(mask), free(packed), free(depth), free(normal), free(first), free(at);
 }
 
-void lines_and_files(void) { along_lines(), grouped(), marks(), seen(), crossing(), files(), rooms(), moves(); }
+void lines_and_files(void) { along_lines(), grouped(), marks(), seen(), crossing(), rays(), files(), rooms(), moves(); }

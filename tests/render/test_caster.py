@@ -94,6 +94,7 @@ def test_what_is_no_ray_meets_nothing_and_reach_ends_it() -> None:
     origin[3, 1] = np.nan
     reach = np.array([5.0, 5, 5, 5, np.nan, 0.9, 5])
     assert rays.first_hit(origin, d, reach).tolist() == [1, -1, -1, -1, -1, -1, -1]
+    assert rays.first_hit(origin[:1], d[-1:], np.array([np.inf])).tolist() == [-1]
     assert rays.first_hit(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0)).shape == (0,)
 
 

@@ -19,11 +19,13 @@ enum {
 
 typedef struct { double low[3], high[3]; } bounds;
 
-/* A leaf has `count` triangles from `first` on, others have the nodes `first` and `first` + 1. */
+/* A leaf has `count` triangles from `first` on; of others `count` is BRANCH, their nodes are `first` and `first` + 1. */
 typedef struct {
     bounds box;
     int32_t first, count;
 } node;
+
+enum { BRANCH = -1 };
 
 struct cc_rays {
     node *nodes;
@@ -117,7 +119,7 @@ static void build(tree *t, int32_t at, int32_t *face, int32_t n, int depth) {
     }
     const int32_t children = t->n_nodes;
     t->n_nodes += 2;
-    t->rays->nodes[at].first = children, t->rays->nodes[at].count = 0;
+    t->rays->nodes[at].first = children, t->rays->nodes[at].count = BRANCH;
     build(t, children, face, m, depth + 1);
     build(t, children + 1, face + m, n - m, depth + 1);
 }
@@ -173,7 +175,7 @@ static ray ray_of(const double *origin, const double *direction) {
     return r;
 }
 
-/* Where a ray enters a box, infinite if it misses it up to `reach`. Widened by the rounding of both (T. Ize, "Robust
+/* Where a ray enters a box, NaN if it misses it up to `reach`. Widened by the rounding of both (T. Ize, "Robust
  * BVH ray traversal", JCGT 2(2), 2013); the NaN of a ray in the plane of a side is passed over. */
 static double entry(const ray *r, const bounds *b, double reach) {
     double near = 0, far = reach;
@@ -183,7 +185,7 @@ static double entry(const ray *r, const bounds *b, double reach) {
         if (in > near) near = in;
         if (out < far) far = out;
     }
-    return near <= far ? near : INFINITY;
+    return near <= far ? near : NAN;
 }
 
 /* How far along the ray a triangle is met, infinite if it is not. */
@@ -219,7 +221,7 @@ static int32_t first_of(const cc_rays *rays, const ray *r, double reach) {
             const double t = met(r, (const double (*)[3])rays->corner[i]);
             if (t < reach || (t == reach && rays->face[i] < found)) reach = t, found = rays->face[i];
         }
-        if (at->count) continue;
+        if (at->count != BRANCH) continue;
         const int32_t child[2] = {at->first, at->first + 1};
         const double e[2] = {entry(r, &rays->nodes[child[0]].box, reach), entry(r, &rays->nodes[child[1]].box, reach)};
         const int nearer = e[1] < e[0];
