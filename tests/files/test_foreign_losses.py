@@ -135,7 +135,7 @@ def test_usds_floats_are_said(tmp_path: Path) -> None:
 def test_a_format_for_one_camera_asks_which(tmp_path: Path) -> None:
     camera = Camera.from_focal((640, 480), 500.0)
     posed = tuple(NamedCamera(f"v{i}", camera, Rigid(np.eye(3), [0, 0, i])) for i in range(3))
-    with pytest.raises(BadValue, match=r"choose it with --camera NAME \(v0, v1, v2\)"):
+    with pytest.raises(BadValue, match=r"choose it with --camera-name NAME \(v0, v1, v2\)"):
         write_cameras(tmp_path / "c.yml", Foreign("memory", posed), format_name="opencv")
     written = write_cameras(tmp_path / "c.yaml", Foreign("memory", posed), format_name="ros")
     assert written.notes == ("the one camera of 3 poses is written, without them",)
