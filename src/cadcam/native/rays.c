@@ -19,7 +19,7 @@ enum {
 
 typedef struct { double low[3], high[3]; } bounds;
 
-/* A leaf has `count` triangles from `first` on; of others `count` is BRANCH, their nodes are `first` and `first` + 1. */
+/* A leaf has `count` triangles from `first` on; others have a count of BRANCH and the nodes `first` and `first` + 1. */
 typedef struct {
     bounds box;
     int32_t first, count;
