@@ -219,7 +219,7 @@ static int32_t first_of(const cc_rays *rays, const ray *r, double reach) {
         if (!(stack[depth].entry <= reach)) continue;
         for (int32_t i = at->first; i < at->first + at->count; i++) {
             const double t = met(r, (const double (*)[3])rays->corner[i]);
-            if (t < reach || (t == reach && rays->face[i] < found)) reach = t, found = rays->face[i];
+            if (t < reach) reach = t, found = rays->face[i];
         }
         if (at->count != BRANCH) continue;
         const int32_t child[2] = {at->first, at->first + 1};

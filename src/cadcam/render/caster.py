@@ -1,4 +1,4 @@
-"""The first face that a ray meets: by Embree where it is installed, else by the C core, several times as slowly.
+"""The first face that a ray meets: by Embree where it is installed, else by the C core, four to six times as slowly.
 
 Embree computes in float32. Coordinates are therefore relative to the model's centre, and callers start their rays close
 to the model: positions are then good to about 1e-7 of its diagonal. Whatever needs more is confirmed in float64.

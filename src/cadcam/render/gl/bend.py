@@ -1,7 +1,8 @@
 """Where a lens images directions, and how much it bends straight edges there: a table for the GPU.
 
-Directions (x, y, z) are s = (x, y) / (z + |(x, y, z)|), their stereographic projection: smooth up to the focal plane
-and beyond. Pixels are read from the table by linear interpolation, which is off by at most `_OFF_PX` where it counts.
+Directions (x, y, z) in the camera frame are s = (x, y) / (z + |(x, y, z)|), their stereographic projection: smooth up
+to the focal plane and beyond. Pixels are read from the table by linear interpolation, which is off by at most `_OFF_PX`
+where it counts.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from cadcam.render.lines.clip import ViewVolume
 
 LONGEST_PX = 1024.0  # of an edge whose bending is known from that around its ends
 _CELLS, _COARSE = 512, 64  # a side, where pixels are known and where bending is
-_OFF_PX = 0.1
+_OFF_PX = 0.1  # well within the margin of 1 px that faces are drawn with
 _SHARPEST = 1 / 32  # 1/px; beyond it an edge would be a few px long
 _AROUND = 0.15  # of the picture, on each side: there are the outer corners of the faces at its border
 _PROBE_PX = 16.0  # half the length of the edges whose images are measured
-_TURNS = 8
+_TURNS = 8  # directions of such edges through a point
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -35,8 +36,8 @@ class BendTable:
     """
 
     nodes: Picture
-    low: Array
-    step: Array
+    low: Array  # (2,)
+    step: Array  # (2,)
 
 
 def bend_table(camera: Camera, frustum: ViewVolume) -> BendTable:
