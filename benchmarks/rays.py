@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import argparse
 import time
-from typing import TypeVar
 
 import numpy as np
 
@@ -19,18 +18,18 @@ from cadcam.cad.parts import ship_block
 from cadcam.native.rays import NativeRays
 from cadcam.render.embree import EmbreeRays
 
-Rays = TypeVar("Rays", EmbreeRays, NativeRays)
+Rays = EmbreeRays | NativeRays
 ROUNDS = 5
 
 
-def built(kind: type[Rays], vertices: Array, faces: Ids) -> tuple[Rays, float]:
+def built(kind: type[EmbreeRays] | type[NativeRays], vertices: Array, faces: Ids) -> tuple[Rays, float]:
     """Return a tree, and the seconds of CPU that it took."""
     start = time.process_time()
     rays = kind(vertices, faces)
     return rays, time.process_time() - start
 
 
-def cast(rays: EmbreeRays | NativeRays, origins: Array, directions: Array, reach: Array) -> tuple[Ids, float]:
+def cast(rays: Rays, origins: Array, directions: Array, reach: Array) -> tuple[Ids, float]:
     """Return the faces met, and rays a second of CPU, the best of some rounds."""
     times = []
     for _ in range(ROUNDS):
@@ -55,7 +54,8 @@ def main() -> None:
         origins = 1.5 * reach * away / np.linalg.norm(away, axis=1, keepdims=True)
         directions = rng.uniform(vertices.min(axis=0), vertices.max(axis=0), size=(a.rays, 3)) - origins
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        (core, core_s), (embree, embree_s) = (built(kind, vertices, mesh.faces) for kind in (NativeRays, EmbreeRays))
+        core, core_s = built(NativeRays, vertices, mesh.faces)
+        embree, embree_s = built(EmbreeRays, vertices, mesh.faces)
         (mine, rate), (other, peer) = (
             cast(rays, origins, directions, np.full(a.rays, 4 * reach)) for rays in (core, embree)
         )
