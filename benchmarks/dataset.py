@@ -29,9 +29,9 @@ import cadcam
 from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.parts import ship_block
 from cadcam.camera.camera import Camera
+from cadcam.cores import usable_cores
 from cadcam.dataset.make import make_dataset
 from cadcam.dataset.plan import DatasetPlan, Span
-from cadcam.dataset.processes import cores
 from cadcam.dataset.shot import Shot, ShotSampler
 from cadcam.render.raster import RasterRenderer
 from cadcam.render.view import Channel, Scene
@@ -127,7 +127,7 @@ def main() -> None:
 
     for when in ("before", "after"):
         row(f"pyrender, rendered, one process ({when})", by_processes("pyrender", count, 1, fill))
-        row(f"pyrender, rendered, one process a core ({when})", by_processes("pyrender", count, cores(), fill))
+        row(f"pyrender, rendered, one process a core ({when})", by_processes("pyrender", count, usable_cores(), fill))
         if when == "before":
             row("cadcam, rendered, one process", by_processes("raster", 4 * count, 1, fill))
             row("cadcam, labelled and written", labelled(arguments.views, fill))

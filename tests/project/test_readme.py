@@ -24,7 +24,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_there_is_a_snippet_for_each_job() -> None:
     assert len(SNIPPETS) == 5
-    assert len(PAGE) == 3
+    assert len(PAGE) == 4
 
 
 @pytest.mark.parametrize("snippet", [*SNIPPETS, *PAGE], ids=range(len(SNIPPETS) + len(PAGE)))

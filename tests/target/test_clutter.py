@@ -111,7 +111,7 @@ def test_marks_fitted_on_all_cores_are_those_fitted_one_by_one(monkeypatch: pyte
     picture += rng.normal(scale=0.01, size=picture.shape).astype(np.float32)
     shapes = np.tile(0.9 * np.eye(2), (24, 1, 1))
     several = fit_marks(picture, dot(20.0), places, shapes)
-    monkeypatch.setattr("os.cpu_count", lambda: 1)
+    monkeypatch.setattr("cadcam.cores.usable_cores", lambda: 1)
     one = fit_marks(picture, dot(20.0), places, shapes)
     assert (one.hidden > 0).sum() > 10
     for name in ("q", "covariance", "score", "hidden", "good"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
@@ -16,6 +15,7 @@ from cadcam.cli.cameras import read_any_camera
 from cadcam.cli.looks import scene_as_asked
 from cadcam.cli.models import load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, progress, say
+from cadcam.cores import usable_cores
 from cadcam.errors import BadValue
 
 if TYPE_CHECKING:
@@ -53,7 +53,7 @@ def run_batch(arguments: argparse.Namespace, suffixes: Sequence[str]) -> None:
     if todo:
         output = output_of(arguments, scene, [shot.pose for shot in shots])
         with progress("rendering", len(todo)) as step:
-            for one in written(output, camera, todo, threads=arguments.threads or os.cpu_count() or 1):
+            for one in written(output, camera, todo, threads=arguments.threads or usable_cores()):
                 said.append(one)
                 step()
     if arguments.json:

@@ -14,6 +14,7 @@ from itertools import islice
 from pathlib import Path
 
 from cadcam.camera.camera import Camera
+from cadcam.cores import usable_cores
 from cadcam.dataset.assembly import assemble
 from cadcam.dataset.cluster import on_cluster, require_dask
 from cadcam.dataset.head import begin, head_of
@@ -21,7 +22,7 @@ from cadcam.dataset.key_points import corners
 from cadcam.dataset.layout import CAMERA, CONTACT, VIEWS_A_SCENE, DatasetFiles
 from cadcam.dataset.model_files import write_model_files
 from cadcam.dataset.plan import DatasetPlan, middle_and_radius
-from cadcam.dataset.processes import cores, on_processes
+from cadcam.dataset.processes import on_processes
 from cadcam.dataset.props import props_of
 from cadcam.dataset.sheet import contact_sheet
 from cadcam.dataset.shot import ShotSampler
@@ -92,7 +93,7 @@ def make_dataset(
     todo = missing(folder, layout, plan.views)
     if on_start:
         on_start(len(todo), plan.views - len(todo))
-    with closing(_made(inputs, layout, sampler, todo, workers or cores(), cluster)) as made:
+    with closing(_made(inputs, layout, sampler, todo, workers or usable_cores(), cluster)) as made:
         for files in made:
             for path, content in files.items():
                 write_whole(f"{folder}/{path}", content, durable=False)

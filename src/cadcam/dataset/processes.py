@@ -31,14 +31,6 @@ _HUGE_PAGES = {"GLIBC_TUNABLES": "glibc.malloc.hugetlb=1"}
 _Answers: TypeAlias = "SimpleQueue[tuple[_Worker, Answer | None]]"
 
 
-def cores() -> int:
-    """Return how many processors this process may use."""
-    try:
-        return len(os.sched_getaffinity(0))
-    except AttributeError:  # not on every system
-        return os.cpu_count() or 1
-
-
 def on_processes(job: Callable[[], Job], tasks: Iterable[Task], workers: int) -> Iterator[Files]:
     """Yield the files of each task as they arrive, in any order, made by `workers` processes.
 

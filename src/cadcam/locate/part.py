@@ -72,5 +72,8 @@ class Part:
         """Which of the part's edges each of its likenesses has, too."""
         return OwnEdges.of(self.scene.mesh, self.scene.edges, self.mirrored.scene.mesh, self.likenesses)
 
+    def __reduce__(self) -> tuple[type[Part], tuple[Scene]]:
+        return type(self), (self.scene,)  # a copy, in another process, say, computes anew what it needs
+
     def __repr__(self) -> str:
         return f"Part({self.scene!r})"

@@ -17,13 +17,13 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.aperture import Aperture
 from cadcam.camera.camera import Camera
+from cadcam.cores import blocks, on_cores
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.sensor.light import Blur
 from cadcam.image.sensor.sensor import Sensor
 from cadcam.kinds import expect
 from cadcam.render import open_renderer
 from cadcam.render.caster import Caster
-from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.cutout import Cutout
 from cadcam.render.light import LIGHTS, Light
 from cadcam.render.samples import pairing, sample_points
@@ -179,7 +179,7 @@ class Photographer:
             reach = np.full(len(p), 4 * caster.radius)
             return np.asarray(caster.first_hit(start, towards[part], reach) >= 0)
 
-        return np.concatenate(on_all_cores(cast, blocks(len(points))))
+        return np.concatenate(on_cores(cast, blocks(len(points))))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

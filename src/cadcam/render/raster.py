@@ -8,10 +8,9 @@ number wins.
 
 from __future__ import annotations
 
-import os
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
@@ -21,6 +20,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask
 from cadcam.cad.topology import is_solid
 from cadcam.camera.camera import Camera
+from cadcam.cores import Threads, usable_cores
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.kinds import expect_count
@@ -67,8 +67,8 @@ class RasterRenderer:
         self._scene = scene
         self._native = NativeScene(mesh.vertices, mesh.faces, mesh.part, scene.paint, scene.colors)
         self._solid = None if backs or not (is_solid(mesh) if solid is None else solid) else mesh.bounds
-        self._threads = threads or os.cpu_count() or 1
-        self._pool = ThreadPoolExecutor(max_workers=self._threads)
+        self._threads = threads or usable_cores()
+        self._pool = Threads(self._threads)
         self._workers = Workers()
         self._buffers = Buffers()
         self._lenses: dict[tuple[Any, ...], NativeLens] = {}

@@ -15,9 +15,9 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Picture
 from cadcam.camera.camera import Camera
+from cadcam.cores import blocks, on_cores
 from cadcam.geometry.rigid import Rigid
 from cadcam.render.caster import Caster
-from cadcam.render.cores import blocks, on_all_cores
 from cadcam.render.lens_tables import slopes
 from cadcam.render.memory import check_memory
 from cadcam.render.shade import shade
@@ -76,7 +76,7 @@ class RayRenderer:
             if look.supersampling > 1 and "image" in layers:
                 self._supersample(layers, band, camera, camera_from_world, span, look)
 
-        on_all_cores(fill, blocks(camera.height, max(1, _BAND // camera.width)))
+        on_cores(fill, blocks(camera.height, max(1, _BAND // camera.width)))
         return View(camera, camera_from_world, with_rgb(layers, channels))
 
     def render_batch(

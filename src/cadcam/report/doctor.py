@@ -16,6 +16,7 @@ from importlib.metadata import PackageNotFoundError, version
 from importlib.util import find_spec
 
 from cadcam import __version__
+from cadcam.cores import usable_cores
 from cadcam.errors import MissingCore, MissingOpenGL
 from cadcam.report.table import Table
 
@@ -59,7 +60,9 @@ def _python(topic: str) -> Finding:
 
 
 def _cpu(topic: str) -> Finding:
-    return Finding(topic, True, f"{os.cpu_count() or 1} cores, {platform.machine() or 'unknown machine'}")
+    there, usable = os.cpu_count() or 1, usable_cores()
+    cores = f"{there} cores" if usable == there else f"{usable} of {there} cores may be used"
+    return Finding(topic, True, f"{cores}, {platform.machine() or 'unknown machine'}")
 
 
 def _core(topic: str) -> Finding:

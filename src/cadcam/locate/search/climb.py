@@ -5,17 +5,16 @@ Inside this module poses are rows of 12 numbers: the rotation's rows, then the t
 
 from __future__ import annotations
 
-import os
-from collections.abc import Callable, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Longs
 from cadcam.camera.camera import Camera
+from cadcam.cores import on_cores
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField
@@ -24,8 +23,6 @@ from cadcam.locate.views.drawing import PLACES
 from cadcam.native.fields import PLACE, Belief, Eye, PoseEdges, firsts
 
 _SAME = 0.02  # radii: poses whose corners differ by less are merged
-_A = TypeVar("_A")
-_B = TypeVar("_B")
 _TOGETHER = 64  # poses that climb in one batch
 # even: certainty that is no evidence; nats per sample; most: of one edge; seen: share of edges that lighting shows.
 _BELIEF = Belief(even=0.15, nats=4.0, most=4.0, seen=0.9)
@@ -111,18 +108,10 @@ def _shown(aspects: Aspects, stage: FieldLevel, poses: Array) -> tuple[list[Aspe
 def climbed(aspects: Aspects, stage: FieldLevel, poses: Array, freedom: Array, climb: Climb) -> tuple[Array, Array]:
     """Return poses (N, 12) after climbing at one level, and their scores (N,)."""
     edges, held = pose_edges(aspects, stage, poses, climb.samples, telling=climb.near), _HELD if climb.near else 0.0
-    done = in_threads(lambda s: edges.part(s).climb(poses[s], freedom, climb.blur, held=held), _slices(len(poses)))
+    done = on_cores(lambda s: edges.part(s).climb(poses[s], freedom, climb.blur, held=held), _slices(len(poses)))
     poses, raw = (np.concatenate([d[k] for d in done]) for k in range(2))
     total = raw.sum(axis=1)
     return poses, (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
-
-
-def in_threads(work: Callable[[_A], _B], items: Sequence[_A]) -> list[_B]:
-    """Return the results of the work on all items, one thread per core: the C core releases Python's lock."""
-    if len(items) < 2:
-        return [work(item) for item in items]
-    with ThreadPoolExecutor(min(os.cpu_count() or 1, len(items))) as pool:
-        return list(pool.map(work, items))
 
 
 def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float) -> Array:
@@ -151,7 +140,7 @@ def _in_eye(edges: PoseEdges, eye: int, poses: Array, blur: float, line: Ids, sh
     def of(some: slice) -> Array:
         return edges.part(some).evidence(eye, poses[some], blur, line, share[some], _BELIEF)
 
-    return np.concatenate(in_threads(of, _slices(len(poses))))
+    return np.concatenate(on_cores(of, _slices(len(poses))))
 
 
 def _slices(n: int) -> list[slice]:

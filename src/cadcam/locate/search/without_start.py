@@ -19,6 +19,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 from cadcam.camera.camera import Camera
+from cadcam.cores import on_cores
 from cadcam.errors import NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -34,7 +35,6 @@ from cadcam.locate.search.climb import (
     distinct,
     edges_of,
     evidence,
-    in_threads,
     near,
     rigids_of,
     row_of,
@@ -248,7 +248,7 @@ def _swept(
     world = composed(camera_from_world.inv, seen)
     edges = _edges(aspects, FieldLevel((field,), (camera_from_world,)), numbers, distance)
     some = [slice(k, k + 2048) for k in range(0, len(world), 2048)]
-    done = in_threads(lambda s: edges.part(s).sweep(0, world[s], keep=2, apart=2), some)
+    done = on_cores(lambda s: edges.part(s).sweep(0, world[s], keep=2, apart=2), some)
     shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
     best = np.argsort(-score.ravel(), kind="stable")[:_TAKEN]
     to = shift.reshape(-1, 2)[best] - field.camera.principal_point
@@ -319,4 +319,4 @@ def _approached(part: Part, photos: Sequence[Photo], scales: _Scales, starts: li
         except NothingInView:
             return []
 
-    return [h for some in in_threads(around, starts) for h in some]
+    return [h for some in on_cores(around, starts) for h in some]

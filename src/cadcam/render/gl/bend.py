@@ -15,7 +15,7 @@ from scipy.ndimage import maximum_filter
 
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.camera import Camera
-from cadcam.render.cores import blocks, on_all_cores
+from cadcam.cores import blocks, on_cores
 from cadcam.render.lines.clip import ViewVolume
 
 LONGEST_PX = 1024.0  # of an edge whose bending is known from that around its ends
@@ -97,7 +97,7 @@ def _bending(camera: Camera, low: Array, step: Array) -> tuple[Array, Mask]:
 def _pixels(camera: Camera, s: Array) -> Array:
     """Return the pixels of directions s (..., 2), NaN of those that the lens does not image."""
     flat = s.reshape(-1, 2)
-    parts = on_all_cores(lambda part: camera.project(_directions(flat[part])), blocks(len(flat)))
+    parts = on_cores(lambda part: camera.project(_directions(flat[part])), blocks(len(flat)))
     return np.concatenate(parts).reshape(s.shape)
 
 

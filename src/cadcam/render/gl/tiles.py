@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Picture
 from cadcam.camera.camera import Camera
-from cadcam.render.cores import blocks, on_all_cores
+from cadcam.cores import blocks, on_cores
 
 NOWHERE = np.float32(3e38)  # u of a pixel without a direction: NaN is not safe from a compiler's optimisation
 _PIXELS = 1 << 14
@@ -64,5 +64,5 @@ def plane_table(camera: Camera) -> Picture:
         table[rows, :, :2] = np.where(sees[..., None], high, NOWHERE)
         table[rows, :, 2:] = np.where(sees[..., None], u - high, 0.0)
 
-    on_all_cores(fill, blocks(camera.height, max(1, _PIXELS // camera.width)))
+    on_cores(fill, blocks(camera.height, max(1, _PIXELS // camera.width)))
     return table

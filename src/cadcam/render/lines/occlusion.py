@@ -7,9 +7,9 @@ import numpy as np
 from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable
+from cadcam.cores import blocks, on_cores
 from cadcam.geometry.rotation import hat
 from cadcam.render.caster import Caster
-from cadcam.render.cores import blocks, on_all_cores
 
 _ROUNDS = 48  # rejected hits per ray: each skips at least twice as far as the last
 _SURE = 100.0  # a face whose plane misses the point by this many tolerances is accepted from Embree without a test
@@ -44,9 +44,7 @@ class OccludingFaces:
         tolerance (N,): in mm, for each point.
         """
         eyes = np.broadcast_to(eye, points.shape)
-        return np.concatenate(
-            on_all_cores(lambda b: self._hidden(points[b], eyes[b], tolerance[b]), blocks(len(points)))
-        )
+        return np.concatenate(on_cores(lambda b: self._hidden(points[b], eyes[b], tolerance[b]), blocks(len(points))))
 
     def _hidden(self, points: Array, eye: Array, tolerance: Array) -> Mask:
         sight = eye - points
@@ -96,7 +94,7 @@ class OccludingFaces:
 
     def piercings(self, starts: Array, ends: Array, tolerance: float) -> tuple[Longs, Array]:
         """Return (segment, t), in order of segments (N, 3), where faces cut through them and do not just touch them."""
-        found = on_all_cores(lambda b: self._piercings(starts[b], ends[b], tolerance, b.start), blocks(len(starts)))
+        found = on_cores(lambda b: self._piercings(starts[b], ends[b], tolerance, b.start), blocks(len(starts)))
         return np.concatenate([f[0] for f in found]), np.concatenate([f[1] for f in found])
 
     def _piercings(self, starts: Array, ends: Array, tolerance: float, base: int) -> tuple[Longs, Array]:

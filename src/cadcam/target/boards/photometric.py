@@ -13,7 +13,7 @@ from typing import Protocol
 import numpy as np
 
 from cadcam.arrays import Array, Index, Mask, Picture
-from cadcam.target.boards.cores import on_cores
+from cadcam.cores import on_cores
 
 CONTRAST, BLUR = 4, 5  # columns of these parameters in either model
 _GROUND = (6, 7, 8)  # columns of m, gx, gy

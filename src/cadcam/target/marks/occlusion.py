@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array, Mask
-from cadcam.target.boards.cores import on_cores
+from cadcam.cores import on_cores
 from cadcam.target.boards.photometric import CONTRAST, Fit, Model, fitted
 from cadcam.target.marks.lines import shared_by_lines
 from cadcam.target.marks.mark import Mark
