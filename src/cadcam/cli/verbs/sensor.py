@@ -74,7 +74,7 @@ def _list() -> None:
     print("effects, in their order, with the numbers of each and their defaults:")
     for name, kind in EFFECTS.items():
         numbers = ", ".join(f"{key} {value}" for key, value in _defaults(kind).items())
-        first = (kind.__doc__ or "").splitlines()[0]
+        first, *_ = (kind.__doc__ or "").split("\n")  # python -OO has none
         print(f"  {name:18s}{first}\n  {'':18s}({numbers})")
 
 
