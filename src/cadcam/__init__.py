@@ -181,6 +181,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.render.view import Channel as Channel
     from cadcam.render.view import Look as Look
     from cadcam.render.view import Scene as Scene
+    from cadcam.report.pick.page import write_pick_page as write_pick_page
     from cadcam.report.verify.json import VerificationOrigin as VerificationOrigin
     from cadcam.report.verify.json import record_of as record_of
     from cadcam.report.verify.page import write_verification_page as write_verification_page
@@ -403,6 +404,7 @@ _HOME = {
     "write_measurement": "cadcam.files.pixels",
     "write_model": "cadcam.cad.write",
     "write_overlay_svg": "cadcam.render.overlay",
+    "write_pick_page": "cadcam.report.pick.page",
     "write_part_pose": "cadcam.files.pose_estimate",
     "write_picture": "cadcam.image.picture",
     "write_plate": "cadcam.station.document",

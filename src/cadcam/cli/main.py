@@ -34,6 +34,7 @@ from cadcam.cli.verbs import (
     match,
     measure,
     overlay,
+    pick,
     render,
     rig,
     sensor,
@@ -47,6 +48,7 @@ from cadcam.cli.verbs import (
 from cadcam.errors import CadcamError, UnwritableFile
 
 VERBS = (
+    pick,
     calibrate,
     board,
     targets,
@@ -78,6 +80,7 @@ The virtual camera: calibrate cameras from points or boards, alone, mounted toge
 render CAD as they see it; lay its wireframe over the photo. Every estimate comes with its uncertainty."""
 _EPILOG = """\
 the usual way:
+  cadcam pick photo.png part.step -o pick.html
   cadcam calibrate points.csv --photo photo.png -o camera.json
   cadcam overlay photo.png part.step --camera camera.json -o overlay.png
 

@@ -7,6 +7,7 @@ import os
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.cad.corners import corner_vertices
 from cadcam.cad.mesh import used_vertices
 from cadcam.errors import UnknownName, UnreadableFile
 from cadcam.files.text import lines_of_cells, number_in, read_text
@@ -45,16 +46,14 @@ def read_key_points(path: str | os.PathLike[str]) -> tuple[tuple[str, ...], Arra
 
 
 def corners(scene: Scene) -> tuple[tuple[str, ...], Array]:
-    """Return names and places (K, 3) mm of corners, where other than two features meet, as far apart as possible.
+    """Return names and places (K, 3) mm of corners as far apart as possible.
 
     For a part with fewer corners, places along its edges; without edges, any vertices.
     """
     mesh, edges = scene.mesh, scene.edges
-    met = np.bincount(edges.vertices.ravel(), minlength=len(mesh.vertices))
-    for candidates in ((met > 0) & (met != 2), met > 0, used_vertices(mesh)):
-        places = mesh.vertices[candidates]
-        if len(places) >= _CORNERS:
-            break
+    places = corner_vertices(mesh, edges)
+    for others in (np.unique(edges.vertices), used_vertices(mesh)):
+        places = places if len(places) >= _CORNERS else mesh.vertices[others]
     places = np.unique(np.round(places, 6), axis=0) + 0.0
     spread = _spread(places, _CORNERS)
     return tuple(f"corner {i + 1}" for i in range(len(spread))), spread
