@@ -75,7 +75,7 @@ def _offered(
             named[k] = name or named[k] or f"P{k + 1}"
             before.append((k, x, y))
     if not len(points):
-        raise BadValue("model", "without any corner or round edge", "one with edges: --crease finds flatter ones")
+        raise BadValue("model", "without any corner or round edge", "a part with edges")
     return points, named, before
 
 
