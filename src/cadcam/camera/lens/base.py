@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, in_parts
+from cadcam.arrays import LARGEST, Array, Floats, Mask, in_parts
 from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 from cadcam.errors import BadValue
 from cadcam.kinds import expect_number, said
@@ -31,6 +31,8 @@ class Lens(ABC):
             expect_number(value, f"lens coefficient {name}")
             if not math.isfinite(value):
                 raise BadValue(f"lens coefficient {name}", value, "a finite number")
+            if abs(value) > LARGEST:  # products of several coefficients must not overflow
+                raise BadValue(f"lens coefficient {name}", value, f"a number of at most {LARGEST:g} in size")
             object.__setattr__(self, name, float(value))
 
     @property

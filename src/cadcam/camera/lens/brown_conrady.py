@@ -180,7 +180,15 @@ class BrownConrady(PlanarLens):
 
         r = radial.inverse(curve, rho, self._radial_limit, rough=self._decentred)
         u = m * np.where(rho > 0, r / np.where(rho > 0, rho, 1.0), 1.0)[..., None]
-        return radial.newton_plane(self._distort, self._linearised, m, u) if self._decentred else u
+        if not self._decentred:
+            return u
+        found = radial.newton_plane(self._distort, self._linearised, m, u)
+        astray = ~self._inside(found) & ~np.isnan(rho)
+        if astray.any():  # no direction has this image, or Newton's first steps led beyond the fold
+            found[astray] = radial.newton_plane(
+                self._distort, self._linearised, m[astray], u[astray], within=self.valid_radius
+            )
+        return found
 
 
 @dataclass(frozen=True, repr=False)
