@@ -129,6 +129,15 @@ class Camera:
         d = self.unproject(q)
         return self.pixel_of(d[..., :2] / np.where(d[..., 2:] > 0, d[..., 2:], np.nan))
 
+    def undistorted_with_jacobian(self, q: Floats) -> tuple[Array, Array]:
+        """Return the pixels (..., 2) of `undistorted` and their derivatives (..., 2, 2) by q; NaN as there."""
+        d = self.unproject(q)
+        u = d / np.where(d[..., 2:] > 0, d[..., 2:], np.nan)
+        _, J = self.project_with_jacobian(u)
+        known = np.isfinite(J).all(axis=(-2, -1))[..., None, None]
+        back = np.linalg.inv(np.where(known, J[..., :2], np.eye(2)))  # u by q: the third coordinate stays 1
+        return self.pixel_of(u[..., :2]), np.where(known, self.K[:2, :2] @ back, np.nan)
+
     def distorted(self, q: Floats) -> Array:
         """Return the inverse of `undistorted`: pixels in this camera of q (..., 2) in one without distortion."""
         m = self.normalised(q)
