@@ -99,7 +99,6 @@ def test_a_small_mark_beside_a_large_one_takes_nothing_of_its_ink(light: bool) -
     assert np.array_equal(sheet.black(p), ground & ~covered if light else covered)
 
 
-
 @pytest.mark.parametrize("mark", [MARKS[2], MARKS[4], inverted(MARKS[0])], ids=str)
 def test_marks_on_their_own_paper_look_as_on_a_plate(mark) -> None:
     """The two ways of drawing agree where there is paper: exactly, both average the same ink at the same places."""

@@ -134,7 +134,7 @@ class Camera:
         d = self.unproject(q)
         u = d / np.where(d[..., 2:] > 0, d[..., 2:], np.nan)
         _, J = self.project_with_jacobian(u)
-        known = np.isfinite(J).all(axis=(-2, -1))[..., None, None]
+        known: Mask = np.asarray(np.isfinite(J).all(axis=(-2, -1), keepdims=True))
         back = np.linalg.inv(np.where(known, J[..., :2], np.eye(2)))  # u by q: the third coordinate stays 1
         return self.pixel_of(u[..., :2]), np.where(known, self.K[:2, :2] @ back, np.nan)
 

@@ -48,7 +48,7 @@ def poses_of_homographies(H: Array, K: Array) -> tuple[Array, Array]:
 
     NaN for t, and no rotation, where a homography is of no camera: all points at one pixel.
     """
-    B = np.linalg.solve(K, H)
+    B = np.asarray(np.linalg.solve(K, H), np.float64)
     B = _over(B, np.sqrt(np.linalg.norm(B[..., 0], axis=-1) * np.linalg.norm(B[..., 1], axis=-1)))
     B = B * np.where(B[:, 2, 2] < 0, -1.0, 1.0)[:, None, None]
     r3 = np.cross(B[..., 0], B[..., 1])
@@ -57,8 +57,8 @@ def poses_of_homographies(H: Array, K: Array) -> tuple[Array, Array]:
 
 def poses_of_matrices(P: Array, K: Array) -> tuple[Array, Array]:
     """Return R (k, 3, 3), t (k, 3), camera_from_world, of camera matrices seen through K; singular ones as above."""
-    B = np.linalg.solve(K, P)
-    B = _over(B, np.cbrt(np.linalg.det(B[..., :3])))
+    B = np.asarray(np.linalg.solve(K, P), np.float64)
+    B = _over(B, np.asarray(np.cbrt(np.linalg.det(B[..., :3]))))
     return _nearest(B[..., :3]), B[..., 3]
 
 
@@ -69,7 +69,7 @@ def _over(B: Array, size: Array) -> Array:
 
 def _nearest(M: Array) -> Array:
     """Return the rotations nearest to M (k, 3, 3), none for a matrix that is not finite."""
-    finite = np.isfinite(M).all(axis=(1, 2))
+    finite: Mask = np.asarray(np.isfinite(M).all(axis=(1, 2)))
     return so3.nearest(np.where(finite[:, None, None], M, np.eye(3)))
 
 

@@ -145,7 +145,7 @@ def _noise(viewpoints: Sequence[Viewpoint], noise: Floats | None, n: int) -> Arr
     none = np.argwhere(~(np.linalg.eigvalsh(given)[..., 0] > 0))
     if len(none):
         view, point = none[0].tolist()
-        raise BadValue(f"noise{[view, point]}", given[view, point].tolist(), "a covariance with positive variances, px^2")
+        raise BadValue(f"noise{[view, point]}", given[view, point].tolist(), "a covariance of positive variances")
     return given
 
 

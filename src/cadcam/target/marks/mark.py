@@ -320,10 +320,10 @@ class MarkSheet(Brief):
     def _inked(self, p: Array) -> Mask:
         """Return whether the sectors of a mark cover p (..., 2) mm."""
         radius = np.array([mark.radius for mark in self.marks])
-        inside = np.zeros(p.shape[:-1], dtype=bool)
+        inside: Mask = np.zeros(p.shape[:-1], dtype=bool)
         for size in np.unique(radius):  # the nearest of all may be a small mark beside the large one that covers p
             inside |= self._inked_by(np.flatnonzero(radius == size), p)
-        return inside
+        return np.asarray(inside)
 
     def _inked_by(self, some: Longs, p: Array) -> Mask:
         """Return whether the sectors of the nearest of some marks of one size cover p (..., 2) mm."""
