@@ -339,7 +339,7 @@ class MarkSheet(Brief):
         for key, mark in kinds.items():
             at = which == key
             inside[at] = mark.inked(p[at] - places[near[at]])
-        return inside
+        return np.asarray(inside)
 
     def ink(self) -> Ink:
         """Return what is printed; where marks are light, the ground with holes."""
