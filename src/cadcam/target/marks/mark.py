@@ -329,10 +329,11 @@ class MarkSheet(Brief):
         """Return whether the sectors of the nearest of some marks of one size cover p (..., 2) mm."""
         from scipy.spatial import cKDTree
 
+        first = self.marks[int(some[0])]
         if len(some) == 1:
-            return self.marks[some[0]].inked(p - self.places[some[0]])
+            return first.inked(p - self.places[some[0]])
         inside, places = np.zeros(p.shape[:-1], dtype=bool), self.places[some]
-        reach = self.marks[some[0]].radius * 1.0001
+        reach = first.radius * 1.0001
         near = np.asarray(cKDTree(places).query(p, distance_upper_bound=reach)[1])
         kinds: dict[int, Mark] = {id(self.marks[i]): self.marks[i] for i in some}
         which = np.array([id(self.marks[i]) for i in some] + [0])[near]
