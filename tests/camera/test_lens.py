@@ -144,6 +144,14 @@ def test_a_pole_is_approached_from_inside_whichever_side_rounding_puts_it_on() -
         assert np.abs(np.cross(d, p)).max() < 100 * EPS
 
 
+@pytest.mark.parametrize("lens", [BrownConrady(-0.266, -0.038, 0, 0, 0.238), BrownConrady(-0.27, -0.04, 2e-3, 0, 0.24)])
+def test_a_polynomial_is_inverted_wherever_it_rises_to(lens: BrownConrady) -> None:
+    """At 89 degrees a direction is imaged 4e11 focal lengths off; rounding of m over the slope is far below that of p."""
+    u = np.tan(np.radians([70.0, 80, 84, 86, 88, 89]))[:, None] * [0.6, 0.8]
+    p = np.column_stack([u, np.ones(6)])
+    assert np.abs(np.cross(lens.unproject(lens.project(p)), p / np.linalg.norm(p, axis=1)[:, None])).max() < 10 * EPS
+
+
 def test_every_direction_within_the_valid_radius_is_found_again_near_the_fold(rng: np.random.Generator) -> None:
     """Where prisms and tangential terms bend much, Newton's first steps from the radial solution leave the disc."""
     strong = [BrownConrady(0.48, 0.13, -0.005, 0.003, -0.054, 0.4, 0.1, 0.025, -0.026, -6e-4, 0.026, -6e-3)]

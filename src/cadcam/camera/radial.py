@@ -99,7 +99,7 @@ def inverse(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: fl
 def _upper_bracket(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: float) -> Array:
     if np.isfinite(limit):
         return np.full_like(rho, limit)
-    high = np.maximum(rho, 1.0)
+    high = np.ones_like(rho)  # not rho: from far beyond the root a power is left by a share of r at each Newton step
     for _ in range(60):  # a curve without a turning point increases, but perhaps slowly
         short = curve(high)[0] < rho
         if not short.any():
