@@ -146,7 +146,7 @@ def test_a_pole_is_approached_from_inside_whichever_side_rounding_puts_it_on() -
 
 @pytest.mark.parametrize("lens", [BrownConrady(-0.266, -0.038, 0, 0, 0.238), BrownConrady(-0.27, -0.04, 2e-3, 0, 0.24)])
 def test_a_polynomial_is_inverted_wherever_it_rises_to(lens: BrownConrady) -> None:
-    """At 89 degrees a direction is imaged 4e11 focal lengths off; rounding of m over the slope is far below that of p."""
+    """At 89 degrees a direction is imaged 4e11 focal lengths off; rounding of m over the slope is far below p's."""
     u = np.tan(np.radians([70.0, 80, 84, 86, 88, 89]))[:, None] * [0.6, 0.8]
     p = np.column_stack([u, np.ones(6)])
     assert np.abs(np.cross(lens.unproject(lens.project(p)), p / np.linalg.norm(p, axis=1)[:, None])).max() < 10 * EPS
