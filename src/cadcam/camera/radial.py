@@ -128,7 +128,9 @@ def newton_plane(
         step = _solved(J, reached - m)
         u = _drawn_in(u - step, np.hypot(u[..., 0], u[..., 1]), within) if bounded else u - step
         size = _larger(step)
-        if np.all((size <= _LAST * np.minimum(scale, 1 + _larger(u))) | np.isnan(size)):
+        if np.all((size <= _LAST * scale) | np.isnan(size)) and np.all(
+            (size <= _LAST * (1 + _larger(u))) | np.isnan(size)  # next to a pole m is far larger than u
+        ):
             break
     residual = _larger(distort(u) - m)
     rounding = np.abs(J).max(axis=(-2, -1)) * _larger(u)  # of u, which a steep lens (near a pole) amplifies
