@@ -252,3 +252,19 @@ def test_the_cameras_motion_tells_which_convention_a_robot_writes(rng, noisy, co
     for f in fits:
         if f.fits and f.convention == convention:
             assert f.scale == pytest.approx(1, abs=0.02)
+
+
+@pytest.mark.parametrize("mounting", MOUNTINGS)
+def test_a_flange_turned_over_by_half_turns_is_not_refused(rng, mounting):
+    """Exact half turns about perpendicular axes and turns about one of them: noise reverses half of the axes."""
+    halves = [np.eye(3), *(np.diag(d) for d in ([1.0, -1, -1], [-1.0, 1, -1], [-1.0, -1, 1]))]
+    R = np.stack([so3.exp([0.0, 0, turn]) @ half for turn in (0.0, 0.4) for half in halves])
+    robot = Rigid(R, 300 * rng.normal(size=(8, 3)))
+    X, Z = random_rigid(rng, 100.0), random_rigid(rng, 900.0)
+    off = Rigid.exp(rng.normal(size=(8, 6)) * np.repeat([0.05, 3e-4], 3))
+    held_from_fixed = (robot @ off @ X).inv @ Z
+    seen = held_from_fixed if mounting == "eye-in-hand" else held_from_fixed.inv
+    found = calibrate_hand_eye_from_poses(robot, seen, mounting=mounting)
+    xi = (X.inv @ found.flange_from_held).log()
+    assert np.all(np.abs(xi) < 6 * np.sqrt(np.diag(found.covariance)[:6]))
+    assert found.robot_noise.translation < 0.15

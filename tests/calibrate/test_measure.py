@@ -266,6 +266,8 @@ def test_a_camera_less_sure_of_its_place_and_direction_has_rays_as_much_less_sur
     np.testing.assert_allclose(added[:, :3, :3], np.broadcast_to(mm**2 * np.eye(3), P.shape), atol=1e-9 * scale)
     np.testing.assert_allclose(added[:, 3:, 3:], rad**2 * P, atol=1e-9 * rad**2)
     np.testing.assert_allclose(added[:, :3, 3:], 0, atol=1e-9 * mm * rad)
+    with pytest.raises(BadValue, match="sigma_rad of viewpoint"):
+        views[0].less_sure(0.1, -1e-3, why="of a stand that bends")
 
 
 def test_one_ray_meets_a_plane_and_two_do_better(views: list[Viewpoint]) -> None:

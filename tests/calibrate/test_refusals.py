@@ -5,12 +5,13 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cadcam.calibrate.joint.adjustment import calibrate_jointly
 from cadcam.calibrate.points.camera import METHODS, calibrate_camera, locate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import NAMES
 from cadcam.camera.lens import BrownConrady, Fisheye, OddRadial
 from cadcam.camera.observations import Observations
-from cadcam.errors import BadValue, DegenerateGeometry, MirroredPoints, TooFewPoints, UnknownName
+from cadcam.errors import BadValue, CadcamError, DegenerateGeometry, MirroredPoints, TooFewPoints, UnknownName
 from cadcam.geometry.rigid import Rigid
 
 SIZE = (768, 576)
@@ -194,3 +195,22 @@ def test_bad_arguments_are_named(cloud, options, error, words):
 def test_fixing_everything_leaves_nothing_to_do(cloud):
     with pytest.raises(BadValue, match="free parameters"):
         calibrate_camera(seen(cloud), SIZE, fixed=dict.fromkeys(NAMES, 1.0))
+
+
+def test_different_points_at_one_pixel_have_no_camera(cloud):
+    """A column of zeros in place of the pixels: a pose a million metres off would image them so."""
+    nowhere = Observations(cloud, np.full((12, 2), 7.0))
+    for call in (
+        lambda: calibrate_camera(nowhere, SIZE),
+        lambda: locate_camera(nowhere, CAMERA),
+        lambda: calibrate_jointly([seen(cloud), nowhere], SIZE),
+    ):
+        with pytest.raises(DegenerateGeometry, match="at one pixel, x = 7, y = 7 px"):
+            call()
+
+
+def test_deep_points_on_a_line_of_the_picture_end_in_an_error_of_ours(cloud, rng):
+    """A column of zeros: the linear start of a view has no inverse."""
+    q = np.column_stack([rng.uniform(0, SIZE[0], (3, 12)).ravel(), np.zeros(36)]).reshape(3, 12, 2)
+    with pytest.raises(CadcamError, match="points and pixels"):
+        calibrate_jointly([Observations(cloud, view) for view in q], SIZE)

@@ -38,6 +38,10 @@ CAMERAS: dict[str, Camera] = {
         skew=2.0,
         lens=BrownConrady(-0.21, 0.06, 1e-3, -2e-3, 0.01, 0.05, 0.01, 0.0, 1e-3, -5e-4, 8e-4, 2e-4),
     ),
+    "rational up to its pole": Camera.from_focal((640, 480), 320.0, lens=BrownConrady(0.05, k4=-0.5, k5=0.02)),
+    "rational up to its pole, decentred": Camera.from_focal(
+        (640, 480), 320.0, lens=BrownConrady(0.05, p1=2e-3, p2=-1e-3, k4=-0.5, s1=0.01)
+    ),
     "barrel until it folds": Camera.from_focal((640, 480), 300.0, lens=BrownConrady(-0.35, 0.05)),
     "pincushion": Camera.from_focal((1280, 960), 1500.0, lens=BrownConrady(0.25, 0.1)),
     "thesis EQ 2.5": Camera.from_focal((768, 576), 806.0, lens=OddRadial(0.001, -0.12, 0.05, -0.02)),
@@ -58,5 +62,6 @@ CAMERAS: dict[str, Camera] = {
     "field of view": Camera.from_focal((640, 480), 360.0, lens=FieldOfView(0.93)),
     "extended unified": Camera.from_focal((1280, 960), 420.0, lens=ExtendedUnified(0.6, 1.1)),
     "double sphere": Camera.from_focal((512, 512), 150.0, lens=DoubleSphere(-0.2, 0.57)),
+    "double sphere up to its pole": Camera.from_focal((512, 512), 150.0, lens=DoubleSphere(-0.5, 0.2)),
     "double sphere that ends early": Camera.from_focal((512, 512), 200.0, lens=DoubleSphere(-0.9, 0.7)),
 }

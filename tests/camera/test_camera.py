@@ -52,6 +52,11 @@ def test_undistorted_pixels_are_those_of_the_camera_without_its_lens(camera: Cam
     q = camera.project(p)
     assert np.allclose(camera.undistorted(q), replace(camera, lens=Ideal()).project(p), rtol=0, atol=1e-9)
     assert np.allclose(camera.distorted(camera.undistorted(q)), q, rtol=0, atol=1e-9)
+    straight, by_pixel = camera.undistorted_with_jacobian(q)
+    assert np.array_equal(straight, camera.undistorted(q))
+    for axis, e in enumerate(1e-3 * np.eye(2)):
+        difference = (camera.undistorted(q + e) - camera.undistorted(q - e)) / 2e-3
+        assert np.allclose(by_pixel[..., axis], difference, rtol=0, atol=1e-6)  # the inverse's 1e-9 px over 2e-3
 
 
 def test_what_is_not_a_camera_is_refused() -> None:

@@ -151,3 +151,14 @@ def test_what_is_no_plane_camera_is_refused() -> None:
     estimate = LineEstimate(LINES[1], LineObservations(p, LINES[1].project(p)), np.eye(5))
     with pytest.raises(UnknownName):
         estimate.sigma("beta")
+
+
+def test_points_and_pixels_of_another_shape_are_refused() -> None:
+    plane = PlaneCamera.of(CAMERA, POSE)
+    for call in (plane.project, plane.facing, LINES[0].depth, LINES[0].project):
+        with pytest.raises(BadValue, match=r"points of the plane is .*\(\.\.\., 2\)"):
+            call([1.0, 2.0, 3.0])
+    with pytest.raises(BadValue, match="pixels is"):
+        plane.unproject("here")  # type: ignore[arg-type]
+    with pytest.raises(BadValue, match="camera_from_plane"):
+        PlaneCamera.of(CAMERA, np.eye(4))  # type: ignore[arg-type]

@@ -120,6 +120,7 @@ def test_the_valid_radius_is_where_the_radial_curve_turns() -> None:
     assert Division(0.2).valid_radius == pytest.approx(1 / (2 * np.sqrt(0.2)), rel=4 * EPS)
     assert Fisheye(-0.15).max_angle == pytest.approx(np.sqrt(1 / 0.45), rel=1e-12)
     assert BrownConrady(0.1, 0.2).valid_radius == np.inf
+    assert Fisheye(-0.15, k4=1e-320).max_angle == Fisheye(-0.15).max_angle
     assert BrownConrady(k4=-1.0).valid_radius <= 1  # the denominator's pole
 
 
@@ -132,6 +133,42 @@ def test_tangential_distortion_shrinks_the_valid_radius_to_its_own_fold() -> Non
         u = factor * r * np.stack([np.cos(phi), np.sin(phi)], axis=-1)
         J = tangential._plane_jacobian(u)
         assert bool((np.linalg.det(J) <= 0).any()) is folded
+
+
+def test_a_pole_is_approached_from_inside_whichever_side_rounding_puts_it_on() -> None:
+    """k4 = -1/s has its pole at r^2 = s: the curve takes every value up to there, and each has its direction."""
+    for s in np.linspace(0.5, 3, 60):
+        lens = BrownConrady(k4=-1 / s)
+        p = np.array([share * np.sqrt(s) * np.array([0.6, 0.8, 0]) + [0, 0, 1] for share in (0.01, 0.5, 0.9, 0.999)])
+        d = lens.unproject(lens.project(p))
+        assert np.abs(np.cross(d, p)).max() < 100 * EPS
+
+
+@pytest.mark.parametrize("lens", [BrownConrady(-0.266, -0.038, 0, 0, 0.238), BrownConrady(-0.27, -0.04, 2e-3, 0, 0.24)])
+def test_a_polynomial_is_inverted_wherever_it_rises_to(lens: BrownConrady) -> None:
+    """At 89 degrees a direction is imaged 4e11 focal lengths off; rounding of m over the slope is far below p's."""
+    u = np.tan(np.radians([70.0, 80, 84, 86, 88, 89]))[:, None] * [0.6, 0.8]
+    p = np.column_stack([u, np.ones(6)])
+    assert np.abs(np.cross(lens.unproject(lens.project(p)), p / np.linalg.norm(p, axis=1)[:, None])).max() < 10 * EPS
+
+
+def test_every_direction_within_the_valid_radius_is_found_again_near_the_fold(rng: np.random.Generator) -> None:
+    """Where prisms and tangential terms bend much, Newton's first steps from the radial solution leave the disc."""
+    strong = [BrownConrady(0.48, 0.13, -0.005, 0.003, -0.054, 0.4, 0.1, 0.025, -0.026, -6e-4, 0.026, -6e-3)]
+    for _ in range(40):
+        k1, k2, k3 = rng.normal(size=3) * [0.3, 0.1, 0.05]
+        p1, p2, s1, s2, s3, s4 = rng.normal(size=6) * [0.02, 0.02, 0.02, 0.005, 0.02, 0.005]
+        k4, k5, k6 = rng.normal(size=3) * [0.3, 0.1, 0.05]
+        strong.append(BrownConrady(k1, k2, p1, p2, k3, k4, k5, k6, s1, s2, s3, s4))
+    for lens in strong:
+        r, phi = min(lens.valid_radius, 5.0) * rng.uniform(0, 0.99, 400), rng.uniform(0, 2 * np.pi, 400)
+        p = np.stack([r * np.cos(phi), r * np.sin(phi), np.ones(400)], axis=-1)
+        m, J, _ = lens.project_with_jacobians(p)
+        gain = np.linalg.norm(m, axis=1) / np.linalg.svd(J[..., :2], compute_uv=False)[:, 1]
+        d = lens.unproject(m)
+        wrong = np.linalg.norm(d[:, :2] / d[:, 2:] - p[:, :2], axis=1)
+        # rounding of m, and of the monomials in it, by the inverse's least gain; and of the direction's components
+        assert np.all(wrong < 1000 * EPS * (1 + r**2 + gain)), lens
 
 
 def test_brown_conrady_is_opencvs(rng: np.random.Generator) -> None:
@@ -184,6 +221,8 @@ def test_where_an_estimate_starts_every_coefficient_is_seen(lens: type[Lens]) ->
 def test_bad_coefficients_are_refused() -> None:
     with pytest.raises(BadValue, match="k1"):
         BrownConrady(np.nan)
+    with pytest.raises(BadValue, match=r"k1 is 1e\+200; expected a number of at most 1e\+30"):
+        BrownConrady(1e200)
     with pytest.raises(BadValue, match="a1"):
         OddRadial(-1.5)
     with pytest.raises(BadValue, match="number of distortion coefficients is 6"):

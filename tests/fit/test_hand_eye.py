@@ -46,6 +46,27 @@ def test_half_a_turn_is_no_singularity(rng, solve, R):
     assert apart(solve(*motions(B, S)), X) < 1e-7
 
 
+def flipped(rng, turns_deg, noise=0.0):
+    """A flange upright, turned by half about its x, y and z axes, each also turned about z; held_from_fixed, and X."""
+    R = np.stack([so3.exp([0, 0, np.radians(turn)]) @ half for turn in turns_deg for half in (np.eye(3), *HALF_TURNS)])
+    B = Rigid(R, 300 * rng.normal(size=(len(R), 3)))
+    X, Z = (Rigid(so3.exp(rng.normal(size=3)), 100 * rng.normal(size=3)) for _ in range(2))
+    off = Rigid.exp(noise * rng.normal(size=(len(R), 6)) * [1, 1, 1, 0.002, 0.002, 0.002])
+    return B, (B @ off @ X).inv @ Z, X
+
+
+@pytest.mark.parametrize("turns_deg", [(0.0,), (0.0, 25.0), (0.0, 40.0, 75.0)], ids=str)
+def test_half_turns_about_perpendicular_axes_count_either_way_round(rng, turns_deg):
+    """Rotations alone leave half a turn about one of the axes open, and noise reverses axes; positions decide."""
+    for _ in range(10):
+        B, S, X = flipped(rng, turns_deg)
+        assert apart(park_martin(*motions(B, S)), X) < 1e-6
+        B, S, X = flipped(rng, turns_deg, noise=0.05)
+        off = X.inv @ park_martin(*motions(B, S))
+        assert np.linalg.norm(off.log()[3:]) < 10 * 0.05 * 0.002
+        assert np.linalg.norm(off.translation) < 10 * (0.05 + 0.05 * 0.002 * 1000)  # by mm, and rad over a metre
+
+
 def test_poses_without_pairs_give_both_motions_exactly(rng):
     for _ in range(20):
         B, S, X, Z = exact(rng, 6)

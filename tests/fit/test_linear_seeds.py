@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import permutations
+
 import numpy as np
 import pytest
 
@@ -85,6 +87,19 @@ def test_the_three_point_problem_contains_the_truth_and_all_its_poses_fit(rng):
         assert np.abs(R_i @ np.swapaxes(R_i, -1, -2) - np.eye(3)).max() < 1e-12
     assert np.median(errors) < 1e-11
     assert max(errors) < 1e-5
+
+
+@pytest.mark.parametrize("tilt", [0.0, 1e-9, 1e-6, 1e-5, 1e-4])
+def test_corners_of_a_board_seen_straight_on_are_no_exception(tilt):
+    """Every triple of a square's corners, in every order: of an isosceles one two equations agree whatever s_2 is."""
+    square = np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
+    p = square[list(permutations(range(4), 3))]
+    pose = Rigid(so3.exp([0.6 * tilt, 0.8 * tilt, 0.3]), [0.0, 0.0, 7.0])
+    in_camera = pose @ p
+    rays = in_camera / np.linalg.norm(in_camera, axis=-1, keepdims=True)
+    for one, sight in zip(p, rays, strict=True):
+        F, _ = p3p(one[None], sight[None])
+        assert np.abs(F - pose.origin).max(axis=1).min() < 1e-4  # double roots are known to the root of rounding
 
 
 def test_a_triple_without_area_gives_no_pose():

@@ -123,3 +123,17 @@ def test_the_plane_of_points_is_the_one_they_lie_on(rng: np.random.Generator) ->
 def test_points_on_a_line_give_no_plane(points: list[list[float]]) -> None:
     with pytest.raises(DegenerateGeometry, match="no plane"):
         Plane.from_points(points)
+
+
+def test_points_of_another_shape_and_other_things_than_rays_are_refused() -> None:
+    ray, plane = Ray([0.0, 0, 0], [1.0, 0, 0]), Plane([0.0, 0, 1], 0.0)
+    for call in (plane.distance, plane.foot, ray.along, ray.foot, ray.distance):
+        for wrong in ([1.0, 2.0], "here"):
+            with pytest.raises(BadValue, match=r"points is .*\(\.\.\., 3\)"):
+                call(wrong)
+    with pytest.raises(BadValue, match="rays"):
+        plane.meet([0.0, 0, 1])  # type: ignore[arg-type]
+    with pytest.raises(BadValue, match="other"):
+        ray.approach([0.0, 0, 1])  # type: ignore[arg-type]
+    assert plane.single
+    assert not Plane(np.eye(3), np.zeros(3)).single

@@ -154,6 +154,8 @@ def test_what_is_not_a_rigid_motion_is_refused() -> None:
         Rigid.from_matrix(np.eye(4) + np.eye(4)[::-1] * 0.1)
     with pytest.raises(DegenerateGeometry, match="up"):
         Rigid.look_at([0, 0, 100], [0, 0, 0])
+    with pytest.raises(BadValue, match=r"shape \(3, 3\); expected one for each of rotations \(2, 3, 3\)"):
+        Rigid(np.stack([np.eye(3)] * 2), np.zeros((3, 3)))
 
 
 def test_arrays_inside_are_copies_and_read_only() -> None:

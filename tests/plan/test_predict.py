@@ -106,3 +106,15 @@ def test_a_point_of_one_camera_without_a_plane_cannot_be_measured() -> None:
     assert np.isnan(predicted.covariance[0]).all()
     assert np.isfinite(predicted.covariance[1:]).all()
     assert predicted.cameras.tolist() == [1, 3, 3, 3]
+
+
+def test_noise_that_is_none_and_planes_that_are_several_are_refused() -> None:
+    views = viewpoints()
+    noise = np.tile(SIGMA**2 * np.eye(2), (3, len(POINTS), 1, 1))
+    noise[1, 2] = np.diag([SIGMA**2, 0.0])
+    with pytest.raises(cadcam.errors.BadValue, match=r"noise\[1, 2\]"):
+        predict_points(views, POINTS, noise=noise)
+    several = Plane(np.eye(3), np.zeros(3))
+    for call in (predict_points, cadcam.measure_points):
+        with pytest.raises(cadcam.errors.BadValue, match="one plane for all"):
+            call(views, POINTS if call is predict_points else pixels(views), plane=several)

@@ -7,6 +7,7 @@ import tracemalloc
 import numpy as np
 import pytest
 
+from cadcam.errors import BadValue, TooFewPoints
 from cadcam.station.field import DeviationField, fit_field
 
 X, Y = np.meshgrid([0.0, 4000.0, 8000.0], [0.0, 2400.0, 4800.0, 7200.0, 9600.0], indexing="ij")
@@ -93,3 +94,10 @@ def test_a_field_between_many_places_is_added_up_hypothesis_by_hypothesis(rng):
     finally:
         tracemalloc.stop()
     assert peak < 20 * pairs  # a dozen steps of one covariance, the sum, and what is done with it
+
+
+def test_a_field_of_nothing_or_of_other_places_is_refused():
+    with pytest.raises(TooFewPoints, match="1 position"):
+        fit_field(np.zeros((0, 2)), np.zeros((0, 2)), np.zeros((2, 0, 0)))
+    with pytest.raises(BadValue, match="deviations"):
+        fit_field(GRID, smooth(GRID)[1:], QUIET)

@@ -9,7 +9,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.station.document import read_station, write_station
-from cadcam.station.gantry import calibrate_gantry
+from cadcam.station.gantry import Sighting, calibrate_gantry
 from cadcam.station.hall import Visit, make_hall
 from cadcam.station.hall_picture import hall_picture
 from cadcam.station.marks import MarkLook, find_plate
@@ -81,6 +81,23 @@ def test_a_station_file_keeps_the_lens_and_the_pixels_as_found(tmp_path, positio
     assert back.lens.lens == BENT
     assert np.abs(back.positions[0].pixels - pixels).max() < 1e-9
     assert back.positions[0].camera.matrix == pytest.approx(one.camera.matrix, rel=1e-6)
+    assert back.positions[0].sigma_px == one.sigma_px == 0.03
+    assert back.sigma_px == pytest.approx(0.03, rel=1e-12)
+
+
+@pytest.mark.parametrize("q", [(384.0, 288.0), (20.0, 15.0), (740.0, 560.0)], ids=["middle", "corner", "other corner"])
+def test_pixels_that_the_lens_stretches_are_as_uncertain_as_they_move_the_point(position, pixels, q):
+    """In the corners of this lens a pixel as found is 1.3 pixels without distortion; to 1e-6, of differences."""
+    _, at, _, placement = position
+    station = calibrate_gantry("6", [calibrate_position("p", at, pixels, placement, sigma_px=0.03, lens=CAMERA)])
+
+    def seen(dx, dy):
+        return measure_marks(station, [Sighting.of("m", "6", at, np.add(q, (dx, dy)), sigma_px=0.1)])
+
+    h = 1e-3
+    by_pixel = [(seen(*d).points - seen(*(-d)).points)[0, :2] / (2 * h) for d in h * np.eye(2)]
+    moved = 0.1**2 * np.transpose(by_pixel) @ by_pixel
+    assert seen(0, 0).from_pixels[0, :2, :2] == pytest.approx(moved, rel=1e-5, abs=1e-9)
 
 
 def test_positions_of_two_lenses_are_refused(position, pixels):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue, TooFewPoints, UnknownName
 from cadcam.station.interpolation import bilinear_weights, check_inside, weights
 
 X, Y = np.meshgrid([0.0, 4000.0, 8000.0], [0.0, 2000.0, 4000.0, 6000.0], indexing="ij")
@@ -93,3 +93,12 @@ def test_a_metre_beside_the_outermost_position_still_counts_as_there():
 def test_an_unknown_rule_is_named():
     with pytest.raises(UnknownName, match="did you mean 'bilinear'"):
         weights(GRID, [1000.0, 1000.0], "bilinea")
+
+
+def test_no_positions_and_distances_that_are_none_are_refused():
+    with pytest.raises(TooFewPoints, match="1 calibration position"):
+        weights(np.zeros((0, 2)), [0.0, 0.0], "linear")
+    with pytest.raises(BadValue, match="near_mm"):
+        weights(GRID, [0.0, 0.0], "linear", near_mm=np.nan)
+    with pytest.raises(BadValue, match="position"):
+        bilinear_weights(GRID[:4], [0.0, 0.0, 0.0])

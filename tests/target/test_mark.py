@@ -87,6 +87,18 @@ def test_marks_that_overlap_are_no_plate() -> None:
         MarkSheet.grid((dot(30.0),), 2, 2, 29.0)
 
 
+@pytest.mark.parametrize("light", [False, True])
+def test_a_small_mark_beside_a_large_one_takes_nothing_of_its_ink(light: bool) -> None:
+    marks = tuple(inverted(m) if light else m for m in (dot(100.0), dot(10.0), dot_and_ring(4.0, 6.0, 10.0)))
+    sheet = MarkSheet(marks, np.array([[0.0, 0.0], [56.0, 0.0], [0.0, -56.0]]))
+    sheet.check_apart()
+    p = np.stack(np.meshgrid(np.arange(-60.0, 65.0), np.arange(-65.0, 60.0)), axis=-1)
+    covered = np.any([m.inked(p - place) for m, place in zip(marks, sheet.places, strict=True)], axis=0)
+    left, top, right, bottom = sheet.outline
+    ground = (p >= [left, top]).all(axis=-1) & (p <= [right, bottom]).all(axis=-1)
+    assert np.array_equal(sheet.black(p), ground & ~covered if light else covered)
+
+
 @pytest.mark.parametrize("mark", [MARKS[2], MARKS[4], inverted(MARKS[0])], ids=str)
 def test_marks_on_their_own_paper_look_as_on_a_plate(mark) -> None:
     """The two ways of drawing agree where there is paper: exactly, both average the same ink at the same places."""

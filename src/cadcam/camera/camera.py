@@ -10,7 +10,8 @@ import numpy as np
 from cadcam.arrays import Array, Floats, Mask, frozen
 from cadcam.camera.lens import Ideal, Lens, lens_from_opencv
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_number, said
+from cadcam.geometry.coordinates import coordinates
+from cadcam.kinds import expect, expect_number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -102,11 +103,11 @@ class Camera:
 
         NaN for z <= 0 and outside the lens' valid radius; points outside the picture get their coordinates.
         """
-        return self.pixel_of(self.lens.project(_of_axes(p, "points", 3)))
+        return self.pixel_of(self.lens.project(coordinates(p, "points", 3)))
 
     def project_with_jacobian(self, p: Floats) -> tuple[Array, Array]:
         """Return q (..., 2) and dq/dp (..., 2, 3) in px/mm."""
-        m, dm_dp, _ = self.lens.project_with_jacobians(_of_axes(p, "points", 3), ())
+        m, dm_dp, _ = self.lens.project_with_jacobians(coordinates(p, "points", 3), ())
         return self.pixel_of(m), np.asarray(self.K[:2, :2] @ dm_dp)
 
     def unproject(self, q: Floats) -> Array:
@@ -119,7 +120,7 @@ class Camera:
 
     def normalised(self, q: Floats) -> Array:
         """Return m (..., 2), the normalised (distorted) image plane's point of pixels q."""
-        centred = _of_axes(q, "pixels", 2) - self.K[:2, 2]
+        centred = coordinates(q, "pixels", 2) - self.K[:2, 2]
         y = centred[..., 1] / self.fy
         return np.stack([(centred[..., 0] - self.skew * y) / self.fx, y], axis=-1)
 
@@ -128,6 +129,15 @@ class Camera:
         d = self.unproject(q)
         return self.pixel_of(d[..., :2] / np.where(d[..., 2:] > 0, d[..., 2:], np.nan))
 
+    def undistorted_with_jacobian(self, q: Floats) -> tuple[Array, Array]:
+        """Return the pixels (..., 2) of `undistorted` and their derivatives (..., 2, 2) by q; NaN as there."""
+        d = self.unproject(q)
+        u = d / np.where(d[..., 2:] > 0, d[..., 2:], np.nan)
+        _, J = self.project_with_jacobian(u)
+        known: Mask = np.asarray(np.isfinite(J).all(axis=(-2, -1), keepdims=True))
+        back = np.linalg.inv(np.where(known, J[..., :2], np.eye(2)))  # u by q: the third coordinate stays 1
+        return self.pixel_of(u[..., :2]), np.where(known, self.K[:2, :2] @ back, np.nan)
+
     def distorted(self, q: Floats) -> Array:
         """Return the inverse of `undistorted`: pixels in this camera of q (..., 2) in one without distortion."""
         m = self.normalised(q)
@@ -135,7 +145,7 @@ class Camera:
 
     def sees(self, q: Floats) -> Mask:
         """Return which pixels q (..., 2) lie in the picture, [-1/2, W - 1/2] x [-1/2, H - 1/2]."""
-        q = _of_axes(q, "pixels", 2)
+        q = coordinates(q, "pixels", 2)
         inside = (q >= -0.5) & (q <= np.array([self.width - 0.5, self.height - 0.5]))
         return np.asarray(inside.all(axis=-1))
 
@@ -163,17 +173,6 @@ class Camera:
         cx, cy = self.principal_point
         text = f"Camera({self.width} x {self.height} px, fx {self.fx:.6g}, fy {self.fy:.6g}, cx {cx:.6g}, cy {cy:.6g}"
         return text + (f", skew {self.skew:.4g}" if self.skew else "") + f" px, {self.lens})"
-
-
-def _of_axes(values: Floats, what: str, n: int) -> Array:
-    """Return an array whose last axis is n long; `BadValue` naming what it is for another."""
-    try:
-        array = np.asarray(values, dtype=np.float64)
-    except (TypeError, ValueError):
-        raise BadValue(what, said(values), f"numbers of shape (..., {n})") from None
-    if array.shape[-1:] != (n,):
-        raise BadValue(what, said(values), f"an array of shape (..., {n})")
-    return array
 
 
 def checked_size(size: Any) -> tuple[int, int]:

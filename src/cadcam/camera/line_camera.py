@@ -19,6 +19,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.fitted import Fitted, scaled
 from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.geometry.coordinates import coordinates
 from cadcam.geometry.ray import Ray
 from cadcam.kinds import expect_known, expect_numbers, expect_positive
 
@@ -116,7 +117,7 @@ class LineCamera:
 
     def depth(self, p: Floats) -> Array:
         """Return the depths (...) mm of points (..., 2) in front of the focal centre."""
-        return np.asarray(-(np.asarray(p, dtype=np.float64) - self.centre) @ self.rotation[1])
+        return np.asarray(-(coordinates(p, "points of the plane", 2) - self.centre) @ self.rotation[1])
 
     def project(self, p: Floats) -> Array:
         """Return U (...) px of points (..., 2) mm; NaN where they are not in front."""
@@ -124,7 +125,8 @@ class LineCamera:
 
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
         """Return U (...), dU/dp (..., 2) px/mm and dU/d(x, y, alpha, focal, U0) (..., 5); NaN where not in front."""
-        along, depth = (np.asarray(p, dtype=np.float64) - self.centre) @ self.rotation[0], self.depth(p)
+        depth = self.depth(p)
+        along = (np.asarray(p, dtype=np.float64) - self.centre) @ self.rotation[0]
         with np.errstate(all="ignore"):
             z = np.where(depth > 0, depth, np.nan)
             m = along / z

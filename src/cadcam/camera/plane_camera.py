@@ -19,7 +19,9 @@ from cadcam.camera.lens import Ideal
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry import rotation as so3
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.coordinates import coordinates
+from cadcam.geometry.rigid import Rigid, expect_motion
+from cadcam.kinds import expect
 
 _SINGULAR = 1e-14  # 45 times the rounding of a number of size 1
 
@@ -44,6 +46,8 @@ class PlaneCamera(Brief):
     @classmethod
     def of(cls, camera: Camera, camera_from_plane: Rigid) -> PlaneCamera:
         """Return the map K [r0 r1 t] of the plane z = 0 of camera_from_plane by a camera without distortion."""
+        expect(camera, "camera", Camera)
+        expect_motion(camera_from_plane, "camera_from_plane")
         if not isinstance(camera.lens, Ideal):
             raise BadValue("lens", camera.lens.name, "ideal: no 3x3 matrix holds distortion (see Camera.unproject)")
         T = camera_from_plane
@@ -59,7 +63,7 @@ class PlaneCamera(Brief):
 
     def facing(self, p: Floats) -> PlaneCamera:
         """Return the same camera with plane points (..., 2) in front: all of them, or `DegenerateGeometry`."""
-        side = np.asarray(p, dtype=np.float64) @ self.matrix[2, :2] + self.matrix[2, 2]
+        side = coordinates(p, "points of the plane", 2) @ self.matrix[2, :2] + self.matrix[2, 2]
         if np.all(side > 0):
             return self
         if np.all(side < 0):
@@ -75,7 +79,7 @@ class PlaneCamera(Brief):
 
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
         """Return q (..., 2), dq/dp (..., 2, 2) px/mm and dq/d(the nine entries, row by row) (..., 2, 9); NaN behind."""
-        p = np.asarray(p, dtype=np.float64)
+        p = coordinates(p, "points of the plane", 2)
         one = np.concatenate([p, np.ones((*p.shape[:-1], 1))], axis=-1)
         u = one @ self.matrix.T
         w = np.where(u[..., 2:] > 0, u[..., 2:], np.nan)
@@ -88,7 +92,7 @@ class PlaneCamera(Brief):
 
     def unproject(self, q: Floats) -> Array:
         """Return the plane points (..., 2) mm seen at pixels (..., 2) (EQ 6.8-6.10); NaN beyond the vanishing line."""
-        q = np.asarray(q, dtype=np.float64)
+        q = coordinates(q, "pixels", 2)
         one = np.concatenate([q, np.ones((*q.shape[:-1], 1))], axis=-1)
         v = np.linalg.solve(self.matrix, one[..., None])[..., 0]
         return np.asarray(v[..., :2] / np.where(v[..., 2:] > 0, v[..., 2:], np.nan))

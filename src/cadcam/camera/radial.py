@@ -12,6 +12,7 @@ from cadcam.arrays import Array, Mask, component_major
 
 _ITERATIONS = 60  # bisection alone halves the bracket this often: below one ulp
 _DONE = 8 * np.finfo(np.float64).eps  # smaller steps are rounding, which may oscillate for ever
+_NOTHING = 1e-150  # of the largest coefficient: by less a companion matrix cannot be divided
 _LAST = 1e-9  # after a Newton step this small the error is its square
 
 
@@ -33,7 +34,8 @@ def rational_limit(numerator: Sequence[float], denominator: Sequence[float]) -> 
 
 def _smallest_root(in_r2: npt.ArrayLike) -> float:
     """Return sqrt of the smallest positive real root of a polynomial in s = r^2 (ascending coefficients)."""
-    c = np.trim_zeros(np.asarray(in_r2, dtype=np.float64), "b")
+    c = np.asarray(in_r2, dtype=np.float64)
+    c = np.trim_zeros(np.where(np.abs(c) > _NOTHING * np.abs(c).max(), c, 0.0), "b")
     if c.size < 2:
         return np.inf
     roots = Polynomial(c).roots()
@@ -71,13 +73,16 @@ def inverse(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: fl
     """Return r in [0, limit) with curve(r) = rho, to rounding, NaN if there is none.
 
     rough: only a start for `newton_plane`, to a thousandth, and just inside the limit if there is none. `curve` gives
-    value and slope and increases on [0, limit). Newton's step where it stays in the bracket, else bisection.
+    value and slope and increases on [0, limit), where it turns or has a pole. Newton's step where it stays in the
+    bracket, else bisection.
     """
     rho = np.asarray(rho, dtype=np.float64)
     done = 1e-3 if rough else _DONE
     with np.errstate(all="ignore"):
         high = _upper_bracket(curve, rho, limit)
-        reachable = curve(high)[0] >= rho
+        end = curve(high)[0]
+        pole = end < 0  # rounding has put the limit beyond a pole: up to there the curve takes every value
+        reachable = (end >= rho) | (pole & (rho < np.inf))
         low, r = np.zeros_like(rho), np.minimum(rho, 0.5 * high)
         for _ in range(_ITERATIONS):
             value, slope = curve(r)
@@ -94,7 +99,7 @@ def inverse(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: fl
 def _upper_bracket(curve: Callable[[Array], tuple[Array, Array]], rho: Array, limit: float) -> Array:
     if np.isfinite(limit):
         return np.full_like(rho, limit)
-    high = np.maximum(rho, 1.0)
+    high = np.ones_like(rho)  # not rho: from far beyond the root a power is left by a share of r at each Newton step
     for _ in range(60):  # a curve without a turning point increases, but perhaps slowly
         short = curve(high)[0] < rho
         if not short.any():
@@ -108,21 +113,34 @@ def newton_plane(
     linearised: Callable[[Array, Sequence[int]], tuple[Array, Array, Array]],
     m: Array,
     start: Array,
+    *,
+    within: float = np.inf,
 ) -> Array:
     """Return u with distort(u) = m by Newton's method in the plane from `start`; NaN where it does not converge.
 
-    linearised(u, ()) gives distort(u) and its Jacobian (..., 2, 2).
+    linearised(u, ()) gives distort(u) and its Jacobian (..., 2, 2). No step goes farther than half the way that is left
+    to the circle of radius `within`, beyond which near a fold the first steps would end on the other branch.
     """
-    u, scale = start, 1 + _larger(m)
+    bounded = within < np.inf
+    u, scale = _drawn_in(start, 0.0, within) if bounded else start, 1 + _larger(m)
     for _ in range(30):
         reached, J, _ = linearised(u, ())
         step = _solved(J, reached - m)
-        u = u - step
+        u = _drawn_in(u - step, np.hypot(u[..., 0], u[..., 1]), within) if bounded else u - step
         size = _larger(step)
-        if np.all((size <= _LAST * scale) | np.isnan(size)):
+        if np.all((size <= _LAST * scale) | np.isnan(size)) and np.all(
+            (size <= _LAST * (1 + _larger(u))) | np.isnan(size)  # next to a pole m is far larger than u
+        ):
             break
     residual = _larger(distort(u) - m)
-    return np.where((residual <= 1e-13 * scale)[..., None], u, np.nan)
+    rounding = np.abs(J).max(axis=(-2, -1)) * _larger(u)  # of u, which a steep lens (near a pole) amplifies
+    return np.where((residual <= 1e-13 * (scale + rounding))[..., None], u, np.nan)
+
+
+def _drawn_in(u: Array, before: Array | float, limit: float) -> Array:
+    """Return points u that lie beyond half the way from a radius `before` to `limit`, drawn in to there."""
+    r, farthest = np.hypot(u[..., 0], u[..., 1]), 0.5 * (before + limit)
+    return np.where((r > farthest)[..., None], u * (farthest / np.where(r > 0, r, 1.0))[..., None], u)
 
 
 def _larger(v: Array) -> Array:

@@ -188,6 +188,8 @@ class Viewpoint(Brief):
 
     def less_sure(self, sigma_mm: float, sigma_rad: float, *, why: str) -> Viewpoint:
         """Return the viewpoint with one more, independent error: of its focal centre and direction, along each axis."""
+        for name, value in (("sigma_mm", sigma_mm), ("sigma_rad", sigma_rad)):
+            expect_positive(value, f"{name} of viewpoint {self.name!r}", "a number from 0 on", zero=True)
         covariance = np.diag([sigma_mm**2] * 3 + [sigma_rad**2] * 3)
         effect = np.eye(11 + len(self.camera.lens.parameters), 6)
         return replace(self, errors=(*self.errors, (ErrorSource(why, covariance, object()), effect)))

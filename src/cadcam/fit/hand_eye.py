@@ -14,9 +14,13 @@ Weights are one positive number per motion or pose, the inverse of its variance 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import product
+
 import numpy as np
 
-from cadcam.arrays import Array, Longs
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry, TooFewPoints
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -24,7 +28,13 @@ from cadcam.geometry.rigid import Rigid
 _PAIRS = 20_000  # beyond about 200 poses a regular subset of the pairs is as good as all
 _HALF_TURN = np.radians(172.0)  # above it the axis of a noisy rotation may be reversed
 _RANK = 1e-9
-
+_TOLD = 1e-3  # second singular value over the first, of motions that determine a rotation: 2 deg between their axes
+_EXACT, _AS_GOOD, _APART = 1e-7, 4.0, 0.05  # rad; ratio of costs of rotations that do equally well; and different ones
+_STEPS = 4
+# the 24 turns of a cube, as quaternions: none of SO(3) is farther than 63 deg from one
+_STARTS = np.array(
+    [q for q in product((-1, 0, 1), repeat=4) if sum(map(abs, q)) in (1, 2, 4) and next(x for x in q if x) > 0]
+)
 _HALF_TURNS = np.stack([np.eye(3), np.diag([1.0, -1, -1]), np.diag([-1.0, 1, -1]), np.diag([-1.0, -1, 1])])
 
 
@@ -71,15 +81,69 @@ def park_martin(A: Rigid, B: Rigid, *, weights: Array | None = None) -> Rigid:
     """Return X of A X = X B: the rotation that best turns the motions' rotation vectors into each other.
 
     log R_A = R log R_B in least squares (Park and Martin, IEEE T-RA 1994), solved as an orthogonal Procrustes problem;
-    then the translation. Motions near half a turn, where noise may reverse the axis, are left out unless they are all
-    there is. Raises `DegenerateGeometry` where all axes are parallel.
+    then the translation. Of several rotations that do equally well, see `rotations`, the one whose translation fits
+    best is taken. Raises `DegenerateGeometry` where all axes are parallel.
     """
     w = _weights(A, weights)
+    found = [_translated(A, B, turned.R, w) for turned in rotations(A, B, w**2)]
+    return min(found, key=lambda X: _misfit(A, B, X, w))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Turned:
+    """A rotation R (3, 3) with a = R b for rotation vectors a, b (m, 3) of motions.
+
+    Where noise may have reversed an axis, near half a turn, b goes the other way round if that is nearer to a.
+    """
+
+    R: Array
+    a: Array
+    b: Array
+
+    @property
+    def left(self) -> Array:
+        """Return the lengths (m,) rad of what the rotation leaves between the rotation vectors."""
+        return np.asarray(np.linalg.norm(self.a - self.b @ self.R.T, axis=1))
+
+
+def rotations(A: Rigid, B: Rigid, weights: Array) -> list[Turned]:
+    """Return the rotations that best turn the vectors of B's rotations into those of A's, weighted (m,).
+
+    Motions near half a turn are left out where the others determine the rotation: then it is one. Else each of them
+    counts either way round, and there may be several: half turns about perpendicular axes, and turns about a third, do
+    not change if what is held is turned by half about one of these. Raises `DegenerateGeometry` where all axes are
+    parallel.
+    """
     a, b = so3.log(A.rotation), so3.log(B.rotation)
-    safe = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)) < _HALF_TURN
-    v = w * safe if np.count_nonzero(safe) >= 2 else w
-    R = procrustes(a, b, v**2)
-    return Rigid(R, _translation(A, B, R, w))
+    near = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1)) >= _HALF_TURN
+    s = np.linalg.svd(np.einsum("k,ki,kj->ij", weights * ~near, a, b), compute_uv=False)
+    if not near.any() or s[1] > _TOLD * s[0]:
+        return [Turned(procrustes(a, b, weights * ~near), a, b)]
+    tried = [(float(weights @ one.left**2), one) for one in _either_way(a, b, near, weights)]
+    if not tried:
+        raise DegenerateGeometry(_PARALLEL)
+    least = max(min(cost for cost, _ in tried), float(weights.sum()) * _EXACT**2)
+    out: list[Turned] = []
+    for cost, one in tried:
+        if cost <= _AS_GOOD * least and all(np.linalg.norm(one.R - o.R) > _APART for o in out):
+            out.append(one)
+    return out
+
+
+def _either_way(a: Array, b: Array, near: Mask, weights: Array) -> Iterator[Turned]:
+    """Yield the rotations that are reached from starts everywhere, if vectors b that are `near` may be reversed."""
+    length = np.linalg.norm(b, axis=1, keepdims=True)
+    other = b * (1 - 2 * np.pi / np.where(length > 0, length, 1.0))  # the same rotation, the other way round
+    for R in so3.from_quaternion(_STARTS):
+        either = b
+        try:
+            for _ in range(_STEPS):
+                back = near & (np.sum(a * (b @ R.T), axis=1) < 0)
+                either = np.where(back[:, None], other, b)
+                R = procrustes(a, either, weights)
+        except DegenerateGeometry:  # reversed like this, their axes are parallel
+            continue
+        yield Turned(R, a, either)
 
 
 def procrustes(a: Array, b: Array, weights: Array) -> Array:
@@ -162,6 +226,16 @@ def _modified_rodrigues(T: Rigid) -> Array:
     w = so3.log(T.rotation)
     angle = np.linalg.norm(w, axis=1, keepdims=True)
     return np.asarray(w * np.sinc(angle / (2 * np.pi)))  # 2 sin(angle/2) axis
+
+
+def _translated(A: Rigid, B: Rigid, R: Array, w: Array) -> Rigid:
+    return Rigid(R, _translation(A, B, R, w))
+
+
+def _misfit(A: Rigid, B: Rigid, X: Rigid, w: Array) -> float:
+    """Return the weighted sum of squares, mm^2, by which the translations of A X and X B differ."""
+    apart = (A @ X).translation - (X @ B).translation
+    return float(np.sum((w[:, None] * apart) ** 2))
 
 
 def _translation(A: Rigid, B: Rigid, R: Array, w: Array) -> Array:

@@ -44,19 +44,33 @@ def _linear_maps(p: Array, q: Array, measured: Mask) -> Array:
 
 
 def poses_of_homographies(H: Array, K: Array) -> tuple[Array, Array]:
-    """Return R (k, 3, 3) and t (k, 3), camera_from_plane, of homographies seen through K; the plane is in front."""
-    B = np.linalg.solve(K, H)
-    B = B / np.sqrt(np.linalg.norm(B[..., 0], axis=-1) * np.linalg.norm(B[..., 1], axis=-1))[:, None, None]
+    """Return R (k, 3, 3) and t (k, 3), camera_from_plane, of homographies seen through K; the plane is in front.
+
+    NaN for t, and no rotation, where a homography is of no camera: all points at one pixel.
+    """
+    B = np.asarray(np.linalg.solve(K, H), np.float64)
+    B = _over(B, np.sqrt(np.linalg.norm(B[..., 0], axis=-1) * np.linalg.norm(B[..., 1], axis=-1)))
     B = B * np.where(B[:, 2, 2] < 0, -1.0, 1.0)[:, None, None]
     r3 = np.cross(B[..., 0], B[..., 1])
-    return so3.nearest(np.stack([B[..., 0], B[..., 1], r3], axis=-1)), B[..., 2]
+    return _nearest(np.stack([B[..., 0], B[..., 1], r3], axis=-1)), B[..., 2]
 
 
 def poses_of_matrices(P: Array, K: Array) -> tuple[Array, Array]:
-    """Return R (k, 3, 3), t (k, 3), camera_from_world, of camera matrices seen through K."""
-    B = np.linalg.solve(K, P)
-    B = B * (np.sign(np.linalg.det(B[..., :3])) / np.cbrt(np.abs(np.linalg.det(B[..., :3]))))[:, None, None]
-    return so3.nearest(B[..., :3]), B[..., 3]
+    """Return R (k, 3, 3), t (k, 3), camera_from_world, of camera matrices seen through K; singular ones as above."""
+    B = np.asarray(np.linalg.solve(K, P), np.float64)
+    B = _over(B, np.asarray(np.cbrt(np.linalg.det(B[..., :3]))))
+    return _nearest(B[..., :3]), B[..., 3]
+
+
+def _over(B: Array, size: Array) -> Array:
+    """Return matrices (k, m, n) divided by their size (k,), NaN where that is 0."""
+    return np.asarray(B / np.where(size == 0, np.nan, size)[:, None, None])
+
+
+def _nearest(M: Array) -> Array:
+    """Return the rotations nearest to M (k, 3, 3), none for a matrix that is not finite."""
+    finite: Mask = np.asarray(np.isfinite(M).all(axis=(1, 2)))
+    return so3.nearest(np.where(finite[:, None, None], M, np.eye(3)))
 
 
 def internals_of_homographies(H: Array, size: tuple[int, int], *, skew: bool) -> Array | None:

@@ -6,6 +6,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 
+_VANISHING = 1e-4  # difference of cosines: noise of a pixel is of this size where a triangle is wide
+
 
 def p3p(p_world: Array, rays: Array) -> tuple[Array, Array]:
     """Return focal centres (S, 3) mm and rotations (S, 3, 3) camera_from_world of a batch of triples, up to 4 each.
@@ -13,8 +15,8 @@ def p3p(p_world: Array, rays: Array) -> tuple[Array, Array]:
     p_world (B, 3, 3): three points per row; rays (B, 3, 3): unit directions in the camera frame. Solves for the
     distances s_i along the rays, s_i^2 + s_j^2 - 2 s_i s_j cos_ij = |p_i - p_j|^2, by Grunert's quartic in s_3/s_1
     (1841; reviewed by Haralick et al., IJCV 1994). Complex roots count with their real part: with noisy rays a pair of
-    poses may just miss being real, and the results are refined anyway. Triples without area or behind the camera give
-    nothing.
+    poses may just miss being real, and the results are refined anyway. Where a triple looks symmetrical, two poses may
+    share a root, and some are given twice. Triples without area or behind the camera give nothing.
     """
     v, owner = _ratio_roots(p_world, rays)
     s, owner = _distances(v, owner, p_world, rays)
@@ -68,13 +70,23 @@ def _ratio_roots(p: Array, rays: Array) -> tuple[Array, Longs]:
 
 
 def _distances(v: Array, owner: Longs, p: Array, rays: Array) -> tuple[Array, Longs]:
-    """Distances (S, 3) along the rays, all positive."""
+    """Distances (S, 3) along the rays, all positive.
+
+    Subtracted from each other, two of the equations are linear in u = s_2/s_1. Where its factor vanishes, as for an
+    isosceles triangle seen straight on, they say nothing of u, and both roots of one of them are taken.
+    """
     a2, b2, c2 = (x[owner] for x in _squared_sides(p))
     ca, cb, cg = (x[owner] for x in _cosines(rays))
     k = (a2 - c2) / b2
     with np.errstate(all="ignore"):
-        u = ((k - 1) * v**2 - 2 * k * cb * v + 1 + k) / (2 * (cg - v * ca))
+        factor = 2 * (cg - v * ca)
+        u = ((k - 1) * v**2 - 2 * k * cb * v + 1 + k) / factor
         s1 = np.sqrt(b2 / (1 + v**2 - 2 * v * cb))
+        twice = np.flatnonzero(np.abs(factor) < _VANISHING)
+        root = np.sqrt(np.maximum(cg**2 - 1 + c2 / s1**2, 0.0))[twice]
+        u, every = np.concatenate([u, cg[twice] + root]), np.concatenate([np.arange(len(v)), twice])
+        u[twice] = cg[twice] - root
+        s1, v, owner = s1[every], v[every], owner[every]
         s = np.stack([s1, u * s1, v * s1], axis=-1)
         good = np.isfinite(s).all(axis=1) & (s > 0).all(axis=1)
     return s[good], owner[good]

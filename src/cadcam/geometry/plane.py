@@ -8,8 +8,10 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.geometry.coordinates import coordinates
 from cadcam.geometry.ray import Ray
 from cadcam.geometry.rotation import hat
+from cadcam.kinds import expect
 
 _COLLINEAR = 1e-9  # width over length below which points determine no plane
 _GRAZING = 1e-12  # sine of the angle between ray and plane below which they count as parallel
@@ -35,7 +37,7 @@ class Plane(Brief):
     def through(cls, point: Floats, normal: Floats) -> Plane:
         """Return the plane through a point (..., 3) mm, perpendicular to a normal (..., 3) of any length."""
         normal = frozen(normal, "plane normal", (3,), batched=True)
-        return cls(normal, np.sum(normal * np.asarray(point, dtype=np.float64), axis=-1))
+        return cls(normal, np.sum(normal * coordinates(point, "point of the plane", 3), axis=-1))
 
     @classmethod
     def from_points(cls, points: Floats) -> Plane:
@@ -54,19 +56,25 @@ class Plane(Brief):
 
     def distance(self, p: Floats) -> Array:
         """Return the distances (...) mm of points (..., 3), positive on the normal's side."""
-        return np.asarray(np.sum(np.asarray(p, dtype=np.float64) * self.normal, axis=-1) - self.offset)
+        return np.asarray(np.sum(coordinates(p, "points", 3) * self.normal, axis=-1) - self.offset)
 
     def foot(self, p: Floats) -> Array:
         """Return the points (..., 3) of the planes nearest to p (..., 3), mm."""
-        p = np.asarray(p, dtype=np.float64)
+        p = coordinates(p, "points", 3)
         return np.asarray(p - self.distance(p)[..., None] * self.normal)
 
     def meet(self, rays: Ray) -> Array:
         """Return the intersections (..., 3) mm of rays in space with planes; NaN where parallel or behind the rays."""
+        expect(rays, "rays", Ray)
         towards = np.sum(rays.direction * self.normal, axis=-1)
         with np.errstate(all="ignore"):
             t = -self.distance(rays.origin) / np.where(np.abs(towards) > _GRAZING, towards, np.nan)
         return rays.at(np.where(t >= 0, t, np.nan))
+
+    @property
+    def single(self) -> bool:
+        """Return whether it is one plane, and no batch."""
+        return self.normal.ndim == 1 and self.offset.ndim == 0
 
     @property
     def basis(self) -> Array:

@@ -11,6 +11,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.errors import BadValue
+from cadcam.geometry.coordinates import coordinates
+from cadcam.kinds import expect
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -41,7 +43,7 @@ class Ray(Brief):
 
     def along(self, p: Floats) -> Array:
         """Return the distance (...) mm along the rays of the feet of points p (..., d); negative behind the origin."""
-        return np.asarray(np.sum((np.asarray(p, dtype=np.float64) - self.origin) * self.direction, axis=-1))
+        return np.asarray(np.sum((self._points(p) - self.origin) * self.direction, axis=-1))
 
     def foot(self, p: Floats) -> Array:
         """Return the points (..., d) of the rays' whole lines that are nearest to p (..., d), mm."""
@@ -49,7 +51,10 @@ class Ray(Brief):
 
     def distance(self, p: Floats) -> Array:
         """Return the distances (...) mm of the points p (..., d) from the rays' whole lines."""
-        return np.asarray(np.linalg.norm(np.asarray(p, dtype=np.float64) - self.foot(p), axis=-1))
+        return np.asarray(np.linalg.norm(self._points(p) - self.foot(p), axis=-1))
+
+    def _points(self, p: Floats) -> Array:
+        return coordinates(p, "points", self.origin.shape[-1])
 
     def approach(self, other: Ray) -> Approach:
         """Return the closest points of these rays and the others; NaN where they are parallel.
@@ -58,6 +63,7 @@ class Ray(Brief):
         signs and indices corrected); here the same is computed from the component of one direction perpendicular to the
         other, so that nearly parallel rays lose no digits.
         """
+        expect(other, "other", Ray)
         t = np.stack([_along_to(self, other), _along_to(other, self)], axis=-1)
         feet = np.stack(np.broadcast_arrays(self.at(t[..., 0]), other.at(t[..., 1])), axis=-2)
         return Approach(t, feet, _angle(self.direction, other.direction))

@@ -34,6 +34,11 @@ class Rigid:
         if defect > so3.EXACT or not np.all(np.linalg.det(R) > 0):
             misfit = so3.misfit(defect, exact=so3.EXACT)
             raise BadValue("rotation", misfit, "an orthonormal, right-handed 3x3 matrix")
+        if R.ndim > 2 and t.ndim > 1:
+            try:
+                np.broadcast_shapes(R.shape[:-2], t.shape[:-1])
+            except ValueError:
+                raise BadValue("translations", f"of shape {t.shape}", f"one for each of rotations {R.shape}") from None
         object.__setattr__(self, "rotation", R)
         object.__setattr__(self, "translation", t)
 

@@ -124,7 +124,7 @@ def _position_as_json(one: PlaneCalibration) -> dict[str, Any]:
         "survey_mm": survey,
         **({"survey_sigma_mm": placement.sigma_mm} if np.isinf(placement.dof) else {}),
         "pixels_px": seen,
-        **({} if fit.stated_px is None else {"sigma_px": fit.stated_px}),
+        **({} if one.sigma_px is None else {"sigma_px": one.sigma_px}),
         "source": fit.observations.source,
         "sha256": fit.observations.sha256,
     }

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
+from cadcam.errors import TooFewPoints
 
 _AMPLITUDES, _LENGTHS = np.geomspace(0.1, 6.0, 7), np.geomspace(0.2, 3.0, 7)  # by the deviations' range; by the extent
 _SMOOTHNESS = (2.5, np.inf)
@@ -82,7 +83,10 @@ def fit_field(positions: Floats, deviations: Floats, noise: Floats) -> Deviation
 
     noise (2, N, N): covariance of the deviations' errors, for x and for y.
     """
-    grid, m = frozen(positions, "positions", (None, 2)), frozen(deviations, "deviations", (None, 2))
+    grid = frozen(positions, "positions", (None, 2))
+    if not len(grid):
+        raise TooFewPoints("a field of deviations", 0, 1, of="positions")
+    m = frozen(deviations, "deviations", (len(grid), 2))
     N = frozen(noise, "noise of the deviations", (2, len(grid), len(grid)))
     (hx, px), (hy, py) = (_weighed(grid, m[:, axis], N[axis]) for axis in (0, 1))
     return DeviationField(grid, (hx, hy), (px, py), N)

@@ -103,9 +103,9 @@ class GantryCalibration(Brief):
 
     @property
     def sigma_px(self) -> float:
-        """Return the noise of one pixel coordinate, pooled over all calibrations; inf where none determines it."""
-        with_noise = [one.estimate for one in self.positions if np.isfinite(one.estimate.noise_px)]
-        return float(np.sqrt(np.mean([e.noise_px**2 for e in with_noise]))) if with_noise else np.inf
+        """Return the noise of one coordinate of the pixels as found, pooled over all calibrations; inf if unknown."""
+        known = [one.noise_px for one in self.positions if np.isfinite(one.noise_px)]
+        return float(np.sqrt(np.mean(np.square(known)))) if known else np.inf
 
     def radius_px(self, radius_mm: float) -> float:
         """Return the radius in px of a circle of the floor in a picture, the mean of both axes."""

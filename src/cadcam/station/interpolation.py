@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Literal, TypeAlias
 import numpy as np
 
 from cadcam.arrays import Array, Floats, frozen
-from cadcam.errors import BadValue
-from cadcam.kinds import expect_known
+from cadcam.errors import BadValue, TooFewPoints
+from cadcam.kinds import expect_known, expect_positive
 
 if TYPE_CHECKING:
     from scipy.spatial import Delaunay
@@ -35,6 +35,9 @@ def weights(positions: Floats, at: Floats, rule: Rule, *, extrapolate: bool = Fa
     """
     grid, place = frozen(positions, "calibration positions", (None, 2)), frozen(at, "position", (2,))
     expect_known(rule, "rule", ("bilinear", "linear", "nearest", "b4"))
+    expect_positive(near_mm, "near_mm", "a number of mm from 0 on", zero=True)
+    if not len(grid):
+        raise TooFewPoints("interpolation", 0, 1, of="calibration positions")
     check_inside(grid, place, extrapolate=extrapolate, near_mm=near_mm)
     distance = np.linalg.norm(grid - place, axis=1)
     alone = np.eye(len(grid))[int(np.argmin(distance))]
@@ -92,7 +95,7 @@ def bilinear_weights(corners: Floats, at: Floats) -> Array | None:
 
     None where four such values do not determine a, b, c, d: x y is then a combination of 1, x, y at these positions.
     """
-    p, place = frozen(corners, "four positions", (4, 2)), np.asarray(at, dtype=np.float64)
+    p, place = frozen(corners, "four positions", (4, 2)), frozen(at, "position", (2,))
     centre, size = p.mean(axis=0), np.ptp(p, axis=0).max()
     if size == 0:
         return None

@@ -168,6 +168,8 @@ def _raw(station: GantryCalibration, seen: Sequence[Sighting], how: _Interpolati
         by_pixel += share[:, :, None] * back
         effects += _of_position(one, share[:, :, None], by_entry, p)
         _add_plate(plates, one, share[:, :, None] * plate_effect(one, by_entry, p + one.position))
+    if station.lens is not None:  # the covariances are those of the pixels as found
+        by_pixel = by_pixel @ station.lens.undistorted_with_jacobian(q)[1]
     noise = by_pixel @ np.stack([s.covariance for s in seen]) @ np.swapaxes(by_pixel, 1, 2)
     visits = np.zeros((n, 2, W.shape[2], 2))
     for axis in (0, 1):

@@ -18,7 +18,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations
 from cadcam.camera.plane_camera import PlaneCamera, PlaneEstimate
 from cadcam.errors import DegenerateGeometry
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_positive
 from cadcam.station.plate import Placement
 
 _STEP = 1e-30  # step of complex-step derivatives, which have no cancellation
@@ -49,7 +49,8 @@ class PlaneCalibration(Brief):
 
     placement: where the plate lay. estimate: the camera of the plane relative to `position`, with its covariance from
     the pixels, distortion removed. seen: which of the plate's marks were found. name: of the picture. lens: whose
-    distortion was removed; None where the matrix is the whole model.
+    distortion was removed; None where the matrix is the whole model. sigma_px: noise of one coordinate of the pixels as
+    found, as stated, or None. stretch: by how much that noise grows as the distortion is removed, rms over the marks.
     """
 
     name: str
@@ -58,6 +59,8 @@ class PlaneCalibration(Brief):
     estimate: PlaneEstimate
     seen: tuple[int, ...]
     lens: Camera | None = None
+    sigma_px: float | None = None
+    stretch: float = 1.0
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "position", frozen(self.position, "calibration position", (2,)))
@@ -89,6 +92,11 @@ class PlaneCalibration(Brief):
         """Return the pixels (N, 2) of the seen marks, as found."""
         q = self.estimate.observations.q
         return q if self.lens is None else self.lens.distorted(q)
+
+    @property
+    def noise_px(self) -> float:
+        """Return the noise of one coordinate of the pixels as found: as stated, else by the residuals, else inf."""
+        return self.estimate.noise_px / self.stretch
 
     def straight(self, q: Floats) -> Array:
         """Return pixels (N, 2) with the lens' distortion removed, as `camera` takes them."""
@@ -135,16 +143,21 @@ def calibrate_position(
     """
     expect(placement, "placement", Placement)
     expect(lens, "lens", Camera, optional=True)
+    if sigma_px is not None:
+        expect_positive(sigma_px, "sigma_px", "a positive number of px, or None")
     at, plate = frozen(position, "calibration position", (2,)), placement.plate
     pixels = frozen(q, "pixels of the marks", (len(plate.marks), 2), finite=False)
     seen = np.isfinite(pixels).all(axis=1)
     p = np.column_stack([placement.marks - at, np.zeros(len(pixels))])
     names = tuple(n for n, s in zip(plate.mark_names, seen, strict=True) if s)
-    straight = pixels[seen] if lens is None else lens.undistorted(pixels[seen])
-    observations = Observations(p[seen], straight, names, sigma_px, source, sha256)
-    return PlaneCalibration(
-        name, at, placement, calibrate_plane(observations), tuple(np.flatnonzero(seen).tolist()), lens
-    )
+    straight, stretch = pixels[seen], 1.0
+    if lens is not None:
+        straight, by_pixel = lens.undistorted_with_jacobian(pixels[seen])
+        stretch = float(np.sqrt(np.mean(by_pixel**2) * 2)) if len(straight) else 1.0
+    noise = None if sigma_px is None else sigma_px * stretch
+    observations = Observations(p[seen], straight, names, noise, source, sha256)
+    found = tuple(np.flatnonzero(seen).tolist())
+    return PlaneCalibration(name, at, placement, calibrate_plane(observations), found, lens, sigma_px, stretch)
 
 
 def refuse_misfit(calibration: PlaneCalibration, *, limit_px: float) -> None:

@@ -263,14 +263,16 @@ class ReadingFit:
 def reading(poses: HandEyePoses) -> ReadingFit:
     """Fit rotation, translation and a scale of the camera's lengths to all motions."""
     A, B = motions(poses.base_from_flange, poses.held_from_fixed)
-    a, b = so3.log(A.rotation), so3.log(B.rotation)
-    R = hand_eye.procrustes(a, b, np.ones(len(a)))
-    left = np.linalg.norm(a - b @ R.T, axis=1)
-    t_B = B.translation @ R.T
+    found = [_reading(A, B, turned) for turned in hand_eye.rotations(A, B, np.ones(len(A.rotation)))]
+    return min(found, key=lambda one: one.misfit)
+
+
+def _reading(A: Rigid, B: Rigid, turned: hand_eye.Turned) -> ReadingFit:
+    t_B = B.translation @ turned.R.T
     M = np.concatenate([A.rotation - np.eye(3), -t_B[..., None]], axis=-1).reshape(-1, 4)
     M[:, 3] /= (column := max(float(np.linalg.norm(M[:, 3])), 1e-300))
     scaled, unscaled = _solved(M, -A.translation), _solved(M[:, :3], t_B - A.translation)
-    return ReadingFit(float(np.median(left)), scaled[1], float(scaled[0][3] / column), unscaled[1])
+    return ReadingFit(float(np.median(turned.left)), scaled[1], float(scaled[0][3] / column), unscaled[1])
 
 
 def _solved(M: Array, right: Array) -> tuple[Array, float]:

@@ -14,6 +14,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Longs
 from cadcam.calibrate.joint import start as joint_start
 from cadcam.calibrate.points.free import estimated_names
+from cadcam.calibrate.points.refusals import refuse_one_pixel
 from cadcam.camera.camera import Camera
 from cadcam.camera.extended_pinhole import INTERNALS, camera_of
 from cadcam.camera.joint_estimate import JointEstimate
@@ -115,6 +116,8 @@ def fit_jointly(
     names = expect_names(free_lens, "free_lens")
     free = estimated_names(fixed, lens, names, of=INTERNALS, what="shared parameter") + (BEND if bend else ())
     _refuse_few(views, free)
+    for j, view in enumerate(views):
+        refuse_one_pixel(view, where=f" of view {_label(view, j)}")
     _refuse_copies(views)
     _refuse_half_stated(views)
     model, origin = _model(views, free, lens, bend=bend)

@@ -58,6 +58,8 @@ def measure_points(
     """
     viewpoints = expect_each(viewpoints, "viewpoints", Viewpoint)
     expect(plane, "plane", Plane, optional=True)
+    if plane is not None and not plane.single:
+        raise BadValue("plane", repr(plane), "one plane for all points")
     job = _job(
         viewpoints,
         q,

@@ -11,7 +11,12 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.calibrate.points.free import estimated_names
 from cadcam.calibrate.points.linear import dlt_estimate, dlt_states, seen_from_the_front
-from cadcam.calibrate.points.refusals import mirrored_internals, refuse_as_good_as_flat, refuse_mirrored
+from cadcam.calibrate.points.refusals import (
+    mirrored_internals,
+    refuse_as_good_as_flat,
+    refuse_mirrored,
+    refuse_one_pixel,
+)
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.extended_pinhole import EXTERNALS, INTERNALS, NAMES, internals_by_name, internals_of
@@ -51,9 +56,9 @@ def calibrate_camera(
     method "dlt" and "dlt-c23" give the direct linear transform alone, in its normalised or the thesis' form (EQ
     2.62-2.65), with its own covariance: biased, and kept for comparison.
 
-    Raises `TooFewPoints`; `DegenerateGeometry` for points on a line, points on a plane with more than 8 unknowns, or
-    parameters that the points do not determine (named); `MirroredPoints`; `BadValue` and `UnknownName` for bad
-    arguments.
+    Raises `TooFewPoints`; `DegenerateGeometry` for points on a line or all at one pixel, points on a plane with more
+    than 8 unknowns, or parameters that the points do not determine (named); `MirroredPoints`; `BadValue` and
+    `UnknownName` for bad arguments.
     """
     expect(fixed, "fixed", Mapping, optional=True)
     expect(observations, "observations", Observations)
@@ -63,6 +68,7 @@ def calibrate_camera(
     free = estimated_names(fixed, lens, expect_names(free_lens, "free_lens"), of=NAMES, what="parameter")
     _refuse_few(observations, free)
     refuse_flat(observations.p_world, unknowns=len(free))
+    refuse_one_pixel(observations)
     expect_known(method, "calibration method", METHODS)
     if method != "reprojection":
         if free != NAMES or lens != Ideal():
@@ -86,13 +92,14 @@ def locate_camera(observations: Observations, camera: Camera) -> CameraEstimate:
     Its internals and lens are kept, and taken as exact: `Viewpoint.located` adds their errors. The global minimum of
     the reprojection error, without a guess, for any lens. A flat target's second pose is reported as `alternative`,
     with its residuals, if it is a minimum too; so is any other pose that fits nearly as well. Raises `TooFewPoints`,
-    `DegenerateGeometry` for points on a line, `MirroredPoints`, and `BadValue` naming a point that lies where the lens
-    images nothing.
+    `DegenerateGeometry` for points on a line or all at one pixel, `MirroredPoints`, and `BadValue` naming a point that
+    lies where the lens images nothing.
     """
     expect(observations, "observations", Observations)
     expect(camera, "camera", Camera)
     _refuse_few(observations, EXTERNALS)
     refuse_flat(observations.p_world, unknowns=len(EXTERNALS))
+    refuse_one_pixel(observations)
     _refuse_blind_pixels(observations, camera)
     model = CameraModel(observations.p_world, observations.q, EXTERNALS, camera.lens)
     found = minima(model, internals_of(camera.K)[None])

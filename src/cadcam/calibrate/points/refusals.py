@@ -1,4 +1,4 @@
-"""Results that must not be returned: points that fit only a mirrored camera, nearly flat points."""
+"""Results that must not be returned: points at one pixel, that fit only a mirrored camera, or are nearly flat."""
 
 from __future__ import annotations
 
@@ -15,6 +15,7 @@ from cadcam.fit.extents import flatness
 _UNSUSPICIOUS_PX = 0.5  # rms of a coordinate that is accepted where no sigma is stated
 _UNSUSPICIOUS_SIGMAS = 3.0
 _TIMES_LIKELIER = 1e3
+_ROUNDING = 1e-12  # of a pixel's coordinates
 _NEARLY_FLAT = 0.02  # thickness over length
 _USELESS = 1 / 3  # relative sigma of the focal length
 
@@ -46,6 +47,17 @@ def refuse_mirrored(
             f"the points fit a mirrored camera (residual {np.sqrt(mirrored / n):.3g} px) better than any real one "
             f"({np.sqrt(sum_of_squares / n):.3g} px): the world frame is left-handed or the image is mirrored "
             "(columns for U and V exchanged, or rows counted upwards)"
+        )
+
+
+def refuse_one_pixel(observations: Observations, *, where: str = "") -> None:
+    """Raise `DegenerateGeometry` for different points that are all seen at one place; where: names the view."""
+    q = observations.q
+    if len(q) and float(np.ptp(q, axis=0).max()) <= _ROUNDING * (1 + float(np.abs(q).max())):
+        x, y = q[0]
+        raise DegenerateGeometry(
+            f"all {len(q)} points{where} are seen at one pixel, x = {x:.6g}, y = {y:.6g} px: no camera near them does "
+            "that; are the columns of the pixels the right ones?"
         )
 
 

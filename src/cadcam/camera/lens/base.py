@@ -10,7 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, in_parts
+from cadcam.arrays import LARGEST, Array, Floats, Mask, in_parts
 from cadcam.camera.perspective import by_point, direction, perspective, perspective_and_scale
 from cadcam.errors import BadValue
 from cadcam.kinds import expect_number, said
@@ -29,9 +29,12 @@ class Lens(ABC):
             if not isinstance(value, (float, int, np.floating, np.integer)):
                 raise BadValue(f"lens coefficient {name}", said(value), "a number; a list of them is given as *list")
             expect_number(value, f"lens coefficient {name}")
-            if not math.isfinite(value):
-                raise BadValue(f"lens coefficient {name}", value, "a finite number")
-            object.__setattr__(self, name, float(value))
+            number = float(value)
+            if not math.isfinite(number):
+                raise BadValue(f"lens coefficient {name}", number, "a finite number")
+            if abs(number) > LARGEST:  # products of several coefficients must not overflow
+                raise BadValue(f"lens coefficient {name}", number, f"a number of at most {LARGEST:g} in size")
+            object.__setattr__(self, name, number)
 
     @property
     def parameters(self) -> dict[str, float]:

@@ -76,6 +76,18 @@ class BrownConrady(PlanarLens):
         """Return the radius at which the mapping first folds: the Jacobian's determinant vanishes in some direction."""
         return radial.fold_limit(self._plane_jacobian, self._radial_limit) if self._decentred else self._radial_limit
 
+    @cached_property
+    def _farthest(self) -> float:
+        """Return a |m| that nothing within the valid radius is imaged beyond; 0 where that has no limit.
+
+        The image of the disc is bounded by that of its circle, here taken a hundredth wider than at its samples.
+        """
+        if not np.isfinite(self.valid_radius):
+            return 0.0
+        phi = np.linspace(0, 2 * np.pi, 360, endpoint=False)
+        edge = self._distort(self.valid_radius * np.stack([np.cos(phi), np.sin(phi)], axis=-1))
+        return 1.01 * float(np.hypot(edge[:, 0], edge[:, 1]).max())
+
     @property
     def _prisms(self) -> bool:
         return any((self.s1, self.s2, self.s3, self.s4))
@@ -180,7 +192,18 @@ class BrownConrady(PlanarLens):
 
         r = radial.inverse(curve, rho, self._radial_limit, rough=self._decentred)
         u = m * np.where(rho > 0, r / np.where(rho > 0, rho, 1.0), 1.0)[..., None]
-        return radial.newton_plane(self._distort, self._linearised, m, u) if self._decentred else u
+        if not self._decentred:
+            return u
+        found = radial.newton_plane(self._distort, self._linearised, m, u)
+        astray = ~self._inside(found)
+        if not astray.any():
+            return found
+        astray &= rho < self._farthest
+        if astray.any():  # Newton's first steps led beyond the fold, or no direction has this image
+            found[astray] = radial.newton_plane(
+                self._distort, self._linearised, m[astray], u[astray], within=self.valid_radius
+            )
+        return found
 
 
 @dataclass(frozen=True, repr=False)

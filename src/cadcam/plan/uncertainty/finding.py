@@ -119,7 +119,7 @@ def outline(A: Array) -> tuple[Array, Array]:
     flat = m < 1e-4  # series: K - E suffers from cancellation
     safe = np.where(flat, 1.0, m)
     long = np.where(flat, np.pi * a * (1 - 5 * m / 8), 4 * a * q * (K - E) / safe)
-    short = np.where(flat, np.pi * a * (1 - m / 8), 4 * a * (E - q * K) / safe)
+    short = np.where(flat, np.pi * a * (1 + m / 8), 4 * a * (E - q * K) / safe)
     angle = np.arctan2(S[..., 0, 1], (S[..., 0, 0] - S[..., 1, 1]) / 2) / 2
     u = np.stack([np.cos(angle), np.sin(angle)], axis=-1)
     uu = u[..., :, None] * u[..., None, :]

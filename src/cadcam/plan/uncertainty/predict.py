@@ -19,7 +19,7 @@ from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
-from cadcam.kinds import expect_each, expect_positive
+from cadcam.kinds import expect, expect_each, expect_positive
 from cadcam.plan.uncertainty.evidence import Evidence, symmetric, together
 
 HEIGHT = "height of the plane"
@@ -81,6 +81,9 @@ def predict_points(
     if not viewpoints:
         raise BadValue("viewpoints", "none", "at least one")
     expect_positive(plane_sigma_mm, "plane_sigma_mm", "a number of mm from 0 on", zero=True)
+    expect(plane, "plane", Plane, optional=True)
+    if plane is not None and not plane.single:
+        raise BadValue("plane", repr(plane), "one plane for all points")
     q, J, effects = zip(*(view.project(points) for view in viewpoints), strict=True)
     shown = _shown(viewpoints, np.stack(q), seen)
     noise_inverse = np.asarray(np.linalg.inv(_noise(viewpoints, noise, len(points))))
@@ -138,7 +141,12 @@ def _noise(viewpoints: Sequence[Viewpoint], noise: Floats | None, n: int) -> Arr
     if noise is None:
         own = np.array([view.sigma_px**2 for view in viewpoints])
         return np.asarray(own[:, None, None, None] * np.broadcast_to(np.eye(2), (len(viewpoints), n, 2, 2)))
-    return frozen(noise, "noise (viewpoints, points, 2, 2)", (len(viewpoints), n, 2, 2))
+    given = frozen(noise, "noise (viewpoints, points, 2, 2)", (len(viewpoints), n, 2, 2))
+    none = np.argwhere(~(np.linalg.eigvalsh(given)[..., 0] > 0))
+    if len(none):
+        view, point = none[0].tolist()
+        raise BadValue(f"noise{[view, point]}", given[view, point].tolist(), "a covariance of positive variances")
+    return given
 
 
 def sources_of(viewpoints: Sequence[Viewpoint]) -> list[ErrorSource]:

@@ -14,7 +14,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Longs, Mask, frozen
 from cadcam.errors import BadValue, UnknownName
 from cadcam.kinds import expect
 from cadcam.target.boards.board import Ink, length_mm, length_text
@@ -318,19 +318,29 @@ class MarkSheet(Brief):
         return np.asarray(ground & ~inside)
 
     def _inked(self, p: Array) -> Mask:
-        """Return whether the sectors of the nearest mark cover p (..., 2) mm."""
+        """Return whether the sectors of a mark cover p (..., 2) mm."""
+        radius = np.array([mark.radius for mark in self.marks])
+        inside: Mask = np.zeros(p.shape[:-1], dtype=bool)
+        for size in np.unique(radius):  # the nearest of all may be a small mark beside the large one that covers p
+            inside |= self._inked_by(np.flatnonzero(radius == size), p)
+        return np.asarray(inside)
+
+    def _inked_by(self, some: Longs, p: Array) -> Mask:
+        """Return whether the sectors of the nearest of some marks of one size cover p (..., 2) mm."""
         from scipy.spatial import cKDTree
 
-        if len(self.places) == 1:
-            return self.marks[0].inked(p - self.places[0])
-        inside = np.zeros(p.shape[:-1], dtype=bool)
-        near = np.asarray(cKDTree(self.places).query(p, distance_upper_bound=self.cell_mm * 1.0001)[1])
-        kinds: dict[int, Mark] = {id(mark): mark for mark in self.marks}
-        which = np.array([id(mark) for mark in self.marks] + [0])[near]
+        first = self.marks[int(some[0])]
+        if len(some) == 1:
+            return first.inked(p - self.places[some[0]])
+        inside, places = np.zeros(p.shape[:-1], dtype=bool), self.places[some]
+        reach = first.radius * 1.0001
+        near = np.asarray(cKDTree(places).query(p, distance_upper_bound=reach)[1])
+        kinds: dict[int, Mark] = {id(self.marks[i]): self.marks[i] for i in some}
+        which = np.array([id(self.marks[i]) for i in some] + [0])[near]
         for key, mark in kinds.items():
             at = which == key
-            inside[at] = mark.inked(p[at] - self.places[near[at]])
-        return inside
+            inside[at] = mark.inked(p[at] - places[near[at]])
+        return np.asarray(inside)
 
     def ink(self) -> Ink:
         """Return what is printed; where marks are light, the ground with holes."""
