@@ -13,6 +13,7 @@ busy machine only the second means much.
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 import resource
@@ -125,13 +126,17 @@ def main() -> None:
         rows.append((name, rate))
         print(f"{name:60s} {rate[0]:8.2f} views/s {rate[1]:8.1f} CPU ms a view", flush=True)
 
+    there = importlib.util.find_spec("pyrender") is not None
+    if not there:
+        print("pyrender is not installed: left out")
     for when in ("before", "after"):
-        row(f"pyrender, rendered, one process ({when})", by_processes("pyrender", count, 1, fill))
-        row(f"pyrender, rendered, one process a core ({when})", by_processes("pyrender", count, usable_cores(), fill))
+        if there:
+            row(f"pyrender, rendered, one process ({when})", by_processes("pyrender", count, 1, fill))
+            row(f"pyrender, rendered, one process a core ({when})", by_processes("pyrender", count, usable_cores(), fill))
         if when == "before":
             row("cadcam, rendered, one process", by_processes("raster", 4 * count, 1, fill))
             row("cadcam, labelled and written", labelled(arguments.views, fill))
-    for column, best_of in ((0, max), (1, min)):
+    for column, best_of in ((0, max), (1, min)) if there else ():
         best = best_of(rate[column] for name, rate in rows if name.startswith("pyrender"))
         for name, rate in rows:
             if name.startswith("cadcam"):

@@ -4,9 +4,9 @@
     python benchmarks/handeye.py ../shared/data      and the real sets found there
 
 Prints markdown: docs/benchmarks/handeye.md and docs/benchmarks/real_handeye.md keep it. OpenCV before 5 has
-calibrateHandEye and calibrateRobotWorldHandEye (opencv-python-headless<5); without it the peers are left out. It is
-given the target's poses by its own solvePnP, as its documentation has it, and cadcam the same pixels. CPU time is of
-everything from pixels on, both cores counted.
+calibrateHandEye and calibrateRobotWorldHandEye (opencv-python-headless<5); with a later one its rows are left out, and
+without any the two sets of pictures too, whose corners it finds. It is given the target's poses by its own solvePnP, as
+its documentation has it, and cadcam the same pixels. CPU time is of everything from pixels on, both cores counted.
 """
 
 from __future__ import annotations
@@ -52,15 +52,14 @@ class Answer:
 
 
 def opencv() -> Any:
-    """Return cv2 with hand-eye calibration, or None with a line that says so."""
+    """Return cv2, or None, with a line that says so where its hand-eye calibration is missing."""
     try:
         import cv2
     except ImportError:
         print("OpenCV is not installed: left out\n")
         return None
     if not hasattr(cv2, "calibrateHandEye"):
-        print(f"OpenCV {cv2.__version__} has no calibrateHandEye (before 5 it has): left out\n")
-        return None
+        print(f"OpenCV {cv2.__version__} has no calibrateHandEye (before 5 it has): its rows are left out\n")
     return cv2
 
 
@@ -94,7 +93,9 @@ def ours_closed_form(B: Rigid, seen: Sequence[Observations], camera: Camera, mou
 
 
 def peers(cv2: Any) -> dict[str, Callable[[Rigid, Rigid], Rigid]]:
-    """Return OpenCV's methods: (world_from_mount, camera_from_target) -> mount_from_camera."""
+    """Return OpenCV's methods: (world_from_mount, camera_from_target) -> mount_from_camera. None where it has none."""
+    if not hasattr(cv2, "calibrateHandEye"):
+        return {}
 
     def hand_eye(flag: int) -> Callable[[Rigid, Rigid], Rigid]:
         def solve(G: Rigid, C: Rigid) -> Rigid:
@@ -143,7 +144,7 @@ def methods(cv2: Any) -> dict[str, Callable[[Rigid, Sequence[Observations], Came
         "cadcam": ours,
         "cadcam, closed form alone": ours_closed_form,
     }
-    for name, solve in ({} if cv2 is None else peers(cv2)).items():
+    for name, solve in peers(cv2).items():
 
         def run(
             B: Rigid,
@@ -232,7 +233,7 @@ def moveit(cv2: Any, folder: Path) -> None:
     published = Rigid(x @ y @ z, np.array([659.0, -249.0, 830.0]))
     estimate = calibrate_hand_eye_from_poses(B, C, mounting="eye-to-hand")
     answers = {"cadcam": camera_in(estimate)}
-    answers |= {n: attempt(s, B.inv, C) for n, s in ({} if cv2 is None else peers(cv2)).items()}
+    answers |= {n: attempt(s, B.inv, C) for n, s in peers(cv2).items()}
     print("## moveit_handeye: 50 poses, eye-to-hand, no pixels\n")
     table(estimate, answers | {"published": Answer(published)}, C)
     try:

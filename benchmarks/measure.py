@@ -1,18 +1,18 @@
 """Errors of measured points on a real target with four cameras, and whether their sigmas predict them.
 
-    python benchmarks/measure.py FOLDER
+    python benchmarks/measure.py ../shared/data/openptv_cavity
 
-FOLDER is the calibration set of OpenPTV's test_cavity (github.com/OpenPTV/test_cavity, MIT): 73 dots in two and a half
-levels, 70 x 50 x 16 mm, in a water-filled box, seen by four cameras of 1280 x 1024 px. The dots' detections are matched
-from the four clicks of each camera; then every dot is left out in turn, all cameras are calibrated from the others, and
-the dot is measured with them. "error" is the rms distance from the drawing; "sigma" what the measurement says of it;
-"cover" the share of coordinates within 1.96 sigma; "chi2/3" the mean Mahalanobis square by its freedom, 1 if sigmas are
-right and the drawing exact.
+The folder is the calibration set of OpenPTV's test_cavity (github.com/OpenPTV/test_cavity, MIT): 73 dots in two and a
+half levels, 70 x 50 x 16 mm, in a water-filled box, seen by four cameras of 1280 x 1024 px. The dots' detections are
+matched from the four clicks of each camera; then every dot is left out in turn, all cameras are calibrated from the
+others, and the dot is measured with them. "error" is the rms distance from the drawing; "sigma" what the measurement
+says of it; "cover" the share of coordinates within 1.96 sigma; "chi2/3" the mean Mahalanobis square by its freedom, 1
+if sigmas are right and the drawing exact.
 """
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -124,7 +124,9 @@ def matrix(camera: Camera, estimate: CameraEstimate) -> Array:
 
 
 def main() -> None:
-    dots, q = matched(Path(sys.argv[1]))
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("folder", type=Path, help="calibration set of test_cavity: ../shared/data/openptv_cavity")
+    dots, q = matched(parser.parse_args().folder)
     counts = np.isfinite(q).all(axis=-1).sum(axis=1)
     whole = [calibrated(dots, pixels) for pixels in q]
     print("| camera | dots | residual, px | focal, px |\n|---|---|---|---|")

@@ -9,7 +9,7 @@ random starts that found the library's optimum (how wide its basin is); "two" th
 
 from __future__ import annotations
 
-import sys
+import argparse
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
@@ -175,7 +175,12 @@ def solve_calibration(kind: Kind, seen: Observations) -> CameraEstimate:
     return calibrate_camera(seen, SIZE)
 
 
-def main(scenes: int = 50, starts: int = 200) -> None:
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("scenes", nargs="?", type=int, default=50, help="scenes a row")
+    parser.add_argument("starts", nargs="?", type=int, default=200, help="random starts of each scene")
+    given = parser.parse_args()
+    scenes, starts = given.scenes, given.starts
     head = f"{'':38s} {'lost':>5s} {'refused':>8s} {'two':>5s}   {'hit %':>5s} {'least':>5s}   {'ms':>6s}"
     print(f"pose, internals known; {scenes} scenes a row, {starts} random starts each\n{head}")
     for seed, kind in enumerate(kinds()):
@@ -186,4 +191,4 @@ def main(scenes: int = 50, starts: int = 200) -> None:
 
 
 if __name__ == "__main__":
-    main(*(int(x) for x in sys.argv[1:3]))
+    main()

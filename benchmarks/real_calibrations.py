@@ -1,8 +1,8 @@
 """Calibrations of public data sets: ours, the published values, and what OpenCV gets, where it is installed.
 
-    python benchmarks/real_calibrations.py DATA [> docs/benchmarks/real_calibrations.md]
+    python benchmarks/real_calibrations.py ../shared/data
 
-DATA is a folder with the data sets as sub-folders, each as its authors published it; absent ones are left out. A new
+The folder holds the data sets as sub-folders, each as its authors published it; absent ones are left out. A new
 set is a function that takes its folder and returns its section, put into `SETS`.
 """
 
@@ -244,10 +244,8 @@ def main() -> None:
     if len(sys.argv) != 2:
         sys.exit(__doc__)
     data = Path(sys.argv[1])
-    print(
-        "# Calibrations of public data\n\nMade by `python benchmarks/real_calibrations.py DATA`; the data sets are not"
-    )
-    print("in this repository. Pixels (column, row), (0, 0) the centre of the top-left one; mm.")
+    print("# Calibrations of public data\n\nMade by `python benchmarks/real_calibrations.py ../shared/data`; the data")
+    print("sets are not in this repository. Pixels (column, row), (0, 0) the centre of the top-left one; mm.")
     for name, section in SETS.items():
         if (data / name).is_dir():
             print("\n" + "\n".join(section(data / name)))

@@ -4,7 +4,7 @@
 
 Runs real_calibrations.py, real_boards.py, handeye.py and measure.py on the sets that the folder holds; their tables
 stand in docs/benchmarks (real_calibrations.md, real_boards.md, real_handeye.md, measure.md). Takes some minutes. Rows
-of OpenCV need opencv-python-headless; its hand-eye rows a version before 5.
+of OpenCV need opencv-python-headless; its hand-eye rows a version before 5; the wall of dots h5py.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ def commands(data: Path) -> list[list[str]]:
     """Return the scripts with their arguments."""
     found = [
         ["real_calibrations.py", str(data)],
-        ["real_boards.py", str(data), "--only", "left,right,franka,circles,zhang,dots"],
+        ["real_boards.py", str(data), "--only", "left,right,pair,franka,circles,zhang,dots"],
         ["handeye.py", str(data), "--real-only"],
     ]
     cavity = data / "openptv_cavity"

@@ -1,6 +1,6 @@
 """Section 2.4 of the dissertation reproduced: its tables beside ours, and the figures of docs/thesis/variability.md.
 
-    python benchmarks/variability.py table_2_7.csv [folder for the figures]
+    python benchmarks/variability.py ../shared/thesis/tables/table_2_7.csv [folder for the figures]
 
 The points file is Table 2.7 (X,Y,Z,U1,V1,U2,V2), both camera positions. Printed numbers stand in this script. The noise
 is the dissertation's, sqrt(sum of squares/22) of its own transform.
@@ -8,7 +8,7 @@ is the dissertation's, sqrt(sum of squares/22) of its own transform.
 
 from __future__ import annotations
 
-import sys
+import argparse
 from pathlib import Path
 
 import numpy as np
@@ -49,8 +49,11 @@ PRINTED_ALTERNATING = (0.00241, 2.17, 0.12501, 2.18, 2.14)  # Table 2.17: standa
 
 
 def main() -> None:
-    path = sys.argv[1]
-    seen = {i: read_points(path, columns=(f"U{i}", f"V{i}")) for i in (1, 2)}
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("points", type=Path, help="Table 2.7 as a points file")
+    parser.add_argument("figures", nargs="?", type=Path, help="folder for the figures")
+    given = parser.parse_args()
+    seen = {i: read_points(given.points, columns=(f"U{i}", f"V{i}")) for i in (1, 2)}
     linear = {i: calibrate_camera(o, SIZE, method="dlt-c23") for i, o in seen.items()}
     best = {i: calibrate_camera(o, SIZE) for i, o in seen.items()}
     noise = {i: float(np.sqrt(e.sum_of_squares / 22)) for i, e in linear.items()}
@@ -63,8 +66,8 @@ def main() -> None:
     unpreconditioned(noise[1], best[1])
     alternating(noise[1], best[1], linear[1])
     radial(best, {i: calibrate_camera(o, SIZE, lens=BrownConrady(), free_lens=("k1",)) for i, o in seen.items()})
-    if len(sys.argv) > 2:
-        figures(Path(sys.argv[2]), noise[1], best[1], chain)
+    if given.figures is not None:
+        figures(given.figures, noise[1], best[1], chain)
 
 
 def rng(study: int) -> np.random.Generator:

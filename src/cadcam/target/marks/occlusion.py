@@ -45,7 +45,8 @@ def clear_fit(
     odd, seen = every.odd(fit)
     suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
     plain = _also_plain(odd, seen)
-    suspects = np.flatnonzero(suspect & (plain | _one_sided(odd, window))).tolist()
+    # A motion that is there explains the borders; one fitted to a cover spreads its contradictions to both sides.
+    suspects = np.flatnonzero(suspect & (plain | _one_sided(odd, window) | (loose > BENT))).tolist()
 
     def treated(i: int) -> tuple[int, tuple[Fit, Array] | None]:
         """Return how many of b dx dy the i-th mark has, and its fit with the weights of its pixels if any is hidden."""
