@@ -157,6 +157,7 @@ def test_a_frame_without_contrast_is_a_loss_that_says_so(monkeypatch: pytest.Mon
     for tracked in track_part(PART, blank, FIRST):
         assert (tracked.how, tracked.found) == ("lost", False)
         assert "empty" in tracked.location.reason
+        assert (tracked.location.pose.sigma_mm > 100).all()  # it was not looked for: no uncertainty would look certain
 
 
 def test_a_restricted_motion_is_searched_for_only_around_its_start(sighting: Install) -> None:
