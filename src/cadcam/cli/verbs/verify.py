@@ -60,8 +60,8 @@ tolerance file (YAML; mm and degrees, in the part's axes):
 {START_HELP}
 exit codes: 0 PASS, 1 FAIL, 3 UNDECIDED or not found (the reason is printed), 2 errors. Without --tolerances nothing is
 judged: displaced and missing parts are reported, and the code is 0, or 3 if the part is not found.
-`cadcam state add report.json` keeps the result; without --tolerances, of every part in view how far it is off, that it
-is missing, or why it is unclear, each without a verdict.
+`cadcam state add report.json` keeps the result; of every part in view that has no limit how far it is off, that it is
+missing, or why it is unclear, each without a verdict.
 """
 
 
