@@ -45,6 +45,19 @@ def test_results_are_kept_in_this_folder_and_listed(cadcam: Cadcam, here: Path) 
     assert (here / "parts.sqlite").exists()
 
 
+def test_a_trend_begins_long_reasons_where_it_begins_deviations(cadcam: Cadcam, here: Path) -> None:
+    rib = Deviation("rib", 0.05, 0.02)
+    why = Finding(
+        "rib", "position", reason="unclear: " + "its edges are off, by no more than a shadow may move them " * 2
+    )
+    write_records("made.jsonl", [Record("plate", "A", deviations=(rib,)), Record("plate", "B", findings=(why,))])
+    cadcam("state", "add", "made.jsonl")
+    lines = cadcam("state", "trend", "rib").out.partition("Over all")[0].splitlines()
+    begins = [line.index(said) for line in lines for said in ("deviation  ", "0.050 +- ", "unclear: ") if said in line]
+    assert len(begins) == 3
+    assert len(set(begins)) == 1
+
+
 def test_a_list_names_what_is_missing_before_what_is_off(cadcam: Cadcam, here: Path) -> None:
     """A part failed for want of its block: that its rib takes up 5 % of its tolerance is no reason."""
     rib = (Deviation("rib", 0.05, 0.02, lower=-1, upper=1, verdict="PASS"),)
