@@ -10,6 +10,7 @@ from cadcam.cli.arguments import (
     POINTS_OPTIONS,
     add_points_options,
     check_in_picture,
+    given,
     number,
     numbers,
     read_points_as_asked,
@@ -87,10 +88,12 @@ def add_view_options(parser: argparse.ArgumentParser, *, when: str = "without a 
 VIEW_OPTIONS = ("--seen-from", "--roll", "--distance")
 
 
-def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
-    """Return the range of views that --seen-from, --roll and --distance declare."""
+def views_as_asked(arguments: argparse.Namespace, *starts: str) -> ViewRange:
+    """Return the range of views that --seen-from, --roll and --distance declare; starts: options in place of them."""
     from cadcam.locate.views.view_range import ViewRange
 
+    if given(arguments, *starts):
+        refuse(arguments, *VIEW_OPTIONS, why="beside a start", expected="one of them: a start is not searched for")
     text, _, angle = arguments.seen_from.partition(":")
     axis = numbers("--seen-from", text) if "," in text else []
     if text not in ("any", "above") and len(axis) != 3:

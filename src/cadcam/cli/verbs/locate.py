@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING, Any
 from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
 from cadcam.cli.locating import (
     START_HELP,
-    VIEW_OPTIONS,
     VIEWS_HELP,
     add_start_options,
     add_view_options,
@@ -87,9 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_order(arguments.photos, arguments.model)
     shots = read_shots(arguments.photos, arguments)
     start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
-    if arguments.start or arguments.points:
-        refuse(arguments, *VIEW_OPTIONS, why="beside a start", expected="one of them: a start is not searched for")
-    views = views_as_asked(arguments)
+    views = views_as_asked(arguments, "--start", "--points")
     mesh, report = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
     location = located(part, shots, start, freedom, views)
