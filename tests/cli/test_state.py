@@ -45,6 +45,35 @@ def test_results_are_kept_in_this_folder_and_listed(cadcam: Cadcam, here: Path) 
     assert (here / "parts.sqlite").exists()
 
 
+def test_a_trend_begins_long_reasons_where_it_begins_deviations(cadcam: Cadcam, here: Path) -> None:
+    rib = Deviation("rib", 0.05, 0.02)
+    why = Finding(
+        "rib", "position", reason="unclear: " + "its edges are off, by no more than a shadow may move them " * 2
+    )
+    write_records("made.jsonl", [Record("plate", "A", deviations=(rib,)), Record("plate", "B", findings=(why,))])
+    cadcam("state", "add", "made.jsonl")
+    lines = cadcam("state", "trend", "rib").out.partition("Over all")[0].splitlines()
+    begins = [line.index(said) for line in lines for said in ("deviation  ", "0.050 +- ", "unclear: ") if said in line]
+    assert len(begins) == 3
+    assert len(set(begins)) == 1
+
+
+def test_a_list_names_what_is_missing_before_what_is_off(cadcam: Cadcam, here: Path) -> None:
+    """A part failed for want of its block: that its rib takes up 5 % of its tolerance is no reason."""
+    rib = (Deviation("rib", 0.05, 0.02, lower=-1, upper=1, verdict="PASS"),)
+    gone = [Finding(name, verdict="FAIL", reason="missing: 0 of 7 edges that should show are seen") for name in "ab"]
+    unseen = Finding("block", "position", verdict="UNDECIDED", reason="not in view")
+    made = [("A", (), "PASS"), ("B", gone[:1], "FAIL"), ("C", gone, "FAIL"), ("D", [unseen], "UNDECIDED")]
+    write_records(
+        "made.jsonl",
+        [Record("plate", s, deviations=rib, findings=tuple(f), verdict=verdict) for s, f, verdict in made],
+    )
+    cadcam("state", "add", "made.jsonl")
+    said = cadcam("state", "list").out.splitlines()
+    worst = [re.split(r"\s{2,}", line.strip())[-1] for line in said if " plate " in line]
+    assert worst == ["rib 5 %", "a missing", "a missing, and 1 more", "rib 5 %"]
+
+
 @pytest.mark.parametrize(
     ("key", "value", "said"),
     [("k", 0.0, "k of 'rib' is 0"), ("lower_mm", 1.0, "tolerance of 'rib' is 1 to 0.5; expected lower at most upper")],

@@ -145,6 +145,12 @@ def test_a_part_that_is_in_no_frame_is_not_found(cadcam: Cadcam, here: Path) -> 
         (lambda j: (j / "track.jsonl").write_text("{}\n"), TRACK, "not a log of tracked frames"),
         (lambda j: write_camera(j / "camera.json", CAMERA.resize((240, 180))), TRACK, "shots/0.png is 480 x 360 px"),
         (lambda _: None, (*TRACK[:-1], "track.txt"), "unknown suffix"),
+        (lambda _: None, (*TRACK, "--seen-from", "below"), "any, above"),
+        (
+            lambda _: None,
+            (*TRACK, "--freedom", "plane:0,0,1", "--distance", "300,400"),
+            "--distance is given beside --freedom",
+        ),
         (lambda _: None, (*TRACK, "--overwrite", "--overlays", "more/../shots"), "holds the pictures that are read"),
         (
             lambda _: None,
@@ -152,7 +158,18 @@ def test_a_part_that_is_in_no_frame_is_not_found(cadcam: Cadcam, here: Path) -> 
             "expected a folder, pattern or video; frames come first, the model last (now 'shots')",
         ),
     ],
-    ids=["no frames", "fewer of one camera", "start", "not a log", "size", "suffix", "own folder", "swapped"],
+    ids=[
+        "no frames",
+        "fewer of one camera",
+        "start",
+        "not a log",
+        "size",
+        "suffix",
+        "views",
+        "views of a part that slides",
+        "own folder",
+        "swapped",
+    ],
 )
 def test_a_mistake_is_explained(
     cadcam: Cadcam, here: Path, change: Callable[[Path], object], words: tuple[str, ...], says: str
@@ -170,6 +187,7 @@ def test_another_camera_makes_another_log(cadcam: Cadcam, here: Path) -> None:
     other = cadcam(*TRACK, "--crease-angle", "100").err
     assert re.search(r"begun with another part, unit or crease angle \(\w{8}, now \w{8}\); name", other)
     assert "begun without --no-print; name" in cadcam(*TRACK, "--no-print").err
+    assert "begun with another --seen-from, --roll or --distance; name" in cadcam(*TRACK, "--roll", "30").err
     assert re.search(r"another start \(at [^()]* mm, now none\); name", cadcam(*TRACK[:5], *TRACK[7:]).err)
     write_camera("camera.json", CAMERA.__class__.from_focal((480, 360), 601))
     ran = cadcam(*TRACK)

@@ -22,6 +22,12 @@ from cadcam.cli.main import main
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
+from cadcam.locate.freedom import Freedom
+from cadcam.locate.in_photos import locate_part
+from cadcam.locate.location import Location
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.locate.views.view_range import ViewRange
 
 from ..verify.scene import CAMERA, POSE, displaced, photographed, plate
 from .job import Ran
@@ -63,6 +69,27 @@ def test_a_good_part_passes_with_0_and_a_bad_one_fails_with_1(cadcam: Callable[.
     bad = verified(cadcam, cell, "bad.png")
     assert bad.code == 1
     assert re.match(r"FAIL: rib is \d\.\d\d \+- 0\.\d\d mm off its place, limit 0.5 mm\n", bad.out)
+
+
+def test_a_part_without_a_start_is_searched_for_in_the_range_of_views_that_was_declared(
+    cadcam: Callable[..., Ran], cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("CADCAM_CACHE", "off")
+    asked: list[ViewRange] = []
+
+    def search(part: Part, photos: Sequence[Photo], *, views: ViewRange, freedom: Freedom) -> Location:
+        asked.append(views)
+        return locate_part(part, photos, POSE)
+
+    monkeypatch.setattr("cadcam.locate.in_photos.locate_part", search)
+    words = ("verify", cell / "good.png", cell / "plate.glb", "--camera", cell / "camera.json")
+    near = ("--seen-from", "0.5,-0.7,0.7:8", "--roll", "10", "--distance", "950,1050")
+    assert cadcam(*words, *near).code == 0
+    (views,) = asked
+    assert (views.half_angle_deg, views.roll_deg, views.distance_mm) == (8.0, 10.0, (950.0, 1050.0))
+    refused = cadcam(*words, "--pose", cell / "pose.txt", *near)
+    assert refused.code == 2
+    assert "--seen-from is given beside a start" in refused.err
 
 
 def test_cameras_that_disagree_leave_it_undecided_with_3(cadcam: Callable[..., Ran], cell: Path) -> None:

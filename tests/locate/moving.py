@@ -15,6 +15,7 @@ from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.track.frames import Frame
+from cadcam.locate.views.view_range import ViewRange
 from cadcam.render.view import Scene
 
 CAMERA = Camera.from_focal((64, 48), 60.0)
@@ -63,6 +64,7 @@ class Sighting:
     near_mm: float = 1.0
     around_mm: float = 30.0
     calls: list[tuple[str, int]] = field(default_factory=list)
+    views: list[ViewRange | None] = field(default_factory=list)
 
     def refine(
         self, part: Part, photos: tuple[Photo, ...], start: Rigid, *, freedom: Freedom = FREE, **_: object
@@ -70,8 +72,15 @@ class Sighting:
         return self._seen("refine", photos, start, self.near_mm)
 
     def locate(
-        self, part: Part, photos: tuple[Photo, ...], start: Rigid | None = None, *, freedom: Freedom = FREE
+        self,
+        part: Part,
+        photos: tuple[Photo, ...],
+        start: Rigid | None = None,
+        *,
+        freedom: Freedom = FREE,
+        views: ViewRange | None = None,
     ) -> Location:
+        self.views += [views] if start is None else []
         return self._seen("locate" if start is not None else "search", photos, start, self.around_mm)
 
     def _seen(self, how: str, photos: tuple[Photo, ...], start: Rigid | None, reach: float) -> Location:

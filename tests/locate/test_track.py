@@ -29,6 +29,7 @@ from cadcam.locate.track import tracker as module
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.log import COLUMNS, TrackLog, head_of, read_track_log, track_part_to_log
 from cadcam.locate.track.tracker import LoggedFrame, track_part
+from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 from .moving import CAMERA, FIRST, STEP, Sighting, block, frames, location, measured, truth
 
@@ -83,6 +84,14 @@ def test_without_velocity_the_part_is_expected_where_it_was(sighting: Install) -
 def test_without_a_start_the_part_is_searched_for(sighting: Install) -> None:
     sighting(3)
     assert [t.how for t in track_part(PART, frames(3))] == ["searched", "recovered", "predicted"]
+
+
+def test_it_is_searched_for_within_the_range_of_views_that_was_declared(sighting: Install) -> None:
+    """Before it was found, and once it has been lost for long."""
+    above, seen = ViewRange.above(within_deg=50.0), sighting(12, hidden={0, *range(4, 11)})
+    list(track_part(PART, frames(12), views=above))
+    searched = [index for how, index in seen.calls if how == "search"]
+    assert (searched[:2], max(searched) > 4, seen.views) == ([0, 1], True, [above] * len(searched))
 
 
 def test_a_short_loss_is_recovered_around_the_last_pose(sighting: Install) -> None:
@@ -157,6 +166,7 @@ def test_a_frame_without_contrast_is_a_loss_that_says_so(monkeypatch: pytest.Mon
     for tracked in track_part(PART, blank, FIRST):
         assert (tracked.how, tracked.found) == ("lost", False)
         assert "empty" in tracked.location.reason
+        assert (tracked.location.pose.sigma_mm > 100).all()  # no uncertainty would look certain
 
 
 def test_a_restricted_motion_is_searched_for_only_around_its_start(sighting: Install) -> None:
@@ -264,6 +274,21 @@ def test_a_log_is_only_continued_with_the_same_inputs(sighting: Install, folder:
     (tmp_path / "other.jsonl").write_text('{"format": "something else"}\n')
     with pytest.raises(UnreadableFile, match="not a log of tracked frames"):
         run(folder, tmp_path / "other.jsonl")
+
+
+def test_a_log_is_only_continued_with_the_same_range_of_views(sighting: Install, folder: Path, tmp_path: Path) -> None:
+    """A log of before there was any to declare says nothing of it."""
+    _, log, above = sighting(12), tmp_path / "log.jsonl", ViewRange.above(within_deg=50.0)
+
+    def entries(path: Path, views: ViewRange = WHOLE_SPHERE) -> list[dict[str, Any]]:
+        return [entry for _, entry in track_part_to_log(path, PART, opened(folder), views=views)]
+
+    assert entries(log, above) == entries(log, ViewRange.above(within_deg=50.0))
+    with pytest.raises(UnreadableFile, match="begun with another --seen-from, --roll or --distance"):
+        entries(log)
+    _, written = log.unlink(), entries(log)
+    log.write_text(log.read_text().replace(', "views": null', "", 1))
+    assert (entries(log), "views" in log.read_text()) == (written, False)
 
 
 def test_a_log_is_written_by_one_run_at_a_time(sighting: Install, folder: Path, tmp_path: Path) -> None:

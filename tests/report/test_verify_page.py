@@ -188,9 +188,10 @@ def test_the_json_says_the_same_and_is_a_record(found: tuple[Verification, Photo
     by = {(d.feature, d.kind): d for d in record.deviations}
     assert by["rib <1>", "position"].deviation == pytest.approx(found[0].judgements[0].deviation)
     without = {(j.feature, j.limit.quantity.name.lower()) for j in found[0].judgements if np.isnan(j.deviation)}
-    assert {(f.feature, f.kind) for f in record.findings} == without
+    judged = {j.feature for j in found[0].judgements}
+    assert {(f.feature, f.kind) for f in record.findings if f.feature in judged} == without
     lost = record_of(replace(found[0], judgements=(replace(found[0].judgements[0], deviation=np.nan),)), ORIGIN)
-    assert lost.deviations == ()
+    assert [d for d in lost.deviations if d.feature == "rib <1>"] == []
     assert (lost.findings[0].feature, lost.findings[0].verdict) == ("rib <1>", "FAIL")
     assert lost.findings[0].reason == found[0].judgements[0].reason
 
@@ -219,6 +220,24 @@ def test_what_was_found_without_limits_is_kept_without_a_verdict() -> None:
     after = trend([replace(record, id="before", findings=()), record, replace(record, id="after")], "block")
     assert [r.id for r in after.unchanged] == [record.id, "after"]
     assert [r.id for r in after.without] == ["before"]
+
+
+def test_a_body_without_a_limit_is_kept_beside_those_that_were_judged(found: tuple[Verification, Photo]) -> None:
+    """A record with verdicts says of the other bodies what one without a tolerance file says."""
+    seen, record = found[0].inspection, record_of(found[0], ORIGIN)
+    assert seen is not None
+    judged = {j.feature for j in found[0].judgements}
+    others = {f.name: f for f in seen.features if f.name not in judged and f.state is not State.OUT_OF_VIEW}
+    measured = {name for name, f in others.items() if f.state in (State.IN_PLACE, State.DISPLACED)}
+    assert measured == {"bracket", "plate", "rib 2"}
+    kept = [one for one in (*record.deviations, *record.findings) if one.feature not in judged]
+    assert sorted(one.feature for one in kept) == sorted(others)
+    assert {(one.kind, one.verdict) for one in kept} == {("position", "")}
+    ((_, bracket),) = trend([record], "bracket").points
+    assert (bracket.deviation, bracket.lower, bracket.upper) == (others["bracket"].size, None, None)
+    about = [one for one in (*record.deviations, *record.findings) if one.feature in judged]
+    assert len(about) == len(found[0].judgements)  # of a feature with a limit nothing but what was judged
+    assert record.verdict == "FAIL"
 
 
 def test_a_part_that_was_not_found_gets_no_verdict(found: tuple[Verification, Photo]) -> None:

@@ -192,6 +192,7 @@ def test_another_picture_is_not_the_part(rng: np.random.Generator) -> None:
 
     seen = inspect(part(), [Photo.of(gray, CAMERA, POSE)], Rigid())
     assert not seen.found
+    assert (seen.pose.sigma_mm > 100).all()  # nothing was measured of it: no uncertainty would look like a certain one
     assert "not there" in seen.reason or "hold the part" in seen.reason
 
 

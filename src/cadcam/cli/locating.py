@@ -10,6 +10,7 @@ from cadcam.cli.arguments import (
     POINTS_OPTIONS,
     add_points_options,
     check_in_picture,
+    given,
     number,
     numbers,
     read_points_as_asked,
@@ -57,8 +58,7 @@ VIEWS_HELP = """\
 seen from: any            from all sides (default), where the part is 0.2 to 1.2 of the photo's shorter side large
           above, above:60   from the side of the model's +z, up to 80 or 60 degrees from that axis
           X,Y,Z:30        from the direction X,Y,Z of the model (from its middle to the camera), up to 30 degrees off
-          A narrower range is faster and surer. The first search of a model draws its views (seconds) and keeps them in
-          the cache folder: CADCAM_CACHE, else ~/.cache/cadcam; CADCAM_CACHE=off keeps nothing.
+          A narrower range is faster and surer.
 """
 
 
@@ -71,9 +71,9 @@ def add_start_options(parser: argparse.ArgumentParser) -> None:
     add_points_options(parser)
 
 
-def add_view_options(parser: argparse.ArgumentParser) -> None:
-    """Add the options for the range of views of a part that is searched for."""
-    group = parser.add_argument_group("search (without a start)")
+def add_view_options(parser: argparse.ArgumentParser, *, when: str = "without a start") -> None:
+    """Add the options for the range of views of a part that is searched for; when: it is."""
+    group = parser.add_argument_group(f"search ({when})")
     group.add_argument(
         "--seen-from", default="any", metavar="V", help="from where the part may be seen: see below (default any)"
     )
@@ -85,13 +85,15 @@ def add_view_options(parser: argparse.ArgumentParser) -> None:
     )
 
 
-def views_as_asked(arguments: argparse.Namespace) -> ViewRange:
-    """Return the range of views that --seen-from, --roll and --distance declare; they need a search, not a start."""
+VIEW_OPTIONS = ("--seen-from", "--roll", "--distance")
+
+
+def views_as_asked(arguments: argparse.Namespace, *starts: str) -> ViewRange:
+    """Return the range of views that --seen-from, --roll and --distance declare; starts: options in place of them."""
     from cadcam.locate.views.view_range import ViewRange
 
-    if arguments.start or arguments.points:
-        one = "one of them: a start is not searched for"
-        refuse(arguments, "--seen-from", "--roll", "--distance", why="beside a start", expected=one)
+    if given(arguments, *starts):
+        refuse(arguments, *VIEW_OPTIONS, why="beside a start", expected="one of them: a start is not searched for")
     text, _, angle = arguments.seen_from.partition(":")
     axis = numbers("--seen-from", text) if "," in text else []
     if text not in ("any", "above") and len(axis) != 3:

@@ -7,12 +7,19 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.matches import EdgeMatches, JudgedSamples
 
 FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
+_UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose without any measurement
 _UNCERTAIN = 0.45  # largest quality of a pose that is not certain for a reason beside its own lines
+
+
+def unmeasured(world_from_part: Rigid, B: Array) -> PoseEstimate:
+    """Return a pose that nothing was measured of, as unknown as can be along the free motions B (6, k)."""
+    return PoseEstimate(world_from_part, B @ (B.T @ _UNKNOWN @ B) @ B.T, freedom=B, dof=1.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,8 +87,8 @@ class Location:
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:
         """Return the answer where there is no evidence of the part: quality 0, no matches, at the pose searched."""
         one, two, three, ids = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0, np.int32)
-        pose = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=np.zeros((6, 0)))
-        return cls(pose, EdgeMatches(two, two, one, one, one, three, ids, ids), 0.0, reason)
+        nothing = EdgeMatches(two, two, one, one, one, three, ids, ids)
+        return cls(unmeasured(world_from_part, np.eye(6)), nothing, 0.0, reason)
 
     @property
     def found(self) -> bool:

@@ -16,13 +16,16 @@ from cadcam.render.embree import EmbreeRays
 
 
 class Caster:
-    """First hits of rays with a mesh. Raises `MissingCore` where there is neither Embree nor the core."""
+    """First hits of rays with a mesh. Raises `MissingCore` where there is neither Embree nor the core.
 
-    def __init__(self, mesh: Mesh) -> None:
+    center (3,) mm: what coordinates are rounded relative to; of some faces of a model, that of the whole.
+    """
+
+    def __init__(self, mesh: Mesh, *, center: Array | None = None) -> None:
         if not mesh.n_faces:
             raise DegenerateGeometry("a mesh without faces cannot be rendered")
         low, high = mesh.bounds
-        self.center: Array = (low + high) / 2
+        self.center: Array = (low + high) / 2 if center is None else center
         self.radius = float(np.linalg.norm(high - low)) / 2
         self._rays = _rays(mesh.vertices - self.center, mesh.faces)
 

@@ -20,7 +20,7 @@ def list_table(records: Sequence[Record], *, of: int) -> Table:
     )
     notes = (_counts(Counter(r.verdict for r in records)),) if records else ()
     title = counted(len(records), "record") + (f", the latest of {of}" if of > len(records) else "")
-    columns = ("time (UTC)", "id", "part", "serial", "station", "verdict", "largest share of a tolerance")
+    columns = ("time (UTC)", "id", "part", "serial", "station", "verdict", "missing, or largest share of a tolerance")
     return Table(title, columns, rows, columns[:-1], notes)
 
 
@@ -74,7 +74,7 @@ def trend_tables(trend: Trend, *, newest: int | None = None) -> list[Table]:
     shown = trend.judged if newest is None else trend.judged[-newest:]
     rows = tuple((_time(r), r.part, r.serial, _judged_text(one), one.verdict) for r, one in shown)
     columns = ("time (UTC)", "part", "serial", "deviation" if trend.unit else "finding", "verdict")
-    left = tuple(column for column in columns if column != "deviation")
+    left = columns if len(trend.points) < len(trend) else tuple(column for column in columns if column != "deviation")
     of = f", the latest of {len(trend)}" if len(shown) < len(trend) else ""
     lines = Table(f"{trend.feature}, {counted(len(shown), 'record')}{of}", columns, rows, left)
     said = _scatter_rows(trend) if trend.unit else []
@@ -133,7 +133,10 @@ def _tolerance(d: Deviation) -> str:
 
 
 def _worst(record: Record) -> str:
-    """Return the feature whose deviation takes up most of its tolerance, and how much, in percent."""
+    """Return which feature is missing, or whose deviation takes up most of its tolerance, and how much, in percent."""
+    missing = [f.feature for f in record.findings if f.verdict == "FAIL"]
+    if missing:
+        return f"{missing[0]} missing" + (f", and {len(missing) - 1} more" if len(missing) > 1 else "")
     shares = [(share, d.feature) for d in record.deviations if (share := _share(d)) is not None]
     if not shares:
         return ""

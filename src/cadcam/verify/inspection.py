@@ -13,7 +13,7 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect_known, expect_numbers
-from cadcam.locate.location import Covered
+from cadcam.locate.location import Covered, unmeasured
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import false_discoveries_below
@@ -77,12 +77,13 @@ PLAIN_OPTIONS = InspectionOptions()
 class Inspection(Brief):
     """What the photos show of a part at a pose.
 
-    pose: fitted to the datum's edges. datum: names of the bodies it was fitted to; left_out: those that disagree with
-    the others and were not used (never of a stated datum). tau_px: common error of an edge; noise_scale: scatter along
-    edges over what the photos' noise predicts; clutter: see `cadcam.verify.edges.presence`; seen_share: share of the
-    datum's places where the photos show an edge. found: whether the part is where the pose has it; if not, `reason`
-    says why. covered: what something before the part hides, where features are unclear because of it. contradictions:
-    names of bodies of a stated datum that do not agree with the rest of it.
+    pose: fitted to the datum's edges; as unknown as can be where the part was not found. datum: names of the bodies it
+    was fitted to; left_out: those that disagree with the others and were not used (never of a stated datum). tau_px:
+    common error of an edge; noise_scale: scatter along edges over what the photos' noise predicts; clutter: see
+    `cadcam.verify.edges.presence`; seen_share: share of the datum's places where the photos show an edge. found:
+    whether the part is where the pose has it; if not, `reason` says why. covered: what something before the part hides,
+    where features are unclear because of it. contradictions: names of bodies of a stated datum that do not agree with
+    the rest of it.
     """
 
     pose: PoseEstimate
@@ -313,6 +314,5 @@ def _shifted(survey: Survey, photo: int) -> Array:
 def _not_found(survey: Survey, world_from_part: Rigid, F: Array, reason: str) -> Inspection:
     """Return the inspection of a part that is not where the pose has it."""
     nan = float("nan")
-    unknown = PoseEstimate(world_from_part, np.zeros((6, 6)), freedom=F)
-    share, clutter = survey.seen_share, survey.clutter.share
-    return Inspection(unknown, (), (), (), (), (), nan, nan, clutter, share, False, reason, None, survey)
+    pose, share, clutter = unmeasured(world_from_part, F), survey.seen_share, survey.clutter.share
+    return Inspection(pose, (), (), (), (), (), nan, nan, clutter, share, False, reason, None, survey)

@@ -44,7 +44,10 @@ _EXAMPLES = f"""\
   cadcam locate photo.png plate.stl --camera camera.json --start rough.txt --freedom plane:0,0,1@part
 
 {START_HELP}
-{VIEWS_HELP}
+{VIEWS_HELP}\
+          The first search of a model draws its views (seconds) and keeps them in the cache folder: CADCAM_CACHE, else
+          ~/.cache/cadcam; CADCAM_CACHE=off keeps nothing.
+
 several photos: of a rig's cameras, or of one camera that was moved. Every camera file says where it stood.
 
 exit code: 0 found, 3 not found, 2 wrong input. Not found means that no pose fits the edges in the picture: another
@@ -83,7 +86,7 @@ def run(arguments: argparse.Namespace) -> int:
     check_order(arguments.photos, arguments.model)
     shots = read_shots(arguments.photos, arguments)
     start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
-    views = views_as_asked(arguments)
+    views = views_as_asked(arguments, "--start", "--points")
     mesh, report = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
     location = located(part, shots, start, freedom, views)

@@ -8,7 +8,18 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
-from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, overlaid, part_as_asked, start_as_asked
+from cadcam.cli.locating import (
+    START_HELP,
+    VIEW_OPTIONS,
+    VIEWS_HELP,
+    add_start_options,
+    add_view_options,
+    freedom_as_asked,
+    overlaid,
+    part_as_asked,
+    start_as_asked,
+    views_as_asked,
+)
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
 from cadcam.cli.output import (
     check_folder,
@@ -35,8 +46,10 @@ _EXAMPLES = f"""\
   cadcam track left/ right/ part.stl --camera left.json --camera right.json -o track.jsonl
   cadcam track left=one.mp4 right=two.mp4 part.stl --rig rig.json -o track.jsonl
   cadcam track 'shots/*.png' part.stl --camera camera.json --points picked.csv -o track.jsonl
+  cadcam track frames/ part.stl --camera camera.json --seen-from above --distance 800,1500 -o track.jsonl
 
 {START_HELP}
+{VIEWS_HELP}
 frames: a folder of pictures in the order of the numbers in their names, a pattern, or a video (cadcam[video]). With
 several cameras, their n-th pictures must have been taken together.
 
@@ -49,15 +62,15 @@ covariances.
                 shown): steadier, and better where a frame shows little, but late where the motion changes. Guide and
                 draw with it.
 
-Run the same command again to continue after the last complete line; other pictures, part, cameras or start are
-refused. --csv writes a table for spreadsheets: of "pose", with --smooth of "filtered".
+Run the same command again to continue after the last complete line; other pictures, part, cameras, start or range of
+views are refused. --csv writes a table for spreadsheets: of "pose", with --smooth of "filtered".
 
 how the part was found in a frame ("how" in log and table):
   followed      by its texture
   predicted     near the pose that its motion predicts
   kept          around the last pose
   recovered     searched for around the last pose (or the start)
-  searched      searched for without a start
+  searched      searched for without a start, within the range of views
   lost          not found; if it stays lost it is searched for less and less often, in the end every eighth frame
 
 exit code: 0, or 3 where the part was found in no frame."""
@@ -79,6 +92,7 @@ def add_to(verbs: Verbs) -> None:
     add_model_options(parser)
     add_photo_options(parser)
     add_start_options(parser)
+    add_view_options(parser, when="without a start, and for a part that stays lost")
     parser.add_argument(
         "--no-velocity", action="store_true", help="predict that the part stays where it was, instead of moving on"
     )
@@ -104,6 +118,10 @@ def run(arguments: argparse.Namespace) -> int:
     _check_options(arguments)
     viewpoints, said = viewpoints_of(arguments.frames, arguments.camera, arguments.rig)
     start, freedom = start_as_asked(arguments, viewpoints[0]) or said, freedom_as_asked(arguments)
+    if freedom.basis.shape[1] < 6:
+        alone = "one of them: such a part is looked for around its start alone"
+        refuse(arguments, *VIEW_OPTIONS, why="beside --freedom", expected=alone)
+    views = views_as_asked(arguments)
     frames = Frames([file_of(path) for path in arguments.frames], viewpoints, full_scale=arguments.full_scale)
     refuse_own_folder(arguments.overlays, frames.files)
     for gap in frames.gaps:
@@ -115,6 +133,7 @@ def run(arguments: argparse.Namespace) -> int:
         "freedom": freedom,
         "velocity": not arguments.no_velocity,
         "texture": not arguments.no_print,
+        "views": views,
     }
     head = head_of(part, frames.viewpoints, start, **how)
     kept: dict[str, Any] = {"table": arguments.csv, "filtered": arguments.smooth, "overwrite": arguments.overwrite}

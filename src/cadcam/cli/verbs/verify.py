@@ -8,7 +8,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import Verbs, add_json, real, refuse, share, verb
-from cadcam.cli.locating import START_HELP, add_start_options, freedom_as_asked, start_as_asked
+from cadcam.cli.locating import (
+    START_HELP,
+    VIEWS_HELP,
+    add_start_options,
+    add_view_options,
+    freedom_as_asked,
+    start_as_asked,
+    views_as_asked,
+)
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, say_written, stages, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
@@ -24,6 +32,7 @@ if TYPE_CHECKING:
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
     from cadcam.locate.photo import Photo
+    from cadcam.locate.views.view_range import ViewRange
     from cadcam.report.verify.json import VerificationOrigin
     from cadcam.verify.inspection import InspectionOptions
     from cadcam.verify.judge import Verification
@@ -58,10 +67,11 @@ tolerance file (YAML; mm and degrees, in the part's axes):
       presence: required
 
 {START_HELP}
+{VIEWS_HELP}
 exit codes: 0 PASS, 1 FAIL, 3 UNDECIDED or not found (the reason is printed), 2 errors. Without --tolerances nothing is
 judged: displaced and missing parts are reported, and the code is 0, or 3 if the part is not found.
-`cadcam state add report.json` keeps the result; without --tolerances, of every part in view how far it is off, that it
-is missing, or why it is unclear, each without a verdict.
+`cadcam state add report.json` keeps the result; of every part in view that has no limit how far it is off, that it is
+missing, or why it is unclear, each without a verdict.
 """
 
 
@@ -77,6 +87,7 @@ def add_to(verbs: Verbs) -> None:
     parser.add_argument(
         "--pose", metavar="FILE", help="a start that is right to a pixel or two (`cadcam locate --pose-out`): no search"
     )
+    add_view_options(parser)
     parser.add_argument(
         "--reach",
         type=real,
@@ -177,6 +188,7 @@ class _Asked:
     tolerances: Tolerances | None
     start: Rigid | None
     freedom: Freedom
+    views: ViewRange
     options: InspectionOptions
 
 
@@ -193,12 +205,12 @@ def _asked(arguments: argparse.Namespace) -> _Asked | None:
     view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments, posed=bool(arguments.pose))
     if arguments.start or arguments.points:
         refuse(arguments, "--pose", why="beside --start or --points", expected="one of them")
-    start = start_as_asked(arguments, view)
+    start, views = start_as_asked(arguments, view), views_as_asked(arguments, "--start", "--points", "--pose")
     if arguments.pose:
         start = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
     tolerances = None if arguments.tolerances is None else read_tolerances(arguments.tolerances)
     options = InspectionOptions(reach_px=arguments.reach, alarms=arguments.alarms)
-    return _Asked(shots, tolerances, start, freedom, options)
+    return _Asked(shots, tolerances, start, freedom, views, options)
 
 
 def _located(arguments: argparse.Namespace, part: Part, asked: _Asked) -> Location:
@@ -208,7 +220,7 @@ def _located(arguments: argparse.Namespace, part: Part, asked: _Asked) -> Locati
     from cadcam.locate.refine.refinement import refine_pose
 
     if not arguments.pose or asked.start is None:
-        return located(part, asked.shots, asked.start, asked.freedom)
+        return located(part, asked.shots, asked.start, asked.freedom, asked.views)
     options = EdgeOptions(search_px=_POSED_PX)
     with working("finding the part"):
         return refine_pose(part, asked.shots.photos, asked.start, freedom=asked.freedom, options=options)

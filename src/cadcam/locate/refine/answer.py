@@ -18,7 +18,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.lines.bands import MOST_PX
 from cadcam.locate.lines.sight import Sight, in_noise
-from cadcam.locate.location import FOUND, Covered, Location
+from cadcam.locate.location import FOUND, Covered, Location, unmeasured
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.quality.color import in_color
@@ -36,7 +36,6 @@ _TOGETHER_PX = 0.005  # error common to all edges of a photo: light from one sid
 _FREE = 0.4  # share of the lines that any pose could be fitted to, more than for a box: little else is evidence
 CLEARLY = 0.1  # by how much an answer that is not found must be better to replace another one
 _LOOSER, _LOOSER_BESIDE_BANDS = 3.0, 2.0  # ratio of scatter from which a fit is looser than another
-_UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose without any measurement
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,10 +139,7 @@ def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Lo
     """Return the answer where nothing could be measured."""
     none = [np.full(len(s.samples), np.nan) for s in sights]
     matches = _as_matches(sights, pose, none, none, [np.zeros(len(a)) for a in none])
-    B = freedom.at(pose)
-    return Location(
-        PoseEstimate(pose, B @ (B.T @ _UNKNOWN @ B) @ B.T, freedom=B, dof=1.0), matches, 0.0, f"not found: {why}"
-    )
+    return Location(unmeasured(pose, freedom.at(pose)), matches, 0.0, f"not found: {why}")
 
 
 def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bool) -> tuple[Support, bool]:

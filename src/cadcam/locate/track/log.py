@@ -37,6 +37,7 @@ from cadcam.locate.track.appending import append, lock, opened_to_append, write
 from cadcam.locate.track.entries import Entries, check_frame
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, Tracker
+from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 from cadcam.whole import utf8
 
 FORMAT, VERSION = "cadcam track", 2
@@ -45,6 +46,7 @@ _INPUTS = {  # entries of the first line, and what the caller knows them as
     "part_sha256": "part, unit or crease angle",
     "cameras_sha256": "camera",
     "freedom": "--freedom",
+    "views": "--seen-from, --roll or --distance",
 }
 _SWITCHES = {"velocity": "--no-velocity", "texture": "--no-print"}  # entries that these options turn off
 _MAX_BYTES = 4_000_000_000
@@ -63,6 +65,7 @@ def track_part_to_log(
     freedom: Freedom = FREE,
     velocity: bool = True,
     texture: bool = True,
+    views: ViewRange = WHOLE_SPHERE,
 ) -> Iterator[tuple[Frame, dict[str, Any]]]:
     """Yield each frame with its line in the log, once that is on disk; frames that the log already has come first.
 
@@ -72,12 +75,13 @@ def track_part_to_log(
     white, as where brighter pictures were added to those it is found from.
     """
     expect(frames, "frames", Frames)
-    tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
+    how: dict[str, Any] = {"freedom": freedom, "velocity": velocity, "texture": texture, "views": views}
+    tracker = Tracker(part, start, **how)
     if isinstance(log, TrackLog):
         yield from _tracked(log, tracker, frames)
         return
     expect_path(log, "log")
-    head = head_of(part, frames.viewpoints, start, freedom=freedom, velocity=velocity, texture=texture)
+    head = head_of(part, frames.viewpoints, start, **how)
     with TrackLog.open(log, head) as opened:
         yield from _tracked(opened, tracker, frames)
 
@@ -201,6 +205,7 @@ def head_of(
     freedom: Freedom = FREE,
     velocity: bool = True,
     texture: bool = True,
+    views: ViewRange = WHOLE_SPHERE,
 ) -> dict[str, Any]:
     """Return the first line of a log: everything except the pictures that determines the results."""
     mesh, edges = part.scene.mesh, part.scene.edges
@@ -214,6 +219,7 @@ def head_of(
         "freedom": {"frame": freedom.frame, "basis": freedom.basis.tolist()},
         "velocity": velocity,
         "texture": texture,
+        "views": _views_as_json(views),
     }
 
 
@@ -227,6 +233,16 @@ def read_track_log(path: str | os.PathLike[str]) -> list[dict[str, Any]]:
             if entry[name] is not None:
                 entry[name] = pose_estimate_at(Place(os.fspath(path), (f"line {number}", name), entry[name]))
     return entries
+
+
+def _views_as_json(views: ViewRange) -> dict[str, Any] | None:
+    """Return a range of views; None for all of them, of which logs of before say nothing."""
+    said, every = (
+        {"axis": v.axis.tolist(), "half_angle_deg": v.half_angle_deg, "up": v.up.tolist(), "roll_deg": v.roll_deg}
+        | {"distance_mm": None if v.distance_mm is None else list(v.distance_mm)}
+        for v in (views, WHOLE_SPHERE)
+    )
+    return None if said == every else said
 
 
 def _check_white(path: str, entry: Mapping[str, Any], frame: Frame) -> None:

@@ -28,6 +28,7 @@ from cadcam.locate.refine.refinement import refine_pose
 from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
+from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been lost for long
 _SIGMAS, _BESIDE = 3.0, 1.0  # search range around predicted lines: sds, and px added for painted lines
@@ -87,19 +88,20 @@ def track_part(
     freedom: Freedom = FREE,
     velocity: bool = True,
     texture: bool = True,
+    views: ViewRange = WHOLE_SPHERE,
     history: Iterable[LoggedFrame] = (),
 ) -> Iterator[TrackedFrame]:
     """Yield the pose of the part in each frame, one by one as they are asked for.
 
     start: rough world_from_part (mm) in the first frame; without it the part is searched for. In each frame it is
     looked for where its texture predicts it (`texture`), or near where its motion does (`velocity`: at constant
-    velocity; else where it was). Where that fails it is searched for around its last pose, then without a start (unless
-    `freedom` restricts its motion), less and less often the longer it is lost. Of the poses that are equivalent by the
-    part's symmetry, the one nearest to the last is taken.
+    velocity; else where it was). Where that fails it is searched for around its last pose, then without a start, within
+    `views` (unless `freedom` restricts its motion), less and less often the longer it is lost. Of the poses that are
+    equivalent by the part's symmetry, the one nearest to the last is taken.
     history: frames of a run that this one continues as if there had been no break. In a frame without contrast the part
     is lost. Raises `NothingInView` where the start puts the part outside of the first photos.
     """
-    tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture)
+    tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture, views=views)
     for step in history:
         tracker.recall(step)
     for frame in frames:
@@ -109,12 +111,22 @@ def track_part(
 class Tracker:
     """Tracks a part frame by frame; arguments as for `track_part`."""
 
-    def __init__(self, part: Part, start: Rigid | None, *, freedom: Freedom, velocity: bool, texture: bool) -> None:
+    def __init__(
+        self,
+        part: Part,
+        start: Rigid | None,
+        *,
+        freedom: Freedom,
+        velocity: bool,
+        texture: bool,
+        views: ViewRange,
+    ) -> None:
         expect(part, "part", Part)
         expect_motion(start, "start", optional=True)
+        expect(views, "views", ViewRange)
         if freedom is not FREE and start is None:
             raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
-        self._part, self._freedom = part, freedom
+        self._part, self._freedom, self._views = part, freedom, views
         self._memory = _Memory(part.scene.mesh.box_corners, start, velocity)
         self._texture = Texture(part) if texture else None
 
@@ -174,7 +186,7 @@ class Tracker:
         if last is not None:
             yield "recovered", lambda: locate_part(part, photos, last, freedom=freedom)
         if freedom is FREE and (last is None or self._memory.search_is_due()):
-            yield "searched", lambda: locate_part(part, photos, freedom=freedom)
+            yield "searched", lambda: locate_part(part, photos, freedom=freedom, views=self._views)
 
     def _near_predicted(self, photos: tuple[Photo, ...], predicted: PoseEstimate) -> Location:
         """Return what is found close to the pose predicted by the motion, without searching farther."""

@@ -27,8 +27,7 @@ class OccludingFaces:
         self._caster = caster
         self._mesh = mesh
         self.normals = mesh.face_normals
-        self._corners = mesh.vertices[mesh.faces]
-        self._first = np.ascontiguousarray(self._corners[:, 0])
+        self._first = mesh.vertices[mesh.faces[:, 0]]
 
     def height(self, faces: Ids | Longs, points: Array) -> Array:
         """Return the signed distance (N,) in mm of points (N, 3) from the planes of faces (N,), positive outside."""
@@ -84,7 +83,7 @@ class OccludingFaces:
 
     def _inside(self, faces: Ids, points: Array) -> Mask:
         """Return which points of the faces' planes lie in the closed triangles."""
-        corners, normals = self._corners[faces], self.normals[faces]
+        corners, normals = self._mesh.vertices[self._mesh.faces[faces]], self.normals[faces]
         inside = np.ones(len(faces), bool)
         for k in range(3):
             side = corners[:, (k + 1) % 3] - corners[:, k]
@@ -137,7 +136,9 @@ def part_boxes(mesh: Mesh) -> tuple[Array, Array]:
     """Return the lowest and highest corner (P, 3) of each part; inf and -inf for a part without faces."""
     n = len(mesh.part_names)
     low, high = np.full((n, 3), np.inf), np.full((n, 3), -np.inf)
-    corners = mesh.vertices[mesh.faces]
-    np.minimum.at(low, mesh.part, corners.min(axis=1))
-    np.maximum.at(high, mesh.part, corners.max(axis=1))
+    order = np.argsort(mesh.part, kind="stable")
+    parts, first = np.unique(mesh.part[order], return_index=True)
+    if len(parts):
+        corners = mesh.vertices[mesh.faces[order]].reshape(-1, 3)
+        low[parts], high[parts] = (f.reduceat(corners, 3 * first, axis=0) for f in (np.minimum, np.maximum))
     return low, high

@@ -26,18 +26,19 @@ class Topology:
         self.solid = solid_parts(mesh, self.table)
         self.two = self.table.count == 2
         self.owner = mesh.part[self.table.faces[:, 0]]
-        self._boxes = part_boxes(mesh)
+        self.boxes = part_boxes(mesh)
         self.flipped = _flipped(mesh, self.table)
 
     def moved(self, mesh: Mesh) -> Topology:
         """Return that of the same mesh with its parts moved as wholes: what meets at an edge, and how, stays."""
         out = copy(self)
-        out.mesh, out.bounds, out._boxes = mesh, mesh.bounds, part_boxes(mesh)
+        out.mesh, out.boxes = mesh, part_boxes(mesh)
+        out.bounds = np.stack([out.boxes[0].min(axis=0), out.boxes[1].max(axis=0)])
         return out
 
     def shut(self, eye: Array) -> Mask:
         """Return the parts (P,) that are watertight and do not have the eye inside their material."""
-        low, high = self._boxes
+        low, high = self.boxes
         shut = self.solid.copy()
         for part in np.flatnonzero(shut & (low <= eye).all(axis=1) & (eye <= high).all(axis=1)):
             corners = self.mesh.vertices[self.mesh.faces[self.mesh.part == part]]

@@ -38,6 +38,7 @@ from cadcam.kinds import expect
 from cadcam.render.caster import Caster
 from cadcam.render.lines.clip import FlatSegments, ViewVolume
 from cadcam.render.lines.crossing import crossings
+from cadcam.render.lines.moved import MovedFaces
 from cadcam.render.lines.occlusion import OccludingFaces
 from cadcam.render.lines.segments import FLAT, Segments, contours, features
 from cadcam.render.lines.silhouette import Topology, Turn
@@ -90,9 +91,6 @@ class LineDrawer:
     def __init__(self, scene: Scene, *, caster: Caster | None = None, like: LineDrawer | None = None) -> None:
         mesh = scene.mesh
         self.scene = scene
-        caster = caster or Caster(mesh)
-        self._diagonal, self._contact = 2 * caster.radius, contact_tolerance(mesh)
-        self._occluders = OccludingFaces(mesh, caster)
         if like is None:
             self._topology = Topology(mesh)
             self._edge = self._topology.number_of(scene.edges.vertices)
@@ -100,8 +98,16 @@ class LineDrawer:
             self._points[mesh.faces.ravel()] = corner_points(mesh).ravel()
         else:
             self._topology, self._edge, self._points = like._topology.moved(mesh), like._edge, like._points
-        a, b = (mesh.vertices[self._topology.table.vertices[:, k]] for k in range(2))
-        self._pierced = self._occluders.piercings(a, b, COINCIDENT_SHARE * self._diagonal)
+        if like is None or not np.array_equal(self._topology.bounds, like._topology.bounds):
+            caster = caster or Caster(mesh)
+            self._diagonal, self._contact = 2 * caster.radius, contact_tolerance(mesh)
+            self._occluders = OccludingFaces(mesh, caster)
+            a, b = (mesh.vertices[self._topology.table.vertices[:, k]] for k in range(2))
+            self._pierced = self._occluders.piercings(a, b, COINCIDENT_SHARE * self._diagonal)
+        else:
+            self._diagonal, self._contact = like._diagonal, like._contact
+            moved = self._occluders = MovedFaces(like._occluders, like._topology, self._topology)
+            self._pierced = moved.pierced_again(self._topology, like._pierced, COINCIDENT_SHARE * self._diagonal)
 
     def draw(self, camera: Camera, camera_from_world: Rigid, *, options: LineOptions = PLAIN_LINES) -> Wireframe:
         """Return the wireframe seen from `camera_from_world`; empty where the model is not in view."""

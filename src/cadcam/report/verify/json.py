@@ -48,13 +48,13 @@ class VerificationOrigin:
 def record_of(found: Verification, origin: VerificationOrigin) -> Record:
     """Return the record of a verification for a store of measured parts.
 
-    Where nothing was judged, it has no verdict, and holds of each feature in view the position that was measured,
-    without limits, or that it is missing or why it is unclear.
+    Of each feature in view of which nothing was judged it holds the position that was measured, without limits, or
+    that it is missing or why it is unclear. Where nothing was judged at all, it has no verdict.
     """
     expect(found, "found", Verification)
     expect(origin, "origin", VerificationOrigin)
-    seen = () if found.inspection is None or found.judgements else found.inspection.features
-    in_view = [f for f in seen if f.state is not State.OUT_OF_VIEW]
+    seen, judged = () if found.inspection is None else found.inspection.features, {j.feature for j in found.judgements}
+    in_view = [f for f in seen if f.name not in judged and f.state is not State.OUT_OF_VIEW]
     measured = [f for f in in_view if f.state in (State.IN_PLACE, State.DISPLACED) and f.displacement is not None]
     return Record(
         part=origin.part,

@@ -33,7 +33,7 @@ class RedrawnPart(Part):
     @cached_property
     def lines(self) -> LineDrawer:
         """The drawer of the part's visible lines, from any viewpoint."""
-        return LineDrawer(self.scene, caster=self.caster, like=self._still.lines)
+        return LineDrawer(self.scene, like=self._still.lines)
 
 
 def redrawn(part: Part, by: Array) -> Part | None:
