@@ -69,7 +69,7 @@ def make(rng: np.random.Generator, candidates: int, count: int, poses: int) -> L
         cameras={"12 mm": CameraType("12 mm", sensor_format("IMX304"), 12.0, 8.0)},
         mounts=(Mount("ring", ring, np.tile(middle, (len(ring), 1)), ("12 mm",)),),
         features=tuple(random_features(rng, Scene.of(mesh), 4 * count)),
-        finder=Finder(sigma_px=0.1, grey=0.01, contrast=0.3),
+        finder=Finder(sigma_px=0.1, gray=0.01, contrast=0.3),
         calibration=CalibratedFrom(40, 0.1, 0.1),
     )
     try:

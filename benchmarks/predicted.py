@@ -156,7 +156,7 @@ def _noise(eye: Eye, feature: Feature) -> Array:
     light, dark = (PAPER * shade, INK * shade) if feature.disc else (PAPER * shade, STEEL * 0.5 * shade)
     assert SENSOR.noise is not None
     grey = np.hypot(SENSOR.noise.sigma(SHORT * (light + dark) / 2) / SHORT, 1 / 255 / np.sqrt(12))
-    finder = Finder(grey=float(grey), contrast=light - dark)
+    finder = Finder(gray=float(grey), contrast=light - dark)
     blur = eye.blur(centre[2])
     if feature.disc:
         return circle_covariance(finder, J @ pose.rotation[:, :2] * RADIUS, blur, sharp_px=blur)

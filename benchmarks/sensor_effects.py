@@ -40,7 +40,7 @@ from cadcam.image.sensor.charge import Blooming, Exposure, Noise, Smear
 from cadcam.image.sensor.light import Blur, Interlace, Motion, Vignetting
 from cadcam.image.sensor.presets import PRESETS
 from cadcam.image.sensor.sensor import Sensor
-from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantization
 from cadcam.native.profiles import StepCells
 from cadcam.render.light import LIGHTS
 from cadcam.render.photograph import Photographer, behind, blur_before
@@ -100,7 +100,7 @@ def rows() -> Iterator[Row]:
     for ns in (1.0, 5.0, 10.0):
         yield Row(f"jitter {ns:g} ns", replace(BASE, jitter=Jitter(ns)))
     for bits in (8, 6, 4):
-        yield Row(f"{bits} bits", replace(BASE, quantisation=Quantisation(bits)))
+        yield Row(f"{bits} bits", replace(BASE, quantization=Quantization(bits)))
     for quality in (95, 75, 50):
         yield Row(f"JPEG {quality}", replace(BASE, jpeg=Jpeg(quality)))
     yield Row("a quarter of the light, gain 4", replace(BASE, exposure=Exposure(0.25), gain=Gain(4.0)))

@@ -24,7 +24,7 @@ def main(points_file: str) -> None:
     home = cadcam.calibrate_camera(cadcam.read_points(BENCH), size=(768, 576))
     centre = home.camera_from_world.origin
     turn = cadcam.Rigid.exp([0, 0, 0, np.radians(-12), 0, 0]).rotation
-    motion = cadcam.KnownMotion.of_centre(centre, turn, [0.0, -200, 0])
+    motion = cadcam.KnownMotion.of_center(centre, turn, [0.0, -200, 0])
     motion = motion.known_to(0.1, np.radians(0.01), about=centre)
     views = [cadcam.Viewpoint.fixed("home", home), cadcam.Viewpoint.moved("away", home, motion)]
 

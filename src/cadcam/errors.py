@@ -125,10 +125,18 @@ def _for_size(size: tuple[int, int], expected: tuple[int, int]) -> str:
     """Return what to do about a picture of another size than expected."""
     if size == expected[::-1]:
         return "the photo is turned by 90 degrees: turn it back, or correct its EXIF orientation"
-    return (
-        "give the camera that took it; was it scaled, binned or cut since (camera.resize)? cadcam convert CAMERA NEW "
-        f"--resize {size[0]}x{size[1]}, --binning 2 or --crop X,Y,{size[0]}x{size[1]}"
-    )
+    (w, h), (width, height) = size, expected
+    whole, ways = f"{w}x{h}", []
+    by = round(width / w), round(height / h)
+    if min(by) >= 1 and max(by) >= 2 and size == (width // by[0], height // by[1]):
+        binned = f"{by[0]}" if by[0] == by[1] else f"{by[0]}x{by[1]}"
+        ways.append(f"--binning {binned} if its pixels were taken together")
+    if min(abs(w * height / width - h), abs(h * width / height - w)) < 1:  # but for rounding
+        ways.append(f"--resize {whole} if it was scaled")
+    if w <= width and h <= height:
+        ways.append(f"--crop X,Y,{whole} if it was cut out")
+    other = "give the camera that took it"
+    return f"{other}, or convert this one: cadcam convert CAMERA NEW {', or '.join(ways)}" if ways else other
 
 
 class NoOrder(CadcamError):

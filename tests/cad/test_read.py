@@ -79,6 +79,33 @@ def test_an_implausible_size_is_doubted_aloud(tmp_path: Path) -> None:
     assert read_model_with_report(tmp_path / "cube.obj", unit="m")[1].warnings == ()
 
 
+@pytest.mark.parametrize(
+    ("suffix", "mm", "unit", "doubt"),
+    [
+        (".glb", 2e6, None, "2000 m large: is the unit right? pass --unit mm if it is 2 m"),
+        (".glb", 5e4, None, "50 m large: is the unit right? pass --unit mm if it is 50 mm, --unit m if it is"),
+        (".glb", 5e4, "m", ""),
+        (".glb", 9e3, None, ""),
+        (".glb", 0.5, None, "0.5 mm large: is the unit right? check the scale of its export"),
+        (".stl", 5e4, None, ""),
+        (".stl", 2e5, None, "200 m large: is the unit right? pass --unit um if it is 200 mm"),
+    ],
+)
+def test_a_doubted_size_comes_with_the_unit_that_makes_it_plausible(
+    tmp_path: Path, suffix: str, mm: float, unit: str | None, doubt: str
+) -> None:
+    """glTF in millimetres, as many programs write it, is 1000 times too large; what is given is not advised again."""
+    path = tmp_path / f"cube{suffix}"
+    write_model(path, box((0, 0, 0), (mm, mm, mm)))
+    assert read_model_with_report(path, unit=unit)[1].warnings == ((f"the model is {doubt}",) if doubt else ())
+
+
+def test_a_doubted_size_in_the_unit_of_the_file_is_not_answered_with_an_option_that_is_refused(tmp_path: Path) -> None:
+    write_3mf(tmp_path / "m.3mf", "micron")
+    warning = read_model_with_report(tmp_path / "m.3mf")[1].warnings[0]
+    assert warning.endswith("is the unit right? its file says um; export it again if not")
+
+
 def test_the_report_says_the_size_first(tmp_path: Path) -> None:
     write_model(tmp_path / "plate.stl", box((0, 0, 0), (800, 450, 120)))
     mesh, report = read_model_with_report(tmp_path / "plate.stl")

@@ -33,7 +33,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Fisheye
 from cadcam.camera.observations import Observations
-from cadcam.errors import BadValue, NoBoard, TooFewPoints
+from cadcam.errors import BadValue, NoBoard, SizeMismatch, TooFewPoints
 from cadcam.geometry.rotation import exp
 from cadcam.report.boards import boards_as_json, coverage_table
 from cadcam.target.boards.detect import detect
@@ -188,7 +188,7 @@ def test_a_known_camera_sees_the_boards_points_where_they_are(discs: list[BoardP
 
 
 def test_a_camera_of_another_picture_size_did_not_take_the_pictures(chess: list[BoardPicture]) -> None:
-    with pytest.raises(BoardsDisagree, match="480 x 360 px, but the camera's are 640 x 480"):
+    with pytest.raises(SizeMismatch, match=r"480 x 360 px but the camera is 640 x 480 px.* --resize 480x360 if"):
         board_views(chess, Camera.from_focal((640, 480), 500.0))
     with pytest.raises(TooFewPoints, match="not found in 6 of 6"):
         board_views([replace(p, detection=None, problem="too dark") for p in chess], CAMERA)

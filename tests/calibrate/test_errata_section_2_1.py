@@ -66,7 +66,7 @@ def test_eq_2_13_to_2_53_need_a_negative_f_for_the_example(C, camera):
     focal = det / (C[1, :2] @ C[1, :2])
     assert focal == pytest.approx(89.443, abs=1e-3)
     assert focal == pytest.approx(-camera.focal, rel=1e-12)
-    assert det == pytest.approx(-(1 / camera.focal) / camera.unnormalised_matrix[1, 2] ** 2, rel=1e-9)
+    assert det == pytest.approx(-(1 / camera.focal) / camera.unnormalized_matrix[1, 2] ** 2, rel=1e-9)
     K = by_parts(camera, -1 / focal)
     assert pytest.approx(C, abs=1e-9) == K / K[1, 2]
     printed = by_parts(camera, 1 / focal)
@@ -74,7 +74,7 @@ def test_eq_2_13_to_2_53_need_a_negative_f_for_the_example(C, camera):
 
 
 def test_eq_2_18_sums_the_squares_of_both(C, camera):
-    K = camera.unnormalised_matrix
+    K = camera.unnormalized_matrix
     assert K[1, 0] ** 2 + K[1, 1] ** 2 == pytest.approx(camera.focal**-2, rel=1e-12)
     assert abs(2 * K[1, 1] ** 2 - camera.focal**-2) > 0.5 * camera.focal**-2
 
@@ -91,7 +91,7 @@ def test_eq_2_29_the_translation_is_c02_and_one(p, U, C):
 def test_eq_2_33_needs_a_minus_before_c_over_f(camera):
     f, d = 1 / camera.focal, camera.U0
     c, s = np.cos(camera.alpha), np.sin(camera.alpha)
-    inverse = np.linalg.inv(camera.unnormalised_matrix[:, :2])
+    inverse = np.linalg.inv(camera.unnormalized_matrix[:, :2])
     right = np.array([[c, s / f - d * c], [s, -c / f - d * s]])
     assert inverse == pytest.approx(right, rel=1e-9)
     right[1, 1] = c / f - d * s
@@ -101,7 +101,7 @@ def test_eq_2_33_needs_a_minus_before_c_over_f(camera):
 def test_eq_2_36_is_cramer_s_rule_on_the_first_two_rows(C, camera):
     det = np.linalg.det(C[:, :2])
     dx, dy = (C[0, 1] - C[0, 2] * C[1, 1]) / det, (C[0, 2] * C[1, 0] - C[0, 0]) / det
-    assert [dx, dy] == pytest.approx(camera.centre, abs=1e-8)
+    assert [dx, dy] == pytest.approx(camera.center, abs=1e-8)
     assert [dx, dy] == pytest.approx([6, 2], abs=1e-7)
 
 

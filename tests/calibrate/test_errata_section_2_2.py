@@ -82,7 +82,7 @@ def test_eq_2_75_multiplies_u_s_w_in_this_order(skewed):
 
 
 def test_eq_2_76_lost_sin_a_in_k03_and_k11(skewed):
-    e, K = skewed, skewed.unnormalised_matrix
+    e, K = skewed, skewed.unnormalized_matrix
     (sa, sb, sc), (ca, cb, cc) = np.sin([e.a, e.b, e.c]), np.cos([e.a, e.b, e.c])
     f, p, s, c = 1 / e.focal, e.aspect, np.sin(e.skew), np.cos(e.skew)
 
@@ -106,7 +106,7 @@ def test_eq_2_76_lost_sin_a_in_k03_and_k11(skewed):
 @pytest.mark.parametrize("name", ["bench", "mock-up"])
 def test_eq_2_81_the_sign_of_k23_is_minus_that_of_det_m(matrix, name):
     C = matrix(name)
-    K = ExtendedPinhole.from_matrix(C).unnormalised_matrix
+    K = ExtendedPinhole.from_matrix(C).unnormalized_matrix
     assert np.sign(K[2, 3]) == -np.sign(np.linalg.det(C[:, :3]))
     assert abs(K[2, 3]) == pytest.approx(np.linalg.norm(K[2, :3]) / np.linalg.norm(C[2, :3]), rel=1e-9)
 
@@ -115,7 +115,7 @@ def test_eq_2_91_is_the_determinant_of_the_unnormalised_m(matrix):
     C = matrix("bench")
     e = ExtendedPinhole.from_matrix(C)
     right = -e.aspect * np.cos(e.skew) / e.focal
-    assert np.linalg.det(e.unnormalised_matrix[:, :3]) == pytest.approx(right, rel=1e-9)
+    assert np.linalg.det(e.unnormalized_matrix[:, :3]) == pytest.approx(right, rel=1e-9)
     assert np.linalg.det(C[:, :3]) * right < 0  # the printed |M| has even the other sign here
 
 
@@ -203,7 +203,7 @@ def test_eq_2_159_the_arccosine_loses_half_of_the_digits(matrix):
     e = ExtendedPinhole.from_matrix(matrix("bench"))
     truth = ExtendedPinhole.from_vector([*e.vector[:8], 1e-6, *e.vector[9:]])
     C = truth.matrix
-    K23 = truth.unnormalised_matrix[2, 3]
+    K23 = truth.unnormalized_matrix[2, 3]
     cosine = -np.linalg.det(C[:, :3]) * K23**3 * truth.focal / truth.aspect
     assert abs(np.arccos(min(cosine, 1.0)) - 1e-6) > 1e-11
     assert ExtendedPinhole.from_matrix(C).skew == pytest.approx(1e-6, abs=1e-13)

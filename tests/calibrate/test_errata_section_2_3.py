@@ -98,14 +98,14 @@ def test_eq_2_171_t_is_where_the_camera_went_not_where_it_came_from(table_2_24, 
 
     assert point(T) == pytest.approx([110, 300, -1250], abs=10)
     assert point(-T) == pytest.approx([-95, 533, 836], abs=1)
-    assert KnownMotion.of_centre(F1, R, T).new_from_old @ F1 == pytest.approx(two.origin, abs=1e-9)
+    assert KnownMotion.of_center(F1, R, T).new_from_old @ F1 == pytest.approx(two.origin, abs=1e-9)
 
 
 def test_eq_2_172_takes_the_unnormalised_matrices(table_2_24):
     """R = R2^T R1; from the C23 = 1 matrices it comes out scaled by the ratio of their K23."""
     one, two = table_2_24
     R = two.camera_from_world.rotation.T @ one.camera_from_world.rotation
-    from_K = np.linalg.solve(two.unnormalised_matrix[:, :3], one.unnormalised_matrix[:, :3])
+    from_K = np.linalg.solve(two.unnormalized_matrix[:, :3], one.unnormalized_matrix[:, :3])
     from_C = np.linalg.solve(two.matrix[:, :3], one.matrix[:, :3])
     assert from_K == pytest.approx(R, abs=1e-12)
     assert np.cbrt(np.linalg.det(from_C)) == pytest.approx(1.78, abs=0.01)

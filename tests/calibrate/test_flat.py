@@ -133,9 +133,9 @@ def test_as_many_equations_as_unknowns_leave_the_sigmas_unknown():
 
 def on_conic_with_centre():
     """Points on a circle through the line camera's centre: Chasles' theorem leaves the camera open."""
-    middle = LINE.centre - 300 * LINE.rotation[1]
+    middle = LINE.center - 300 * LINE.rotation[1]
     t = np.linspace(0.6, 2 * np.pi - 0.6, 8)
-    away = -(LINE.centre - middle)
+    away = -(LINE.center - middle)
     return middle + np.stack([np.cos(t), np.sin(t)], -1) @ np.array([away, [-away[1], away[0]]]) * 1.0
 
 

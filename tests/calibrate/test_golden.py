@@ -148,7 +148,7 @@ def test_the_chain_passes_through_the_printed_intermediate_values(golden, bench)
 def test_the_centred_matrices_of_eq_2_141_and_2_161_come_out(golden, bench):
     C = thesis_matrix(bench[1], CHIP_CENTRE)
     assert_golden(golden("pos1.Minv_centred"), np.linalg.inv(C[:, :3]))
-    assert_golden(golden("pos1.K_centred"), ExtendedPinhole.from_matrix(C).unnormalised_matrix)
+    assert_golden(golden("pos1.K_centred"), ExtendedPinhole.from_matrix(C).unnormalized_matrix)
 
 
 def test_the_focal_length_of_eq_2_146_in_mm(golden, bench, size):
@@ -207,8 +207,8 @@ def closed_form_eq_2_76(e):
 def test_the_closed_form_of_eq_2_76_is_the_product(golden, bench, size):
     e = ExtendedPinhole.from_matrix(thesis_matrix(bench[1]))
     skewed = ExtendedPinhole.from_vector([*e.vector[:8], np.radians(3.0), *e.vector[9:]])
-    difference = closed_form_eq_2_76(skewed) - skewed.unnormalised_matrix
-    assert np.abs(difference).max() <= golden("EQ2.76")["tol"] * np.abs(skewed.unnormalised_matrix).max()
+    difference = closed_form_eq_2_76(skewed) - skewed.unnormalized_matrix
+    assert np.abs(difference).max() <= golden("EQ2.76")["tol"] * np.abs(skewed.unnormalized_matrix).max()
 
 
 @pytest.mark.parametrize(("name", "internals", "externals"), [("2.21", 1, 2), ("2.22", 2, 1)])

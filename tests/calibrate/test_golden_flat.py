@@ -50,7 +50,7 @@ def test_the_line_camera_s_matrix_is_eq_2_10(golden, C):
 
 def test_the_line_camera_s_parameters_are_those_of_section_2_1_3(golden, C):
     camera = LineCamera.from_matrix(C)
-    assert_golden(golden("2d1d.F"), camera.centre)
+    assert_golden(golden("2d1d.F"), camera.center)
     assert_golden(golden("2d1d.U0"), camera.U0)
     assert_golden(golden("2d1d.alpha"), np.degrees(camera.alpha))
     assert_golden(golden("2d1d.focal"), abs(camera.focal))
@@ -67,7 +67,7 @@ def test_least_squares_gives_the_figure_s_camera_looking_at_its_points(golden, l
     """Fig 2-3: F = (6, 2), the focal line at atan(1/2), 10 sqrt(80) px; Table 2.1 is exact to 1e-8 px."""
     estimate = calibrate_line(line)
     looks = -estimate.camera.rotation[1]
-    assert estimate.camera.centre == pytest.approx([6, 2], abs=1e-7)
+    assert estimate.camera.center == pytest.approx([6, 2], abs=1e-7)
     assert np.arctan2(looks[1], looks[0]) == pytest.approx(np.arctan(0.5), abs=1e-9)
     assert estimate.camera.focal == pytest.approx(-10 * np.sqrt(80), abs=1e-6)
     assert estimate.thesis_residual < 1e-7

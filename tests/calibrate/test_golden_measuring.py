@@ -72,7 +72,7 @@ def test_the_motion_of_eq_2_171_and_2_172_comes_from_the_two_positions(golden, t
 
 def test_a_camera_moved_by_eq_2_170_measures_the_point_of_table_2_12(golden, table_2_24, table, size):
     one, two = (p.camera_from_world for p in table_2_24)
-    motion = KnownMotion.of_centre(one.origin, two.rotation.T @ one.rotation, two.origin - one.origin)
+    motion = KnownMotion.of_center(one.origin, two.rotation.T @ one.rotation, two.origin - one.origin)
     camera = table_2_24[0].camera(size)
     moved = one @ motion.new_from_old.inv
     views = [
@@ -102,6 +102,6 @@ def test_a_motion_is_about_the_world_and_of_centre_about_the_camera():
     """Rigid(R, F + T - R F) takes the focal centre F to F + T and turns by R."""
     F, T = np.array([10.0, 20, 30]), np.array([1.0, -2, 3])
     R = Rigid.exp([0, 0, 0, 0.1, 0.2, -0.3]).rotation
-    motion = KnownMotion.of_centre(F, R, T).new_from_old
+    motion = KnownMotion.of_center(F, R, T).new_from_old
     assert motion @ F == pytest.approx(F + T, abs=1e-13)
     assert motion.rotation == pytest.approx(R)

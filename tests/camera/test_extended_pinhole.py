@@ -47,8 +47,8 @@ def test_decompose_undoes_compose_for_both_signs_of_det_m(rng: np.random.Generat
 def test_recompose_undoes_decompose(rng: np.random.Generator) -> None:
     """Within 1e-12 of the largest entry of each row, in the scale of K; C = K/K23 adds the rounding of K23."""
     for true in random_pinholes(rng, 500):
-        K = true.unnormalised_matrix
-        again = ExtendedPinhole.from_matrix(-3.0 * K).unnormalised_matrix
+        K = true.unnormalized_matrix
+        again = ExtendedPinhole.from_matrix(-3.0 * K).unnormalized_matrix
         assert (np.abs(again - K) / np.abs(K).max(axis=1, keepdims=True)).max() < 1e-12
         C, K23 = true.matrix, abs(K[2, 3]) / np.abs(K[2]).max()
         again = ExtendedPinhole.from_matrix(C).matrix

@@ -25,7 +25,7 @@ POSE = Rigid.look_at([200.0, -300.0, 800.0], [60.0, 40.0, 0.0])
 
 def in_front(camera: LineCamera, rng: np.random.Generator, n: int = 6) -> np.ndarray:
     z, m = rng.uniform(100, 900, n), rng.uniform(-0.5, 0.5, n)
-    return camera.centre + z[:, None] * (m[:, None] * camera.rotation[0] - camera.rotation[1])
+    return camera.center + z[:, None] * (m[:, None] * camera.rotation[0] - camera.rotation[1])
 
 
 @pytest.mark.parametrize("camera", LINES)
@@ -34,7 +34,7 @@ def test_a_line_camera_comes_back_from_its_matrix_whatever_its_scale_and_sign(
 ) -> None:
     p = in_front(camera, rng)
     for scale in (1.0, -7.0, 1e-6):
-        again = LineCamera.from_matrix(scale * camera.unnormalised_matrix)
+        again = LineCamera.from_matrix(scale * camera.unnormalized_matrix)
         assert -np.pi / 2 < again.alpha <= np.pi / 2 + 4 * EPS
         facing = again.facing(p).vector
         turn = (facing[2] - camera.alpha + np.pi) % (2 * np.pi) - np.pi
@@ -52,7 +52,7 @@ def test_the_ray_of_a_line_s_pixel_passes_through_what_is_seen_there(
     assert (camera.ray(U).along(p) > 0).all()
     one = np.column_stack([p, np.ones(len(p))])
     assert np.abs(np.sum(camera.line(U) * one, axis=1)).max() < 1e3 * EPS * 1000
-    u = one @ camera.unnormalised_matrix.T
+    u = one @ camera.unnormalized_matrix.T
     assert u[:, 0] / u[:, 1] == pytest.approx(U, abs=1e-9)
 
 
@@ -73,7 +73,7 @@ def test_a_line_camera_s_jacobians_are_its_derivatives(camera: LineCamera, rng: 
 
 def test_nothing_behind_a_line_camera_is_seen(rng: np.random.Generator) -> None:
     camera = LINES[0]
-    behind = 2 * camera.centre - in_front(camera, rng)
+    behind = 2 * camera.center - in_front(camera, rng)
     assert np.isnan(camera.project(behind)).all()
     with pytest.raises(DegenerateGeometry, match="on the other"):
         camera.facing(np.concatenate([behind, in_front(camera, rng)]))

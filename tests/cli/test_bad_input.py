@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import struct
 import zlib
 from collections.abc import Callable
@@ -117,7 +118,7 @@ CASES = [
         "photo of another size",
         OVERLAY,
         lambda j: write_picture(j / "photo.png", np.zeros((100, 200))),
-        ("photo.png is 200 x 100 px but the camera is 320 x 240 px", "camera.resize"),
+        ("photo.png is 200 x 100 px but the camera is 320 x 240 px", "--crop X,Y,200x100 if it was cut out"),
     ),
     Case(
         "photo turned",
@@ -271,3 +272,55 @@ def test_a_disk_that_fills_up_leaves_the_old_file(
     assert "No space left on device" in ran.err
     assert (job / command[-1]).read_text() == "old"
     assert sorted(job.rglob("*")) == before
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        OVERLAY,
+        LOCATE,
+        ("match", "photo.png", "block.obj", "--camera", "camera.json"),
+        ("verify", "photo.png", "block.obj", "--camera", "camera.json", "--tolerances", "t.yaml", "-o", "r.html"),
+        ("track", "photo.png", "block.obj", "--camera", "camera.json", "-o", "log.jsonl"),
+        ("targets", "find", "photo.png", "--mark", "dot:10mm", "--camera", "camera.json"),
+    ],
+    ids=lambda words: words[0],
+)
+@pytest.mark.parametrize(
+    ("size", "remedies"),
+    [
+        ((160, 120), ("--binning 2 if", "--resize 160x120 if", "--crop X,Y,160x120 if")),  # of 320 x 240
+        ((80, 60), ("--binning 4 if", "--resize 80x60 if", "--crop X,Y,80x60 if")),
+        ((160, 240), ("--binning 2x1 if", "--crop X,Y,160x240 if")),
+        ((240, 180), ("--resize 240x180 if", "--crop X,Y,240x180 if")),
+        ((300, 200), ("--crop X,Y,300x200 if",)),
+        ((640, 480), ("--resize 640x480 if",)),
+        ((500, 500), ()),
+        ((240, 320), ("turned by 90 degrees",)),
+    ],
+    ids=str,
+)
+def test_every_verb_says_the_same_of_a_photo_of_another_size(
+    cadcam: Cadcam,
+    job: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    size: tuple[int, int],
+    remedies: tuple[str, ...],
+) -> None:
+    """Only what makes a camera of that size is offered: `cadcam convert` takes each option that is named."""
+    monkeypatch.chdir(job)
+    write_picture(job / "photo.png", np.full(size[::-1], 0.5, np.float32))
+    (job / "t.yaml").write_text("features:\n  - part: block\n    position_mm: 3\n")
+    ran = cadcam(*words)
+    assert ran.code == 2
+    said = f"photo.png is {size[0]} x {size[1]} px but the camera is 320 x 240 px; "
+    assert said in ran.err
+    assert all(remedy in ran.err for remedy in remedies)
+    offered = re.findall(r"(--(?:binning|resize|crop)) (\S+) if", ran.err)
+    assert len(offered) == sum(remedy.startswith("--") for remedy in remedies)
+    for option, value in offered:
+        made = cadcam("convert", job / "camera.json", job / "new.json", option, value.replace("X,Y", "0,0"))
+        assert made.code == 0
+        assert f"for pictures of {size[0]} x {size[1]} px" in made.err
+        (job / "new.json").unlink()

@@ -27,7 +27,7 @@ part: box.obj
 cameras:
   cam: {sensor: IMX264, focal_mm: 16, f_number: 8, image_circle_mm: 11.1}
 mounts:
-  ring: {arc: {centre_mm: [50, 40, 500], radius_mm: 500}, count: 8, aim_mm: [50, 40, 20]}
+  ring: {arc: {center_mm: [50, 40, 500], radius_mm: 500}, count: 8, aim_mm: [50, 40, 20]}
 features:
   mark: {circle_mm: [30, 40, 20], normal: [0, 0, 1], diameter_mm: 10, position_mm: 0.1}
   edge: {edge_mm: [[0, 0, 20], [100, 0, 20]], position_mm: 0.1}
@@ -211,7 +211,7 @@ def test_each_camera_has_a_picture_of_its_own_where_names_of_files_would_be_alik
     assert names == ["camera_1_post_1.png", "camera_2_post_1.png"]
 
 
-RING = "arc: {centre_mm: [50, 40, 500], radius_mm: 500}, count: 8"
+RING = "arc: {center_mm: [50, 40, 500], radius_mm: 500}, count: 8"
 UNSEEN = "no candidate sees 1 of 2 features: 'mark' (seen too obliquely or from behind 100%)"
 RANGE = "poses: {a: {position_mm: [[0, 1], 0, 0], steps: 1}}\ncameras:\n"
 TWO_POSES = "poses: {a: {position_mm: [[0, 1], 0, 0]}, a 1: {position_mm: [0, 0, 0]}}\ncameras:\n"
@@ -237,7 +237,7 @@ WRONG = {
     "a ratio that is none": ("choose: 3", "tur: -1", "tur is -1"),
     "two kinds of places": ("count: 8", "count: 8, positions_mm: [[0, 0, 900]]", "give one of positions_mm"),
     "a range with one step": ("cameras:\n", RANGE, "at least 2"),
-    "noise without numbers": ("{sigma_px: 0.05}", "{grey: 0.01}", "both, or neither"),
+    "noise without numbers": ("{sigma_px: 0.05}", "{gray: 0.01}", "both, or neither"),
     "a model that is not there": ("box.obj", "bix.obj", "did you mean 'box.obj'"),
     "a model in no unit": ("part: box.obj", "part: {model: box.obj, unit: furlong}", "part is refused: unknown unit"),
     "two poses of one name": ("cameras:\n", TWO_POSES, "makes a second pose 'a 1'"),

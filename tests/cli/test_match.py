@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
@@ -64,6 +65,34 @@ def test_what_is_not_there_is_exit_3_and_a_sentence(cadcam: Callable[..., Ran], 
     assert ran.code == 3
     assert "nothing in the picture looks like the template" in ran.out
     assert cadcam("match", photo, job / "other.png", "--least-score", "0.8", "--json").json["peaks"] == []
+
+
+@pytest.mark.parametrize("dots", [0, 1])
+def test_a_template_with_hardly_any_structure_is_told_how_much_it_has(
+    cadcam: Callable[..., Ran], job: Path, dots: int
+) -> None:
+    """Coarse pixels see only how bright the wall is, here and there: the template is not found in its own photo."""
+    y, x = np.mgrid[:700, :900]
+    wall = 0.5 + 0.05 * x / 900 + 0.025 * y / 700 + 0.01 * np.random.default_rng(1).standard_normal(x.shape)
+    wall += dots * 0.4 * ((np.hypot(x - 460, y - 360) < 5.5) | (np.hypot(x - 475, y - 350) < 3.5))
+    write_picture(job / "wall.png", wall)
+    whole, close = wall[100:600, 200:700], wall[330:390, 430:490]
+    write_picture(job / "large.png", whole)
+    ran = cadcam("match", job / "wall.png", job / "large.png")
+    told = re.search(r"(\d+) of the template's 250000 pixels lie on a border or texture", ran.out)
+    assert told
+    assert "a smaller one, cut out around them" in ran.out
+    # a slope reaches 2 px beyond a disc's rim; of noise, 4 slopes of a million stand out
+    most = sum(np.pi * (r + 2) ** 2 for r in (5.5, 3.5)) * dots + 10
+    assert sum(2 * np.pi * r for r in (5.5, 3.5)) * dots <= int(told[1]) <= most
+    document = cadcam("match", job / "wall.png", job / "large.png", "--json").json
+    assert (document["template_pixels"], document["structured_pixels"]) == (250000, int(told[1]))
+    if dots:  # as advised
+        write_picture(job / "close.png", close)
+        ran = cadcam("match", job / "wall.png", job / "close.png")
+        assert ran.code == 0
+        assert "border or texture" not in ran.out
+        assert re.search(r"^ *1  1\.0000", ran.out, re.MULTILINE)
 
 
 def test_a_part_comes_with_features_edges_and_pose(cadcam: Callable[..., Ran], job: Path, photo: Path) -> None:

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import argparse
+import inspect
 import re
 from collections import defaultdict
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 import pytest
@@ -39,6 +40,14 @@ DEFAULTS = {
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
 FOREIGN = {"--python"}  # options of other programs that our messages name: Blender's
+# Names of more than one spelling that are written the British way, in names joined by _, -, or a capital.
+BRITISH = re.compile(
+    r"colour|centre|(?<![a-z])grey|(?<![a-z])(milli)?metres?(?![a-z])|neighbour|behaviour|licence|catalogue|artefact"
+    r"|modell|labell|(?<![a-z])(?!pre|noi|rai|pro|exer|other)[a-z]{3,}is(e|ed|er|es|ing|ation)(?![a-z])",
+    re.IGNORECASE,
+)
+# Public names that are still British, and why.
+BRITISH_YET = {"Freedom.among(centre)": "moves together with its callers in cadcam.locate"}
 UNITS = re.compile(r"-(mm|cm|um|m|px|deg|rad|percent|s)$")
 
 
@@ -179,3 +188,41 @@ def test_help_of_an_option_breaks_no_name_at_its_hyphen(
     with pytest.raises(SystemExit):
         cli.main(["targets", "find", "--help"])
     assert "dot-ring:4cm:8cm:12cm" in capsys.readouterr().out.partition("examples:")[0]
+
+
+def public_names() -> Iterator[str]:
+    """Yield every public name of cadcam, the members of its classes, and the parameters of all."""
+    for name in cadcam.__all__:
+        thing = getattr(cadcam, name)
+        called = {name: thing} if callable(thing) else {}
+        yield name
+        if inspect.isclass(thing):
+            members = {member for member in dir(thing) if not member.startswith("_")}
+            members |= set(getattr(thing, "__dataclass_fields__", ()))
+            yield from (f"{name}.{member}" for member in members)
+            called |= {f"{name}.{member}": getattr(thing, member, None) for member in members}
+        for words, function in called.items():
+            if callable(function):
+                try:
+                    parameters = inspect.signature(function).parameters
+                except ValueError:  # of what is written in C, which does not say
+                    continue
+                yield from (f"{words}({parameter})" for parameter in parameters)
+
+
+def british(names: Iterable[str]) -> list[str]:
+    """Return the names with a word that is spelled the British way; a capital begins a word."""
+    return [name for name in names if BRITISH.search(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name))]
+
+
+def test_names_are_spelled_the_american_way() -> None:
+    """What a user types has one spelling, in options, in what they can be set to, and in Python."""
+    typed = [name for _, action in options(cli.parser()) for name in action.option_strings or (action.dest,)]
+    typed += [str(choice) for _, action in options(cli.parser()) for choice in action.choices or ()]
+    assert british(typed) == []
+    assert set(british(public_names())) == set(BRITISH_YET)
+
+
+def test_a_british_name_is_found() -> None:
+    wrong = ["--centre-jitter", "--linearise", "LineStyle.colour", "Camera.normalised", "to_grey", "Quantisation"]
+    assert british([*wrong, "--center-jitter", "raised", "noise", "Noise", "precise", "sized", "diameter"]) == wrong

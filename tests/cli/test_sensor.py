@@ -45,7 +45,7 @@ def test_a_seed_decides_the_noise_and_linearise_undoes_a_gamma(cadcam: Cadcam, j
     a, b, c = ((job / f"{n}.png").read_bytes() for n in "abc")
     assert a == b != c
     (job / "plain.json").write_text(json.dumps({"format": "cadcam sensor", "version": 1}))
-    cadcam("sensor", "apply", job / "plain.json", job / "photo.png", "--linearise", 0.5, "-o", job / "d.png")
+    cadcam("sensor", "apply", job / "plain.json", job / "photo.png", "--linearize", 0.5, "-o", job / "d.png")
     assert np.abs(read_picture(job / "d.png") - read_picture(job / "photo.png") ** 2).max() < 0.51 / 255
 
 
@@ -80,7 +80,7 @@ def test_render_shows_what_the_sensor_makes_of_the_model(cadcam: Cadcam, job: Pa
         ),
         (("sensor", "apply", "phone", "none.png", "-o", "a.png"), "no such file"),
         (("sensor", "apply", "phone", "photo.png", "-o", "a.txt"), "suffix"),
-        (("sensor", "apply", "phone", "photo.png", "-o", "a.png", "--linearise", "0"), "gamma"),
+        (("sensor", "apply", "phone", "photo.png", "-o", "a.png", "--linearize", "0"), "gamma"),
         (("render", "block.obj", "-o", "a.npy", "--channel", "depth", "--sensor", "phone"), "--sensor"),
         (("render", "block.obj", "-o", "a.png", "--transparent", "--sensor", "phone"), "--sensor"),
     ],

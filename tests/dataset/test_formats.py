@@ -26,7 +26,7 @@ VIEWS = 6
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("formats") / "set"
-    make_dataset(folder, scene(), plan(VIEWS, centre_jitter_px=2.0), workers=2, name="block")
+    make_dataset(folder, scene(), plan(VIEWS, center_jitter_px=2.0), workers=2, name="block")
     return folder
 
 

@@ -23,9 +23,9 @@ from .sets import CAMERA, HALF, inputs_and_sampler, plan, renderer_of, scene
 PLANS = {
     "bare": plan(occluders=Occluders()),
     "hidden": plan(occluders=Occluders((2, 4), size=(0.2, 0.5))),
-    "cut off": plan(off_centre=0.6, fill=(1.0, 2.0)),
+    "cut off": plan(off_center=0.6, fill=(1.0, 2.0)),
     "lens": plan(camera=replace(CAMERA, lens=BrownConrady(-0.15, 0.02))),
-    "jitter": plan(focal_jitter=0.05, centre_jitter_px=4.0),
+    "jitter": plan(focal_jitter=0.05, center_jitter_px=4.0),
     "sensor": plan(sensor=PRESETS["global-shutter"], gray=True),
 }
 
@@ -176,7 +176,7 @@ def test_topics_draw_apart_from_each_other() -> None:
 def test_poses_keep_to_their_range() -> None:
     around = ViewRange(np.array([1.0, 0, 0]), 30.0, np.array([0.0, 0, 1.0]), 10.0, (300.0, 400.0))
     centred = Camera.from_focal((96, 72), 110.0)
-    made = plan(200, camera=centred, around=around, off_centre=0.0, occluders=Occluders())
+    made = plan(200, camera=centred, around=around, off_center=0.0, occluders=Occluders())
     sampler = inputs_and_sampler(made)[1]
     cosines, rolls = [], []
     for index in range(200):
@@ -202,7 +202,7 @@ def test_poses_keep_to_their_range() -> None:
 def test_the_part_is_near_the_picture_s_middle_seen_from_where_it_was_asked(camera: Camera) -> None:
     """The middle of the picture is not the camera's axis: neither in a cut-out, nor wherever the part is off centre."""
     around = ViewRange(np.array([1.0, 0, 0]), 30.0, np.array([0.0, 0, 1.0]), 10.0, (300.0, 400.0))
-    made = plan(100, camera=camera, around=around, off_centre=0.2, occluders=Occluders(), centre_jitter_px=1.0)
+    made = plan(100, camera=camera, around=around, off_center=0.2, occluders=Occluders(), center_jitter_px=1.0)
     sampler = inputs_and_sampler(made)[1]
     off = []
     for index in range(100):
@@ -220,7 +220,7 @@ def test_where_a_lens_images_nothing_the_part_is_not_aimed() -> None:
     """A lens of small valid radius: what is asked for beyond it is at the middle."""
     camera = Camera((96, 72), np.array([[110.0, 0, 47.5], [0, 110.0, 35.5], [0, 0, 1]]), BrownConrady(k1=-1.5))
     assert np.isnan(camera.unproject([95.0, 35.5])).any()
-    sampler = inputs_and_sampler(plan(40, camera=camera, off_centre=1.0, occluders=Occluders()))[1]
+    sampler = inputs_and_sampler(plan(40, camera=camera, off_center=1.0, occluders=Occluders()))[1]
     for index in range(40):
         assert np.isfinite(camera.project(sampler.shot(index).camera_from_part @ sampler.middle)).all()
 

@@ -32,7 +32,7 @@ seen_from: 1,0,0:30
 up: [0, 1, 0]
 roll_deg: 15
 distance_mm: [500, 700]
-off_centre: 0
+off_center: 0
 head: 0.4
 backgrounds: [noise, photos]
 occluders: [1, 2]
@@ -104,7 +104,7 @@ def test_poses_and_a_camera_say_how_many_views_there_are(here: Path) -> None:
         ({"sensor": "phon"}, "unknown sensor 'phon'; did you mean 'phone'"),
         ({"samples": 9}, "samples is 9"),
         ({"focal_jitter_percent": 50}, "focal_jitter_percent is 50"),
-        ({"off_centre": 2}, "off_centre is 2"),
+        ({"off_center": 2}, "off_center is 2"),
         ({"key_points": "camera.json"}, "camera.json: "),
     ],
     ids=lambda value: "-".join(value) if isinstance(value, dict) else "",

@@ -43,7 +43,7 @@ def test_what_is_left_out_does_not_happen_and_has_its_default(tmp_path):
         ({**HEAD, "gamma": {"gamma": "0.6"}}, 'gamma.gamma is "0.6"'),
         ({**HEAD, "noise": 3}, "noise is 3"),
         ({**HEAD, "motion": {"shift_px": [1]}}, "motion.shift_px has shape"),
-        ({**HEAD, "quantisation": {"bits": 7.5}}, "a whole number from 1 to 16"),
+        ({**HEAD, "quantization": {"bits": 7.5}}, "a whole number from 1 to 16"),
         ({**HEAD, "edge_enhancement": {"vertical": 1}}, "true or false"),
         ({"version": 1}, "begins with"),
         ({"format": "cadcam sensor", "version": 9}, "version 9"),

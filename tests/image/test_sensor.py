@@ -13,7 +13,7 @@ from cadcam.image.sensor.charge import Blooming, Exposure, Noise, Smear
 from cadcam.image.sensor.light import Blur, Interlace, Motion, PixelAspect, Vignetting, fit_vignetting, shifted
 from cadcam.image.sensor.presets import PRESETS, preset
 from cadcam.image.sensor.sensor import EFFECTS, Sensor
-from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantization
 
 FLOAT32 = float(np.finfo(np.float32).eps)
 
@@ -229,8 +229,8 @@ def test_jitter_shifts_whole_lines_by_no_more_than_its_worst(rng, scene):
     assert np.array_equal(shifted_color[..., 0], shifted_color[..., 2])
 
 
-def test_quantisation_rounds_to_its_steps(rng, scene):
-    out = Quantisation(6).apply(scene, rng)
+def test_quantization_rounds_to_its_steps(rng, scene):
+    out = Quantization(6).apply(scene, rng)
     assert np.allclose(out * 63, np.rint(out * 63), atol=1e-4)
     assert np.abs(out - scene).max() <= 0.5 / 63 + 1e-6
 
@@ -277,9 +277,9 @@ def test_numbers_out_of_range_are_refused():
         (lambda: Noise(-5.0), "full_well_e"),
         (lambda: Blur(sigma_px=-1.0), "sigma_px"),
         (lambda: Jitter(5.0, 0.0), "pixel_ns"),
-        (lambda: Quantisation(0), "bits"),
-        (lambda: Quantisation(float("nan")), "bits of the quantisation is nan; expected a whole number from 1 to 16"),
-        (lambda: Quantisation("8"), "bits"),
+        (lambda: Quantization(0), "bits"),
+        (lambda: Quantization(float("nan")), "bits of the quantization is nan; expected a whole number from 1 to 16"),
+        (lambda: Quantization("8"), "bits"),
         (lambda: Jpeg(101), "quality"),
         (lambda: Jpeg(float("inf")), "quality"),
         (lambda: Exposure(0.0), "exposure"),

@@ -89,7 +89,7 @@ def test_what_fewer_than_two_cameras_see_is_not_measured() -> None:
 def test_without_a_stated_sigma_nothing_is_said_of_uncertainty() -> None:
     """Grey levels and contrast tell of features of known size only."""
     marks = tuple(f for f in features() if f.kind is not Kind.POINT)
-    layout = plan_layout(scene(9, features=marks, finder=Finder(grey=0.01, contrast=0.5)))
+    layout = plan_layout(scene(9, features=marks, finder=Finder(gray=0.01, contrast=0.5)))
     assert coverage(layout).measured() is None
 
 

@@ -64,7 +64,7 @@ def test_the_covariance_of_a_disc_is_the_cramer_rao_bound_of_its_picture() -> No
     step = 0.25
     slopes = np.stack([(picture(step, 0) - picture(-step, 0)), (picture(0, step) - picture(0, -step))]) / (2 * step)
     information = np.einsum("iyx,jyx->ij", slopes, slopes) / grey**2
-    found = circle_covariance(Finder(grey=grey, contrast=contrast), A, blur, sharp_px=blur)
+    found = circle_covariance(Finder(gray=grey, contrast=contrast), A, blur, sharp_px=blur)
     # the law takes the outline for straight over the blur: off by (blur/radius)^2, and differences by (step/blur)^2/6
     np.testing.assert_allclose(np.linalg.inv(found), information, rtol=0.06, atol=0.03 * np.trace(information))
 
@@ -83,12 +83,12 @@ def test_slant_costs_along_the_long_axis_only_and_blur_both() -> None:
 
 
 def test_an_edge_twice_as_long_is_known_twice_as_well() -> None:
-    finder = Finder(grey=0.01, contrast=0.5)
+    finder = Finder(gray=0.01, contrast=0.5)
     one, two = edge_variance(finder, [50.0, 100.0], 0.7, sharp_px=0.7)
     assert one == pytest.approx(2 * two)
 
 
-@pytest.mark.parametrize("noise", [{"sigma_px": 0.05}, {"sigma_px": 0.05, "grey": 0.01, "contrast": 0.5}])
+@pytest.mark.parametrize("noise", [{"sigma_px": 0.05}, {"sigma_px": 0.05, "gray": 0.01, "contrast": 0.5}])
 def test_what_remains_whatever_the_noise_is_added_to_every_kind_of_feature(noise: dict[str, float]) -> None:
     without, floor = Finder(**noise), Finder(**noise, floor_px=0.03)
     A, sharp = np.diag([10.0, 5.0]), {"sharp_px": 0.5}
@@ -101,7 +101,7 @@ def test_what_remains_whatever_the_noise_is_added_to_every_kind_of_feature(noise
     assert edge_variance(floor, 80.0, 0.7, **sharp) == pytest.approx(edge_variance(without, 80.0, 0.7, **sharp) + 9e-4)
 
 
-@pytest.mark.parametrize("stated", [{}, {"grey": 0.01}, {"sigma_px": -1.0}, {"sigma_px": 0.1, "floor_px": -1.0}])
+@pytest.mark.parametrize("stated", [{}, {"gray": 0.01}, {"sigma_px": -1.0}, {"sigma_px": 0.1, "floor_px": -1.0}])
 def test_noise_that_is_none_is_refused(stated: dict[str, float]) -> None:
     with pytest.raises(BadValue):
         Finder(**stated)

@@ -51,7 +51,7 @@ def test_a_tilted_disc_out_of_focus_scatters_as_predicted_along_both_axes(rng: n
     shade = LIGHT.ambient + LIGHT.flash * cosine
     grey = SENSOR.noise.sigma(0.1 * shade * (PAPER + INK) / 2) / 0.1
     blur = np.hypot(0.6, float(APERTURE.defocus_px(CAMERA, centre[2])) / 4)
-    finder = Finder(grey=grey, contrast=shade * (PAPER - INK))
+    finder = Finder(gray=grey, contrast=shade * (PAPER - INK))
     predicted = circle_covariance(finder, J @ TILTED.rotation[:, :2] * RADIUS, blur, sharp_px=blur)
     q = np.concatenate([trials(place, rng) for place in np.eye(3)[:PLACES] * 0.4])
     spread = np.cov(q.T)

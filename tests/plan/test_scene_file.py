@@ -35,7 +35,7 @@ cameras:
   own: {file: camera.json, sensor: IMX264, focal_mm: 16, f_number: 8}
 mounts:
   wall: {box_mm: [[0, -9000, 0], [4000, -9000, 3000]], count: 12, aim_mm: [[2000, 1500, 500], [1000, 0, 500]]}
-  robot: {arc: {centre_mm: [2000, 1500, 3000], radius_mm: 8000, from_deg: 180, to_deg: 270}, count: 4, one_camera: true,
+  robot: {arc: {center_mm: [2000, 1500, 3000], radius_mm: 8000, from_deg: 180, to_deg: 270}, count: 4, one_camera: true,
           cameras: [own]}
   post: {positions_mm: [[-5000, 0, 4000]], fixed: true, cameras: [bought], up: [0, 1, 0]}
 features:
@@ -43,7 +43,7 @@ features:
   hole: {circle_mm: [600, 800, 100], normal: [0, 0, 1], diameter_mm: 100, position_mm: 1, k: 3}
   post edges: {part: post, kinds: [crease], position_mm: 1, rule: simple acceptance}
   front: {edge_mm: [[200, 0, 100], [3800, 0, 100]], angle_deg: 0.1}
-noise: {sigma_px: 0.1, grey: 0.02, contrast: 0.3, floor_px: 0.01}
+noise: {sigma_px: 0.1, gray: 0.02, contrast: 0.3, floor_px: 0.01}
 calibration: {position_mm: 0.1, rotation_deg: 0.01, focal_px: 0.2, principal_point_px: 0.3}
 motion: {position_mm: 0.2, rotation_deg: 0.02}
 placement: {position_mm: 0.4}
@@ -202,7 +202,7 @@ noise: {sigma_px: 0.1}
         ("seen: {share: 0.5}", "features: {top: {edge_mm: [[200, 0, 100], [3800, 0, 100]], position_mm: 2}}"),
         ("seen: {least_px: 3}", "features: {top: {edge_mm: [[200, 0, 100], [3800, 0, 100]], position_mm: 2}}"),
         (
-            "noise: {sigma_px: 0.1, grey: 0.01, contrast: 0.3}",
+            "noise: {sigma_px: 0.1, gray: 0.01, contrast: 0.3}",
             "features: {top: {edge_mm: [[200, 0, 100], [3800, 0, 100]], position_mm: 2}}",
         ),
     ],

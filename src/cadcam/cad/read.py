@@ -39,6 +39,7 @@ _BREP_READERS = {".step": read_step, ".stp": read_step, ".iges": read_iges, ".ig
 SUFFIXES = tuple(sorted({*_READERS, *_BREP_READERS}))
 
 _SMALL_MM, _LARGE_MM = 1.0, 100_000.0  # outside these limits a mistaken unit is likelier than such a part
+_LARGE_GLTF_MM = 10_000.0  # beyond this, a part written in mm against the rule of glTF is likelier than one so large
 _ABSURD_MM = 1e12
 
 
@@ -112,7 +113,7 @@ def read_model_with_report(
     else:
         raise BadValue(f"tolerance for {path.name}", f"{chordal_tolerance_mm:g} mm", "none: its triangles are given")
     name, source = _unit(path, model, wanted)
-    mesh, repairs = _mended(path, model.mesh.scaled(MM[name]))
+    mesh, repairs = _mended(path, model.mesh.scaled(model.unit_mm or MM[name]))
     report = LoadReport(
         path=str(path),
         sha256=hashlib.sha256(data).hexdigest(),
@@ -202,9 +203,25 @@ def _doubts(mesh: Mesh, model: Model, unit: str, source: str) -> list[str]:
     """Return what the user should check."""
     doubts = []
     largest = float(mesh.size_mm.max())
-    if not _SMALL_MM <= largest <= _LARGE_MM:
-        other = "--unit m" if largest < _SMALL_MM else "--unit mm"
-        doubts.append(f"the model is {significant(largest, 4)} mm large: is the unit right? pass {other} if not")
+    often_mm = source == "format" and unit == "m" and largest > _LARGE_GLTF_MM
+    if often_mm or not _SMALL_MM <= largest <= _LARGE_MM:
+        doubts.append(f"the model is {_length(largest)} large: is the unit right? {_remedy(largest, unit, source)}")
     if source == "argument" and model.unit is not None and model.unit != unit:
         doubts.append(f"the format is in {model.unit} by its rule; read in {unit} as asked")
     return doubts
+
+
+def _remedy(largest: float, unit: str, source: str) -> str:
+    """Return what to do if a model of a doubtful size was read in another unit than it was written in."""
+    if source == "file":
+        return f"its file says {unit}; export it again if not"
+    for other in ("mm", "m", "in", "um"):  # the likeliest first
+        size = largest / MM[unit] * MM[other]
+        if other != unit and _SMALL_MM <= size <= _LARGE_MM:
+            right = "" if source == "argument" or not _SMALL_MM <= largest <= _LARGE_MM else f", --unit {unit} if it is"
+            return f"pass --unit {other} if it is {_length(size)}{right}"
+    return "check the scale of its export"
+
+
+def _length(mm: float) -> str:
+    return f"{significant(mm, 4)} mm" if mm < 1000 else f"{significant(mm / 1000, 4)} m"

@@ -112,13 +112,13 @@ class Camera:
 
     def unproject(self, q: Floats) -> Array:
         """Return unit directions (..., 3) in the camera frame of pixels q (..., 2); NaN where the lens images none."""
-        return self.lens.unproject(self.normalised(q))
+        return self.lens.unproject(self.normalized(q))
 
     def pixel_of(self, m: Array) -> Array:
         """Return q (..., 2) px of points m (..., 2) of the normalised (distorted) image plane."""
         return np.asarray(m @ self.K[:2, :2].T + self.K[:2, 2])
 
-    def normalised(self, q: Floats) -> Array:
+    def normalized(self, q: Floats) -> Array:
         """Return m (..., 2), the normalised (distorted) image plane's point of pixels q."""
         centred = coordinates(q, "pixels", 2) - self.K[:2, 2]
         y = centred[..., 1] / self.fy
@@ -140,7 +140,7 @@ class Camera:
 
     def distorted(self, q: Floats) -> Array:
         """Return the inverse of `undistorted`: pixels in this camera of q (..., 2) in one without distortion."""
-        m = self.normalised(q)
+        m = self.normalized(q)
         return self.project(np.concatenate([m, np.ones((*m.shape[:-1], 1))], axis=-1))
 
     def sees(self, q: Floats) -> Mask:

@@ -132,7 +132,7 @@ class ExtendedPinhole:
         return Camera(size, self.K) if lens is None else Camera(size, self.K, lens)
 
     @property
-    def unnormalised_matrix(self) -> Array:
+    def unnormalized_matrix(self) -> Array:
         """Return the thesis' K = U S W P Rz Ry Rx D (EQ 2.75, order corrected), 3x4; its row 2 is (depth)/focal."""
         P = self.K @ np.column_stack([self.camera_from_world.rotation, self.camera_from_world.translation])
         return np.asarray(PIXEL_FROM_UV @ P / self.focal)
@@ -140,11 +140,11 @@ class ExtendedPinhole:
     @property
     def matrix(self) -> Array:
         """Return C = K/K23 (3x4), the DLT's matrix with C23 = 1; `DegenerateGeometry` if the origin has depth 0."""
-        K = self.unnormalised_matrix
+        K = self.unnormalized_matrix
         if abs(K[2, 3]) <= 1e-12 * np.abs(K[2]).max():
             raise DegenerateGeometry(
                 f"C23 = 1 is impossible: the world origin lies in the camera's focal plane (K23 = {K[2, 3]:.3g}); "
-                "use unnormalised_matrix, or shift the world's origin"
+                "use unnormalized_matrix, or shift the world's origin"
             )
         return np.asarray(K / K[2, 3])
 

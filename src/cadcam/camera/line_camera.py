@@ -76,7 +76,7 @@ class LineCamera:
         return np.array(astuple(self))
 
     @property
-    def centre(self) -> Array:
+    def center(self) -> Array:
         """Return the focal centre (2,), mm."""
         return np.array([self.x, self.y])
 
@@ -87,19 +87,19 @@ class LineCamera:
         return np.array([[c, s], [-s, c]])
 
     @property
-    def unnormalised_matrix(self) -> Array:
+    def unnormalized_matrix(self) -> Array:
         """Return K = U P R D (2, 3) of EQ 2.15; its second row is the depth divided by the focal length."""
-        RD = np.column_stack([self.rotation, -self.rotation @ self.centre])
+        RD = np.column_stack([self.rotation, -self.rotation @ self.center])
         return np.array([[1.0, -self.U0 / self.focal], [0.0, -1.0 / self.focal]]) @ RD
 
     @property
     def matrix(self) -> Array:
         """Return C = K/K12 (2, 3); `DegenerateGeometry` where the world's origin has depth 0."""
-        K = self.unnormalised_matrix
+        K = self.unnormalized_matrix
         if abs(K[1, 2]) <= 1e-12 * np.abs(K[1]).max():
             raise DegenerateGeometry(
                 "C12 = 1 is impossible: the world's origin lies beside the focal centre, at depth 0; use "
-                "unnormalised_matrix, or shift the world's origin"
+                "unnormalized_matrix, or shift the world's origin"
             )
         return np.asarray(K / K[1, 2])
 
@@ -117,7 +117,7 @@ class LineCamera:
 
     def depth(self, p: Floats) -> Array:
         """Return the depths (...) mm of points (..., 2) in front of the focal centre."""
-        return np.asarray(-(coordinates(p, "points of the plane", 2) - self.centre) @ self.rotation[1])
+        return np.asarray(-(coordinates(p, "points of the plane", 2) - self.center) @ self.rotation[1])
 
     def project(self, p: Floats) -> Array:
         """Return U (...) px of points (..., 2) mm; NaN where they are not in front."""
@@ -126,7 +126,7 @@ class LineCamera:
     def project_with_jacobians(self, p: Floats) -> tuple[Array, Array, Array]:
         """Return U (...), dU/dp (..., 2) px/mm and dU/d(x, y, alpha, focal, U0) (..., 5); NaN where not in front."""
         depth = self.depth(p)
-        along = (np.asarray(p, dtype=np.float64) - self.centre) @ self.rotation[0]
+        along = (np.asarray(p, dtype=np.float64) - self.center) @ self.rotation[0]
         with np.errstate(all="ignore"):
             z = np.where(depth > 0, depth, np.nan)
             m = along / z
@@ -139,14 +139,14 @@ class LineCamera:
     def ray(self, U: Floats) -> Ray:
         """Return the rays (..., 2) in the world plane along which U (...) px is seen (EQ 2.29-2.31)."""
         m = (np.asarray(U, dtype=np.float64) - self.U0) / self.focal
-        return Ray(self.centre, m[..., None] * self.rotation[0] - self.rotation[1])
+        return Ray(self.center, m[..., None] * self.rotation[0] - self.rotation[1])
 
     def line(self, U: Floats) -> Array:
         """Return the lines (..., 3) of world points imaged at U (...): l . (x, y, 1) = 0, |(l0, l1)| = 1.
 
         Equivalent to EQ 2.6, y = a x + b, where the line is not vertical: a = -l0/l1, b = -l2/l1.
         """
-        K = self.unnormalised_matrix
+        K = self.unnormalized_matrix
         lines = K[0] - np.asarray(U, dtype=np.float64)[..., None] * K[1]
         return np.asarray(lines / np.linalg.norm(lines[..., :2], axis=-1, keepdims=True))
 

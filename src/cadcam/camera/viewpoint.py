@@ -43,12 +43,12 @@ class KnownMotion(Brief):
         object.__setattr__(self, "covariance", frozen(self.covariance, "covariance of the motion", (6, 6)))
 
     @classmethod
-    def of_centre(cls, centre: Floats, rotation: Floats, translation: Floats) -> KnownMotion:
+    def of_center(cls, center: Floats, rotation: Floats, translation: Floats) -> KnownMotion:
         """Return the motion that turns a camera about its focal centre (3,) and shifts it: x = R V t + (F + T).
 
         That is EQ 2.169, with T = F2 - F1 (printed with the other sign in EQ 2.171).
         """
-        F, R = frozen(centre, "focal centre", (3,)), frozen(rotation, "rotation", (3, 3))
+        F, R = frozen(center, "focal centre", (3,)), frozen(rotation, "rotation", (3, 3))
         return cls(Rigid(R, F + frozen(translation, "translation", (3,)) - R @ F))
 
     def known_to(self, sigma_mm: float, sigma_rad: float, *, about: Floats) -> KnownMotion:
@@ -63,15 +63,15 @@ class KnownMotion(Brief):
         local = np.diag([sigma_mm**2] * 3 + [sigma_rad**2] * 3)
         return KnownMotion(self.new_from_old, Ad @ local @ Ad.T)
 
-    def effects(self, centre: Floats, n: int) -> tuple[Array, Array]:
+    def effects(self, center: Floats, n: int) -> tuple[Array, Array]:
         """Return the maps from errors of a camera before a motion (n, n), and of the motion (n, 6), to errors after it.
 
-        The camera's in the n local coordinates of `cadcam.camera.sensitivity`; centre (3,): its focal centre before.
+        The camera's in the n local coordinates of `cadcam.camera.sensitivity`; center (3,): its focal centre before.
         """
         R = self.new_from_old.rotation
         of_home, of_motion = np.eye(n), np.zeros((n, 6))
         of_home[:3, :3] = of_home[3:6, 3:6] = R
-        of_motion[:3, :3], of_motion[:3, 3:], of_motion[3:6, 3:] = R, -R @ hat(centre), -R
+        of_motion[:3, :3], of_motion[:3, 3:], of_motion[3:6, 3:] = R, -R @ hat(center), -R
         return of_home, of_motion
 
 

@@ -99,7 +99,7 @@ def _plan(plan: DatasetPlan) -> dict[str, Any]:
         "seed": plan.seed,
         "camera": bare_camera_as_json(plan.camera),
         "focal_jitter": plan.focal_jitter,
-        "centre_jitter_px": plan.centre_jitter_px,
+        "center_jitter_px": plan.center_jitter_px,
         "poses_sha256": _hash_of_poses(plan.poses),
         "around": {
             "axis": around.axis.tolist(),
@@ -109,7 +109,7 @@ def _plan(plan: DatasetPlan) -> dict[str, Any]:
             "distance_mm": None if around.distance_mm is None else list(around.distance_mm),
         },
         "fill": list(plan.fill),
-        "off_centre": plan.off_centre,
+        "off_center": plan.off_center,
         "lights": {key: list(span) for key, span in asdict(plan.lights).items()},
         "backgrounds": list(map(_background, plan.backgrounds)),
         "occluders": {"count": list(plan.occluders.count), "size": list(plan.occluders.size)},

@@ -71,10 +71,10 @@ class Occluders:
 class DatasetPlan(Brief):
     """The choices of a data set.
 
-    camera: its internals; focal_jitter is a share of the focal length (sigma), centre_jitter_px moves the principal
+    camera: its internals; focal_jitter is a share of the focal length (sigma), center_jitter_px moves the principal
     point (sigma). Poses of the camera: `poses`, camera_from_part in order and again from the first, or drawn: from
     `around`, at a distance (its own, or such that the part's diameter is `fill` of the picture's shorter side), the
-    part's middle off the picture's by up to `off_centre` of that side. backgrounds: PLAIN, NOISE or photos, of which
+    part's middle off the picture's by up to `off_center` of that side. backgrounds: PLAIN, NOISE or photos, of which
     each view takes one. samples: n x n rays per pixel for the picture. key_points (K, 3) mm in the part frame, with
     their names. Raises `BadValue`.
     """
@@ -83,11 +83,11 @@ class DatasetPlan(Brief):
     camera: Camera
     seed: int = 0
     focal_jitter: float = 0.0
-    centre_jitter_px: float = 0.0
+    center_jitter_px: float = 0.0
     poses: tuple[Rigid, ...] = ()
     around: ViewRange = WHOLE_SPHERE
     fill: tuple[float, float] = (0.4, 0.9)
-    off_centre: float = 0.1
+    off_center: float = 0.1
     lights: Lights = field(default_factory=Lights)
     backgrounds: tuple[str | Path, ...] = (PLAIN,)
     occluders: Occluders = field(default_factory=Occluders)
@@ -118,14 +118,14 @@ class DatasetPlan(Brief):
             raise BadValue("seed", self.seed, "a whole number of at least 0")
         if not 0 <= self.focal_jitter <= 0.2:
             raise BadValue("focal_jitter_percent", 100 * self.focal_jitter, "0 to 20")
-        if not 0 <= self.centre_jitter_px < math.inf:
-            raise BadValue("centre_jitter_px", self.centre_jitter_px, "a number of px, at least 0")
+        if not 0 <= self.center_jitter_px < math.inf:
+            raise BadValue("center_jitter_px", self.center_jitter_px, "a number of px, at least 0")
         if self.fill[1] > _CLOSEST:
             right = f"the part's diameter by the picture's shorter side, to {_CLOSEST:g}; closer by distance_mm"
             raise BadValue("fill", self.fill, right)
         check_span("fill", self.fill, 0.01, _CLOSEST)
-        if not 0 <= self.off_centre <= 1:
-            raise BadValue("off_centre", self.off_centre, "a share of the picture's shorter side, 0 to 1")
+        if not 0 <= self.off_center <= 1:
+            raise BadValue("off_center", self.off_center, "a share of the picture's shorter side, 0 to 1")
         if not self.backgrounds:
             raise BadValue("background", "empty", f"{PLAIN}, {NOISE} or a folder of photos")
         for word in self.backgrounds:

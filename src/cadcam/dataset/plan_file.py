@@ -3,12 +3,12 @@
     count: 1000
     seed: 1
     camera: camera.json             # or: size: [640, 480] and view_angle_deg: 40 (over the shorter side)
-    focal_jitter_percent: 0.5       # sigma; also centre_jitter_px
+    focal_jitter_percent: 0.5       # sigma; also center_jitter_px
     seen_from: above:70             # any, above, above:DEG, X,Y,Z:DEG: towards the camera, in the part's axes
     up: [0, 0, 1]                   # stands at most roll_deg from upright in the picture
     roll_deg: 20
     fill: [0.4, 0.9]                # the part's diameter by the shorter side, to 2; or: distance_mm: [800, 1500]
-    off_centre: 0.1                 # of the shorter side
+    off_center: 0.1                 # of the shorter side
     poses: poses.csv                # camera_from_part one by one, in place of seen_from, up, roll_deg, fill ...
     head: [0.1, 0.5]                # lights: at the camera; also distant (two, from anywhere) and ambient
     backgrounds: [plain, noise, photos/]
@@ -50,11 +50,11 @@ from cadcam.image.suffixes import READABLE
 from cadcam.locate.views.view_range import ViewRange
 
 KEYS = (
-    *("count", "seed", "camera", "size", "view_angle_deg", "focal_jitter_percent", "centre_jitter_px"),
-    *("seen_from", "up", "roll_deg", "fill", "distance_mm", "off_centre", "poses", "head", "distant", "ambient"),
+    *("count", "seed", "camera", "size", "view_angle_deg", "focal_jitter_percent", "center_jitter_px"),
+    *("seen_from", "up", "roll_deg", "fill", "distance_mm", "off_center", "poses", "head", "distant", "ambient"),
     *("backgrounds", "occluders", "occluder_shapes", "occluder_size", "sensor", "samples", "gray", "key_points"),
 )
-_DRAWN = ("seen_from", "up", "roll_deg", "fill", "distance_mm", "off_centre")
+_DRAWN = ("seen_from", "up", "roll_deg", "fill", "distance_mm", "off_center")
 _COUNT, _SIZE, _ANGLE_DEG = 100, (640, 480), 40.0
 
 
@@ -130,11 +130,11 @@ class _Given:
             seed=self.whole("seed", 0),
             camera=self._camera(),
             focal_jitter=self.number("focal_jitter_percent", 0.0) / 100,
-            centre_jitter_px=self.number("centre_jitter_px", 0.0),
+            center_jitter_px=self.number("center_jitter_px", 0.0),
             poses=listed,
             around=self._around(),
             fill=self.span("fill", (0.4, 0.9)),
-            off_centre=self.number("off_centre", 0.1),
+            off_center=self.number("off_center", 0.1),
             lights=Lights(**{key: self.span(key, getattr(Lights(), key)) for key in ("head", "distant", "ambient")}),
             backgrounds=self._backgrounds(),
             occluders=self._occluders(),

@@ -61,7 +61,7 @@ class ShotSampler:
     def __init__(self, plan: DatasetPlan, scene: Scene, props: tuple[Prop, ...]) -> None:
         self.plan, self.props = plan, props
         self.middle, self.radius = middle_and_radius(scene.mesh)
-        self._jitters = plan.focal_jitter > 0 or plan.centre_jitter_px > 0
+        self._jitters = plan.focal_jitter > 0 or plan.center_jitter_px > 0
 
     def shot(self, index: int) -> Shot:
         """Return view `index`, the same at any time and on any machine."""
@@ -91,7 +91,7 @@ class ShotSampler:
     def _camera(self, rng: np.random.Generator) -> Camera:
         camera, plan = self.plan.camera, self.plan
         zoom = 1 + plan.focal_jitter * float(np.clip(rng.standard_normal(), -3, 3))
-        shift = plan.centre_jitter_px * rng.standard_normal(2)
+        shift = plan.center_jitter_px * rng.standard_normal(2)
         K = camera.K.copy()
         K[:2, :2] *= zoom
         K[:2, 2] += shift
@@ -107,7 +107,7 @@ class ShotSampler:
         eye = self.middle + distance * away
         upright = Rigid.look_at(eye, self.middle, up=_not_along(plan.around.up, away))
         turned = rotation.exp([0.0, 0.0, roll]) @ upright.rotation
-        aimed = _aim(camera, plan.off_centre * min(camera.size) * rng.uniform(-1, 1, 2)) @ turned
+        aimed = _aim(camera, plan.off_center * min(camera.size) * rng.uniform(-1, 1, 2)) @ turned
         return Rigid(aimed, -aimed @ eye)
 
     def _distance(self, rng: np.random.Generator) -> float:

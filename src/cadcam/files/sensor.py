@@ -4,7 +4,7 @@
      "blur": {"sigma_px": 0.8},
      "noise": {"full_well_e": 20000, "read_e": 12},
      "gamma": {"gamma": 0.6},
-     "quantisation": {"bits": 8}}
+     "quantization": {"bits": 8}}
 
 The effects and their numbers are those of `image.sensor`, in any order: they act in the order of `Sensor`.
 """

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.picture import to_gray
+from cadcam.image.profile import noise_of
 from cadcam.native.correlate import Orientations, Points
 
 LEAST_POINTS = 25  # fewest pixels that count: fewer match anywhere
@@ -25,6 +26,7 @@ _TWIN = 0.5  # correlation from which a rotated template is equivalent to itself
 # of noise they keep an eighth of what central differences do
 _DERIVED = (-0.104550, -0.292315, 0.0, 0.292315, 0.104550)
 _ACROSS = (0.037659, 0.249153, 0.426375, 0.249153, 0.037659)
+_STANDS_OUT = 5.0  # sigma of a slope: of a million pixels of noise, 4 have a steeper one
 _RIM_PX, _ROOM = 2, 16  # px: reach of these; least side of a template that has a rim to spare
 _INSIDE = 0.99  # share of a block's pixels that must count
 
@@ -62,6 +64,12 @@ class Template:
     def size(self) -> tuple[int, int]:
         """Return (width, height) in px."""
         return self.gray.shape[1], self.gray.shape[0]
+
+    def structured(self) -> int:
+        """Return how many of the pixels that count lie on a border or texture: their slope stands out of the noise."""
+        of_noise = noise_of(self.gray) * math.hypot(*_DERIVED) * math.hypot(*_ACROSS)
+        slope = np.hypot(*_smooth_slopes(self.gray))
+        return int(np.count_nonzero(self.mask & (slope > _STANDS_OUT * of_noise)))
 
     def _round_radius(self) -> float:
         """Return the radius in px of the disc about the centre that counts throughout; 0 if it holds too little."""

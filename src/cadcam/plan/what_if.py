@@ -124,7 +124,7 @@ def _noisier(finder: Finder, times: float) -> Finder:
     return replace(
         finder,
         sigma_px=None if finder.sigma_px is None else times * finder.sigma_px,
-        grey=None if finder.grey is None else times * finder.grey,
+        gray=None if finder.gray is None else times * finder.gray,
     )
 
 

@@ -10,13 +10,20 @@ import numpy as np
 from cadcam.files.jsontext import or_null
 from cadcam.files.matrix import pose_as_json
 from cadcam.image.correlate import Peaks
+from cadcam.image.template import Template
 from cadcam.locate.match.closeness import Closeness
 from cadcam.locate.match.templates import Features, TemplateMatches
 from cadcam.report.table import Table
 
+_LITTLE = 0.01  # share of a template's pixels with structure below which coarse pixels may lose it all
+_HIGH = 0.95  # score that a slow change of brightness and noise hardly reach by themselves: up to 0.8 were seen
 
-def peaks_table(peaks: Peaks, title: str) -> Table:
-    """Return score, place, angle and scale of each peak with their sigmas, and the gap to the next."""
+
+def peaks_table(peaks: Peaks, title: str, *, template: Template | None = None) -> Table:
+    """Return score, place, angle and scale of each peak with their sigmas, and the gap to the next.
+
+    template: what was looked for; where it was not found well and has little structure, a note says so.
+    """
     sigma = peaks.sigma
     scaled = bool(sigma[:, 3].any()) if len(peaks) else False
     rows = []
@@ -36,7 +43,7 @@ def peaks_table(peaks: Peaks, title: str) -> Table:
             )
         )
     columns = ("", "score", "gap", "x, px", "y, px", "+-", "angle, deg", "+-") + (("scale", "+-") if scaled else ())
-    return Table(title, columns, tuple(rows), notes=_peak_notes(peaks))
+    return Table(title, columns, tuple(rows), notes=_peak_notes(peaks, template))
 
 
 def feature_table(matches: TemplateMatches) -> Table:
@@ -87,6 +94,11 @@ def closeness_table(close: Closeness) -> Table:
         "offset: from the model's edge to the photo's, to the left of the direction in which the edge runs",
     )
     return Table(f"How close the photo's edges are to {len(close)} visible edges", columns, rows, notes=notes)
+
+
+def template_as_json(template: Template) -> dict[str, Any]:
+    """Return how many pixels of a template count, and how many of these show structure."""
+    return {"template_pixels": int(template.mask.sum()), "structured_pixels": template.structured()}
 
 
 def peaks_as_json(peaks: Peaks) -> dict[str, Any]:
@@ -148,7 +160,21 @@ def _number(value: float) -> str:
     return "" if math.isnan(value) else f"{value:.2f}"
 
 
-def _peak_notes(peaks: Peaks) -> tuple[str, ...]:
+def _peak_notes(peaks: Peaks, template: Template | None) -> tuple[str, ...]:
+    little = _little_structure(peaks, template)
     if not len(peaks):
-        return ("nothing in the picture looks like the template",)
-    return () if peaks.complete else ("the picture holds more candidates than were looked at: a better peak may exist",)
+        return ("nothing in the picture looks like the template", *little)
+    more = () if peaks.complete else ("the picture holds more candidates than were looked at: a better peak may exist",)
+    return more + little
+
+
+def _little_structure(peaks: Peaks, template: Template | None) -> tuple[str, ...]:
+    """Return how much structure a template has that was not found well, where that may be why."""
+    if template is None or np.abs(peaks.score).max(initial=0.0) >= _HIGH:
+        return ()
+    structured, counted = template.structured(), int(template.mask.sum())
+    if structured >= _LITTLE * counted:
+        return ()
+    why = f"{structured} of the template's {counted} pixels lie on a border or texture that stands out of its noise"
+    right = "take a smaller one, cut out around them, or one with corners or texture"
+    return (f"{why}; the rest looks like any other place: {right}",)

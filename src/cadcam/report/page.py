@@ -34,8 +34,18 @@ table.cards td{display:flex;gap:10px;border:0;padding:2px 0;white-space:normal;o
 table.cards td::before{content:attr(data-head);flex:0 0 96px;color:var(--soft)}
 table.cards td:empty{display:none}
 }
-@media print{body{background:#fff}section{break-inside:avoid}
-header,.legend{-webkit-print-color-adjust:exact;print-color-adjust:exact}}
+"""
+# On paper (A4, US letter): small enough for every column, nothing to scroll; tables run over pages, rows and figures
+# stay whole. A page's own rules stand before these.
+_PRINT = """
+@media print{
+html,body{font-size:11px}body{background:#fff}main{max-width:none;padding:0}
+header,.legend,.scale{-webkit-print-color-adjust:exact;print-color-adjust:exact}
+h1,h2,h3{break-after:avoid}tr,p,li,svg,img,header,.two>*,section:not(:has(tr)){break-inside:avoid}thead{display:table-header-group}
+.wide{overflow:visible}th,td{padding-right:7px;overflow-wrap:normal}
+svg,img{max-height:220mm}img{object-fit:contain}svg.bar{width:110px;height:20px}td:last-child{min-width:8em}
+table:not(.cards) td:last-child{min-width:0}
+}
 """
 
 
@@ -44,7 +54,7 @@ def page(title: str, style: str, parts: Sequence[str]) -> str:
     return (
         '<!DOCTYPE html>\n<html lang="en"><head><meta charset="utf-8">'
         '<meta name="viewport" content="width=device-width, initial-scale=1">'
-        f"<title>{escape(title)}</title><style>{_STYLE}{style}</style></head>\n<body><main>\n"
+        f"<title>{escape(title)}</title><style>{_STYLE}{style}{_PRINT}</style></head>\n<body><main>\n"
         + "\n".join(part for part in parts if part)
         + "\n</main></body></html>\n"
     )

@@ -22,13 +22,13 @@ from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.sensor.charge import Noise
 from cadcam.image.sensor.sensor import Sensor
-from cadcam.image.sensor.video import Gamma, Quantisation
+from cadcam.image.sensor.video import Gamma, Quantization
 from cadcam.kinds import expect_positive
 from cadcam.station.plate import Plate, turn
 
 ROBOTS = {"1": (19000.0, 27500.0, 12800.0, 22300.0), "6": (4500.0, 13000.0, 12800.0, 22300.0)}
 ROBOTS |= {"7": (19000.0, 27500.0, 1600.0, 11100.0), "12": (4500.0, 13000.0, 1600.0, 11100.0)}
-SENSOR = Sensor(name="hall", noise=Noise(10_000.0, 60.0), gamma=Gamma(1 / 2.2), quantisation=Quantisation(8))
+SENSOR = Sensor(name="hall", noise=Noise(10_000.0, 60.0), gamma=Gamma(1 / 2.2), quantization=Quantization(8))
 """The camera of the hall by default: 40 dB at white, and a gamma of 1 / 2.2."""
 _WAVES = 4
 _TWIST_RAD = 3e-4  # largest rotation of a random gantry's view

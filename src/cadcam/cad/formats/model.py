@@ -22,13 +22,15 @@ class Model:
     """A mesh in the length unit of its file.
 
     `unit` is that unit, or None where the format has none; `declared`: whether the file itself names the unit (3MF,
-    STEP) and not only the specification of its format (glTF); `notes` list what was left out.
+    STEP) and not only the specification of its format (glTF); `notes` list what was left out;
+    `unit_mm` is the unit's length where the file states that, too: it may be none of `cadcam.cad.units`.
     """
 
     mesh: Mesh
     unit: str | None = None
     declared: bool = False
     notes: tuple[str, ...] = ()
+    unit_mm: float | None = None
 
 
 def assembled(

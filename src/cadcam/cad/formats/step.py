@@ -5,6 +5,7 @@ The conversion runs in a process of its own: Open CASCADE prints to standard out
 
 from __future__ import annotations
 
+import math
 import re
 import subprocess
 import sys
@@ -17,7 +18,7 @@ import numpy as np
 
 from cadcam.cad.formats.gltf import GltfDocument, Shape, collected
 from cadcam.cad.formats.model import Model
-from cadcam.cad.units import MM
+from cadcam.cad.formats.step_unit import LengthUnit, declared_unit
 from cadcam.errors import MissingExtra, UnreadableFile
 from cadcam.kinds import expect_positive
 
@@ -25,8 +26,6 @@ from cadcam.kinds import expect_positive
 CHORD_SHARE = 5e-5
 ANGLE = 0.2  # rad between neighbouring facets of a curved surface at most
 
-_PREFIX = {b"MICRO": "um", b"MILLI": "mm", b"CENTI": "cm", b"": "m"}
-_NAMED = {b"INCH": "in", b"FOOT": "ft", b"MILLIMETRE": "mm", b"METRE": "m", b"CENTIMETRE": "cm"}
 _AGAIN = "export it again, as AP214 or AP242"
 
 
@@ -43,7 +42,9 @@ def read_step(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = N
     if b"END-ISO-10303-21" not in data[-1000:]:
         raise UnreadableFile(path, f"ends at byte {len(data)} before END-ISO-10303-21: truncated", _AGAIN)
     unit = declared_unit(data)
-    tolerance = _tolerance(data, MM[unit], chordal_tolerance_mm)
+    if not 0 < unit.mm < math.inf:
+        raise UnreadableFile(path, f"its unit of length is {unit.name}", _AGAIN)
+    tolerance = _tolerance(data, unit.mm, chordal_tolerance_mm)
     return _model(path, _converted(path, "step", tolerance), unit)
 
 
@@ -53,22 +54,7 @@ def read_iges(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = N
         raise UnreadableFile(path, "has no IGES start section", "check the suffix")
     if not re.search(rb"^.{72}T", data[-200:], re.MULTILINE):
         raise UnreadableFile(path, "has no IGES terminate section: truncated", "export it again")
-    return _model(path, _converted(path, "iges", _positive(chordal_tolerance_mm) or 0.05), "mm")
-
-
-def declared_unit(data: bytes) -> str:
-    """Return the unit of length that a STEP file is written in: the one its geometric context assigns."""
-    for match in re.finditer(rb"#(\d+)\s*=\s*\(([^;]*?LENGTH_UNIT[^;]*?)\)\s*;", data):
-        body = match[2]
-        named = re.search(rb"CONVERSION_BASED_UNIT\s*\(\s*'([^']*)'", body)
-        si = re.search(rb"SI_UNIT\s*\(\s*(?:\.(\w+)\.|\$)\s*,\s*\.METRE\.", body)
-        if not re.search(rb"GLOBAL_UNIT_ASSIGNED_CONTEXT[^;]*?#" + match[1] + rb"\D", data):
-            continue  # only the base of a converted unit
-        if named and named[1].upper() in _NAMED:
-            return _NAMED[named[1].upper()]
-        if si and (si[1] or b"") in _PREFIX:
-            return _PREFIX[si[1] or b""]
-    return "mm"
+    return _model(path, _converted(path, "iges", _positive(chordal_tolerance_mm) or 0.05), LengthUnit("mm", 1.0))
 
 
 def _positive(tolerance: float | None) -> float | None:
@@ -125,11 +111,14 @@ sys.exit(0 if data else 3)
 """
 
 
-def _model(path: Path, glb: bytes, unit: str) -> Model:
+def _model(path: Path, glb: bytes, unit: LengthUnit) -> Model:
+    """Return the model that Open CASCADE, which goes by the factor of a unit, has in metres."""
     shapes, left_out = _without_loose(list(GltfDocument(path, glb).shapes()))
     mesh = collected(path, shapes, brep=True)
-    notes = (f"{left_out} loose surfaces beside solids left out",) if left_out else ()
-    return Model(replace(mesh, vertices=mesh.vertices * (1e3 / MM[unit])), unit, True, notes)
+    notes = [f"{left_out} loose surfaces beside solids left out"] if left_out else []
+    if unit.called:
+        notes.append(f"its unit is called {unit.called!r}, but is {unit.mm:g} mm by its factor, which counts")
+    return Model(replace(mesh, vertices=mesh.vertices * (1e3 / unit.mm)), unit.name, True, tuple(notes), unit.mm)
 
 
 def _without_loose(shapes: list[Shape]) -> tuple[list[Shape], int]:

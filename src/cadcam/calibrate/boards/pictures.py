@@ -21,7 +21,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.joint_estimate import JointEstimate
 from cadcam.camera.lens import BrownConrady, Lens
 from cadcam.camera.observations import Observations
-from cadcam.errors import BadValue, CadcamError, NoBoard, TooFewPoints, listed
+from cadcam.errors import BadValue, CadcamError, NoBoard, SizeMismatch, TooFewPoints, listed
 from cadcam.fit.many_poses import PaddedViews, poses_of_views
 from cadcam.image.camera_picture import read_camera_picture_with_info
 from cadcam.image.picture import checked
@@ -186,15 +186,12 @@ def board_views(pictures: Sequence[BoardPicture], camera: Camera) -> list[Observ
     """Return the observations of the board in each picture by a known camera, for pose estimates; None without it.
 
     The shift of the discs' images is removed with the pose estimated from each picture. Raises `BoardsDisagree` for
-    pictures of another board or of another size than the camera's, `TooFewPoints` if the board is in none.
+    pictures of another board, `SizeMismatch` of another size than the camera's, `TooFewPoints` if the board is in none.
     """
     refuse_disagreeing(pictures)
     for p in pictures[:1]:
         if p.size != camera.size:
-            raise BoardsDisagree(
-                f"the pictures are {p.size[0]} x {p.size[1]} px, but the camera's are {camera.width} x "
-                f"{camera.height}: give the camera that took them, at their size"
-            )
+            raise SizeMismatch(p.name, p.size, camera.size)
     shown = [i for i, p in enumerate(pictures) if p.detection is not None]
     if not shown:
         raise TooFewPoints("poses of a board", 0, 1, of="views", why=_losses(pictures))

@@ -78,7 +78,7 @@ def made_photo(block: Mesh, rng: np.random.Generator) -> Picture:
     scene = scene_without_edges(merge([block, *hall()]))
     look = Look(head=0.4, fill=0.6, back=0.0, ambient=0.25, fill_from=(-0.6, -0.7, -0.5), supersampling=2)
     light = open_renderer(scene).render(TRUE_CAMERA, TRUE_POSE, channels=Channel.IMAGE, look=look).gray
-    falloff = 1 - 0.25 * np.sum(TRUE_CAMERA.normalised(TRUE_CAMERA.pixel_grid()) ** 2, axis=-1)
+    falloff = 1 - 0.25 * np.sum(TRUE_CAMERA.normalized(TRUE_CAMERA.pixel_grid()) ** 2, axis=-1)
     grain = gaussian_filter(rng.normal(size=light.shape), 6.0)
     photo = gaussian_filter(light * falloff * (1 + 0.35 * grain), 0.6) ** 0.8
     return np.asarray(np.clip(photo + rng.normal(scale=NOISE, size=light.shape), 0, 1), np.float32)

@@ -111,7 +111,7 @@ def draw_bench(folder: Path) -> None:
     renderer = open_renderer(scene_without_edges(calibration_bench()))
     picture = renderer.render(camera, pose, channels=Channel.IMAGE, look=look).image
     projected = camera.project(pose @ estimate.observations.p_world)
-    measured = camera.pixel_of(estimate.camera.normalised(estimate.observations.q))
+    measured = camera.pixel_of(estimate.camera.normalized(estimate.observations.q))
     picture = draw_points(picture, projected, color=(0.1, 0.7, 1.0), mark="circle", size=12, width=1.3)
     picture = draw_points(picture, measured, color=(1.0, 0.45, 0.0), mark="cross", size=12, width=1.3)
     write_picture(folder / "bench.png", picture)

@@ -82,7 +82,7 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
     group.add_argument(
         "--focal-jitter", type=real, metavar="PERCENT", help="sigma of the focal length, by view (default 0)"
     )
-    group.add_argument("--centre-jitter", type=real, metavar="PX", help="sigma of the principal point (default 0)")
+    group.add_argument("--center-jitter", type=real, metavar="PX", help="sigma of the principal point (default 0)")
     group.add_argument("--seen-from", metavar="V", help="from where the part is seen (below; default any)")
     group.add_argument("--up", type=reals, metavar="X,Y,Z", help="what is up, in the part's axes (default 0,0,1)")
     group.add_argument(
@@ -101,7 +101,7 @@ def _add_seeing(group: argparse._ArgumentGroup) -> None:
         help="range of the camera's distance from the part's middle, mm; instead of --fill",
     )
     group.add_argument(
-        "--off-centre",
+        "--off-center",
         type=real,
         metavar="S",
         help="how far the part may be off the middle, by the shorter side (default 0.1)",

@@ -51,12 +51,12 @@ scene file (YAML; mm and degrees; all keys are in docs/layout.md):
   mounts:
     gallery: {box_mm: [[-1000, -6000, 2000], [5000, -6000, 4000]], count: 40, aim_mm: [2000, 1500, 900]}
     post: {positions_mm: [[0, -6000, 1500]], aim_mm: [2000, 1500, 900], fixed: true}       there already
-    robot: {arc: {centre_mm: [2000, 1500, 3000], radius_mm: 3000}, count: 24, one_camera: true}
+    robot: {arc: {center_mm: [2000, 1500, 3000], radius_mm: 3000}, count: 24, one_camera: true}
   features:
     mark: {circle_mm: [100, 200, 12], normal: [0, 0, 1], diameter_mm: 40, position_mm: 0.5}
     edge: {edge_mm: [[0, 0, 12], [4000, 0, 12]], position_mm: 1, angle_deg: 0.05}
     stiffener: {part: bar 1.1 port, position_mm: 1}                       as in a tolerance file
-  noise: {sigma_px: 0.05}                                                 or grey: 0.01, contrast: 0.4
+  noise: {sigma_px: 0.05}                                                 or gray: 0.01, contrast: 0.4
   calibration: {points: 30, sigma_px: 0.1}
   tur: 3
 

@@ -34,7 +34,8 @@ _EXAMPLES = f"""\
   cadcam match photo.png part.stl --unit mm --camera camera.json --measure --peaks
 
 The gap is the score of a peak less that of the next one: a high score with a small gap means that the picture shows the
-same thing twice. A feature whose best peak is wrong does no harm: the pose is that on which most features agree.
+same thing twice. A large template whose only structure is small may not be found: cut out that alone. A feature whose
+best peak is wrong does no harm: the pose is that on which most features agree.
 
 exit codes: 0 found; 3 not found: nothing reaches --least-score, or too few features agree on a pose.
 
@@ -149,7 +150,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
     from cadcam.image.correlate import CorrelateOptions, correlate
     from cadcam.image.picture import to_gray, write_picture
     from cadcam.image.template_file import read_template
-    from cadcam.report.match import peaks_as_json, peaks_table
+    from cadcam.report.match import peaks_as_json, peaks_table, template_as_json
     from cadcam.report.match_picture import with_peaks
     from cadcam.report.photos import photos_as_json
 
@@ -172,9 +173,9 @@ def _run_template(arguments: argparse.Namespace) -> int:
         write_picture(arguments.output, with_peaks(photo, template, peaks))
     if arguments.json:
         document = {"photo": arguments.photo, "photos": photos_as_json([read]), "template": arguments.what}
-        print_json(document | peaks_as_json(peaks))
+        print_json(document | template_as_json(template) | peaks_as_json(peaks))
     else:
-        print_tables([peaks_table(peaks, f"Peaks of {arguments.what} in {arguments.photo}")])
+        print_tables([peaks_table(peaks, f"Peaks of {arguments.what} in {arguments.photo}", template=template)])
         say_written(arguments.output)
     return 0 if len(peaks) else NO
 

@@ -15,7 +15,7 @@ _EXAMPLES = """\
   cadcam sensor show                                        the presets, and every effect with its numbers
   cadcam sensor show ccir-1996 -o hall.json                 a profile to change with an editor
   cadcam sensor apply hall.json clean.png -o as_seen.png
-  cadcam sensor apply global-shutter photo.png --linearise 0.45 --seed 7 -o noisy.png
+  cadcam sensor apply global-shutter photo.png --linearize 0.45 --seed 7 -o noisy.png
   cadcam render part.step --camera camera.json --sensor phone -o part.jpg
 
 profile file: JSON; an effect that is left out does not happen, a number left out has its default
@@ -25,7 +25,7 @@ profile file: JSON; an effect that is left out does not happen, a number left ou
 _DESCRIPTION = """\
 Simulate what a camera makes of a clean picture. Its values are taken as linear radiance, its white as the scene's;
 effects are applied in their physical order: vignetting, blur, motion, interlace, pixel_aspect (light), exposure, smear,
-blooming, noise (charge), gain, gamma, edge_enhancement, jitter, quantisation, jpeg (signal). The same seed gives the
+blooming, noise (charge), gain, gamma, edge_enhancement, jitter, quantization, jpeg (signal). The same seed gives the
 same picture. PROFILE is a file or a preset: ccir-1996 (analogue video with a frame grabber), global-shutter (machine
 vision), phone."""
 
@@ -44,7 +44,7 @@ def add_to(verbs: Verbs) -> None:
     apply.add_argument("-o", "--output", metavar="FILE", required=True, help="picture to write (.png or .jpg)")
     apply.add_argument("--seed", type=seed, default=0, metavar="N", help="of the noise (default: 0)")
     apply.add_argument(
-        "--linearise", type=real, metavar="GAMMA", help="undo this gamma of the image first: 0.45 for most photos"
+        "--linearize", type=real, metavar="GAMMA", help="undo this gamma of the image first: 0.45 for most photos"
     )
 
 
@@ -96,8 +96,8 @@ def run_apply(arguments: argparse.Namespace) -> None:
         raise BadValue("PROFILE", f"{arguments.profile!r}, a picture", first)
     sensor = named_sensor(arguments.profile)
     picture = read_picture(arguments.image)
-    if arguments.linearise is not None:
-        picture = Gamma(arguments.linearise).undo(picture)
+    if arguments.linearize is not None:
+        picture = Gamma(arguments.linearize).undo(picture)
     out = sensor.apply(picture, rng=generator(arguments.seed))
     write_picture(arguments.output, out)
     say(f"wrote {arguments.output} ({out.shape[1]} x {out.shape[0]} px): {sensor.name}: {', '.join(sensor.effects)}")

@@ -124,7 +124,7 @@ def _planes(camera: Camera) -> tuple[np.ndarray, np.ndarray]:
     q = picture_grid(camera.size, 17, 17).reshape(-1, 2)
     d = camera.unproject(q)
     seen = ~np.isnan(d).any(axis=-1)
-    return camera.normalised(q[seen]), d[seen, :2] / d[seen, 2:]
+    return camera.normalized(q[seen]), d[seen, :2] / d[seen, 2:]
 
 
 def _losses(named: NamedCamera) -> list[ConversionLoss]:

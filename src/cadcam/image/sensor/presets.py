@@ -5,7 +5,7 @@ from __future__ import annotations
 from cadcam.image.sensor.charge import Blooming, Noise, Smear
 from cadcam.image.sensor.light import Blur, Vignetting
 from cadcam.image.sensor.sensor import Sensor
-from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantization
 from cadcam.kinds import expect_known
 
 # The thesis' cameras (section 5): JAI 1/2 inch CCD, CCIR, 768 x 576 by a frame grabber, signal to noise some 50 dB.
@@ -20,7 +20,7 @@ CCIR_1996 = Sensor(
     gamma=Gamma(0.6),  # switched to 1 where it can be: section 5.1
     edge_enhancement=EdgeEnhancement(strength=0.4, radius_px=1.5),
     jitter=Jitter(worst_ns=5.0),  # a digital synchronisation, section 5.3
-    quantisation=Quantisation(8),
+    quantization=Quantization(8),
 )
 
 # A 2.3 to 5 Mpx CMOS of 3.45 um pixels with a global shutter; EMVA 1288 sheets of that class: 10.5 ke-, 2.3 e-.
@@ -29,7 +29,7 @@ GLOBAL_SHUTTER = Sensor(
     vignetting=Vignetting(focal_px=3600.0),  # a 12 mm lens
     blur=Blur(sigma_px=0.6),
     noise=Noise(full_well_e=10500.0, read_e=2.3),
-    quantisation=Quantisation(8),
+    quantization=Quantization(8),
 )
 
 # A small-pixel camera made for the eye: a strong tone curve (near sRGB's 1/2.2), sharpening both ways, JPEG.

@@ -2,7 +2,7 @@
 
     light   vignetting, blur, motion, interlace, pixel_aspect
     charge  exposure, smear, blooming, noise
-    signal  gain, gamma, edge_enhancement, jitter, quantisation, jpeg
+    signal  gain, gamma, edge_enhancement, jitter, quantization, jpeg
 
 Every effect that is None is left out. Radiance is linear: 1 is what gives white at exposure 1 and gain 1.
 """
@@ -19,7 +19,7 @@ from cadcam.image.picture import checked
 from cadcam.image.sensor.charge import Blooming, Exposure, Noise, Smear
 from cadcam.image.sensor.effect import Effect
 from cadcam.image.sensor.light import Blur, Interlace, Motion, PixelAspect, Vignetting
-from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantisation
+from cadcam.image.sensor.video import EdgeEnhancement, Gain, Gamma, Jitter, Jpeg, Quantization
 from cadcam.kinds import expect
 
 
@@ -41,7 +41,7 @@ class Sensor:
     gamma: Gamma | None = None
     edge_enhancement: EdgeEnhancement | None = None
     jitter: Jitter | None = None
-    quantisation: Quantisation | None = None
+    quantization: Quantization | None = None
     jpeg: Jpeg | None = None
 
     def __post_init__(self) -> None:
@@ -83,7 +83,7 @@ EFFECTS: dict[str, type[Effect]] = {
     "gamma": Gamma,
     "edge_enhancement": EdgeEnhancement,
     "jitter": Jitter,
-    "quantisation": Quantisation,
+    "quantization": Quantization,
     "jpeg": Jpeg,
 }
 """Every effect by its name in a profile, in the order in which they act."""

@@ -1,4 +1,4 @@
-"""Effects on the signal: gain, gamma, edge enhancement, line jitter, quantisation, compression.
+"""Effects on the signal: gain, gamma, edge enhancement, line jitter, quantization, compression.
 
 Sections 5.1 and 5.3 of "Industrial Vision" (1997): what surveillance cameras do for the eye, and grabbers to lines.
 """
@@ -134,13 +134,13 @@ def _splined(plane: Picture) -> Picture:
 
 
 @dataclass(frozen=True, slots=True)
-class Quantisation:
+class Quantization:
     """I' = round(I (2^bits - 1))/(2^bits - 1), clipped to [0, 1] first."""
 
     bits: int = 8
 
     def __post_init__(self) -> None:
-        expect_count(self.bits, "bits of the quantisation", most=16)
+        expect_count(self.bits, "bits of the quantization", most=16)
 
     def apply(self, picture: Picture, rng: np.random.Generator) -> Picture:
         """Return the picture in steps."""

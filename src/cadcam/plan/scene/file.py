@@ -10,7 +10,7 @@ cameras:                            # that can be bought, or are calibrated (fil
   wide: {sensor: IMX304, focal_mm: 12, f_number: 8}                # focus_mm: default what it aims at
 mounts:                             # where they may be
   gallery: {box_mm: [[-1000, -6000, 2000], [5000, -6000, 4000]], count: 40, aim_mm: [2000, 1500, 900]}
-  robot: {arc: {centre_mm: [2000, 1500, 3000], radius_mm: 6000, from_deg: 180}, count: 24, one_camera: true}
+  robot: {arc: {center_mm: [2000, 1500, 3000], radius_mm: 6000, from_deg: 180}, count: 24, one_camera: true}
   post: {positions_mm: [[0, -6000, 1500]], aim_mm: [2000, 1500, 900], cameras: [wide], fixed: true}
 features:                           # limits as in a tolerance file
   mark 1: {point_mm: [100, 200, 12], normal: [0, 0, 1], position_mm: 0.5}
@@ -18,7 +18,7 @@ features:                           # limits as in a tolerance file
   top edge: {edge_mm: [[0, 0, 12], [4000, 0, 12]], position_mm: 1, angle_deg: 0.05}
   stiffener: {part: bar 1.1 port, kinds: [crease], position_mm: 1}
   on the floor: {point_mm: [500, 0, 0], normal: [0, 0, 1], known_plane_mm: 0.2, position_mm: 1}
-noise: {sigma_px: 0.05}             # and/or grey: 0.01, contrast: 0.4 (white = 1); floor_px
+noise: {sigma_px: 0.05}             # and/or gray: 0.01, contrast: 0.4 (white = 1); floor_px
 calibration: {points: 30, sigma_px: 0.1, points_mm: 0.05}   # of each camera, from points over picture and depth;
 #            or independent sigmas: {position_mm: 0.2, rotation_deg: 0.002, focal_px: 0.3, principal_point_px: 0.3}
 motion: {position_mm: 0.1, rotation_deg: 0.005}     # of cameras on mounts with one_camera: true
@@ -68,7 +68,7 @@ _POSE = ("position_mm", "rotation_deg")
 _CAMERA = ("file", "sensor", "pixels", "focal_mm", "f_number", "focus_mm", "image_circle_mm")
 _PLACES = ("positions_mm", "box_mm", "arc")
 _MOUNT = (*_PLACES, "count", "aim_mm", "up", "cameras", "fixed", "one_camera")
-_ARC = ("centre_mm", "radius_mm", "from_deg", "to_deg", "axis")
+_ARC = ("center_mm", "radius_mm", "from_deg", "to_deg", "axis")
 _OF_POINTS, _OF_PARTS = ("normal", "known_plane_mm"), ("chains", "box_mm", "kinds")
 _OF_MARKS = (*_OF_POINTS, "diameter_mm")
 _HAS = {"point_mm": _OF_POINTS, "circle_mm": _OF_MARKS, "edge_mm": (), "part": _OF_PARTS}  # beside those of limits
@@ -283,7 +283,7 @@ def _eyes(place: Place) -> Array:
     axis = zone.at("axis").array((3,)) if "axis" in zone.object else np.array([0.0, 0.0, 1.0])
     radius = zone.at("radius_mm").number()
     start, end = numbers.get("from_deg", 0.0), numbers.get("to_deg", 360.0)
-    return zone.build(lambda: arc(zone.at("centre_mm").array((3,)), radius, start, end, count, axis=axis))
+    return zone.build(lambda: arc(zone.at("center_mm").array((3,)), radius, start, end, count, axis=axis))
 
 
 def _aims(place: Place) -> Array:
@@ -338,7 +338,7 @@ def _mark(place: Place, name: str, kind: Kind, key: str, limits: tuple[Limit, ..
 
 
 def _finder(place: Place) -> Finder:
-    names = ("sigma_px", "grey", "contrast", "floor_px")
+    names = ("sigma_px", "gray", "contrast", "floor_px")
     place.only(*names)
     return place.build(lambda: Finder(**{name: place.at(name).number() for name in names if name in place.object}))
 

@@ -44,7 +44,7 @@ _RULES: tuple[_Rule, ...] = (  # the key; whether it has an effect; why not; wha
             "tells how well circles and edges are found, and there are none",
             "give a circle_mm, an edge_mm or a part",
         )
-        for key in ("grey", "contrast")
+        for key in ("gray", "contrast")
     ),
     *(
         (

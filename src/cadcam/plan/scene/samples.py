@@ -47,12 +47,12 @@ part: {model: shipblock.obj, unit: mm}
 cameras:
   on the flange: {sensor: IMX264, focal_mm: 8, f_number: 8}
 mounts:
-  robot: {arc: {centre_mm: [2000, 1200, 4800], radius_mm: 4000, from_deg: 190, to_deg: 350}, count: 17,
+  robot: {arc: {center_mm: [2000, 1200, 4800], radius_mm: 4000, from_deg: 190, to_deg: 350}, count: 17,
           aim_mm: [2000, 1000, 700], one_camera: true}
 motion: {position_mm: 0.1, rotation_deg: 0.002}
 """
 _ASSUMED = """\
-noise: {sigma_px: 0.1, grey: 0.01, contrast: 0.3}
+noise: {sigma_px: 0.1, gray: 0.01, contrast: 0.3}
 calibration: {points: 40, sigma_px: 0.1, points_mm: 0.1}   # each camera, from points over its picture and the depth
 k: 2
 tur: 3                   # limit/U that every limit should reach

@@ -36,37 +36,37 @@ class Finder:
     """How well features are located: stated as sigma_px, or from grey-level noise and contrast (0 to 1 each).
 
     sigma_px: standard deviation of one pixel coordinate of a feature that faces the camera, in focus; of an edge as a
-    whole, across it. grey, contrast: noise of a pixel's grey level and brightness step at an outline, white = 1; used,
+    whole, across it. gray, contrast: noise of a pixel's grey level and brightness step at an outline, white = 1; used,
     where given, for features of known size. floor_px: what remains whatever the noise, added in quadrature.
     """
 
     sigma_px: float | None = None
-    grey: float | None = None
+    gray: float | None = None
     contrast: float | None = None
     floor_px: float = 0.0
 
     def __post_init__(self) -> None:
-        if (self.grey is None) != (self.contrast is None):
+        if (self.gray is None) != (self.contrast is None):
             raise BadValue("noise of grey levels and contrast", "one of them given", "both, or neither")
-        if self.sigma_px is None and self.grey is None:
-            raise BadValue("noise", "not stated", "sigma_px, or grey and contrast")
-        for name in ("sigma_px", "grey", "contrast"):
+        if self.sigma_px is None and self.gray is None:
+            raise BadValue("noise", "not stated", "sigma_px, or gray and contrast")
+        for name in ("sigma_px", "gray", "contrast"):
             value = getattr(self, name)
             if value is not None:
                 expect_positive(value, name)
         expect_positive(self.floor_px, "floor_px", "a number of px from 0 on", zero=True)
 
     @property
-    def by_grey(self) -> bool:
+    def by_gray(self) -> bool:
         """Return whether the noise of grey levels is known."""
-        return self.grey is not None
+        return self.gray is not None
 
     def per_px(self, blur_px: Floats) -> Array:
         """Return the information (...), 1/px^2 per px of outline, of edges blurred by a Gaussian of blur_px."""
-        if self.grey is None or self.contrast is None:
-            raise BadValue("noise of grey levels", "not stated", "grey and contrast")
+        if self.gray is None or self.contrast is None:
+            raise BadValue("noise of grey levels", "not stated", "gray and contrast")
         s = np.asarray(blur_px, dtype=np.float64)
-        return np.asarray(self.contrast**2 / (2 * np.sqrt(np.pi) * s * self.grey**2))
+        return np.asarray(self.contrast**2 / (2 * np.sqrt(np.pi) * s * self.gray**2))
 
 
 def blur_sigmas(optics: Optics | None, z_mm: Floats) -> Array:
@@ -134,7 +134,7 @@ def circle_covariance(finder: Finder, A: Array, blur_px: Floats, *, sharp_px: Fl
     """
     sums, a = outline(A)
     blur = np.asarray(blur_px, dtype=np.float64)
-    if sized and finder.by_grey:
+    if sized and finder.by_gray:
         information = finder.per_px(blur)[..., None, None] * sums
     else:
         information = sums / (np.pi * a * _stated(finder) ** 2 * blur / np.asarray(sharp_px))[..., None, None]
@@ -149,7 +149,7 @@ def point_covariance(finder: Finder, blur_px: Floats, *, sharp_px: Floats) -> Ar
 
 def edge_variance(finder: Finder, length_px: Floats, blur_px: Floats, *, sharp_px: Floats) -> Array:
     """Return the variance (...) px^2, across it, of a straight edge of which length_px is visible."""
-    if finder.by_grey:
+    if finder.by_gray:
         with np.errstate(divide="ignore"):
             return np.asarray(1 / (finder.per_px(blur_px) * np.asarray(length_px)) + finder.floor_px**2)
     return np.asarray(_stated(finder) ** 2 * np.asarray(blur_px) / np.asarray(sharp_px) + finder.floor_px**2)

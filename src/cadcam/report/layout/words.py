@@ -224,9 +224,9 @@ def assumptions(layout: Layout) -> list[str]:
         out.append(
             f"A feature that faces the camera in focus is found to {finder.sigma_px:g} px (sigma of each coordinate)."
         )
-    if finder.by_grey:
+    if finder.by_gray:
         out.append(
-            f"Marks and edges of known size are found as well as noise of {finder.grey:g} and contrast "
+            f"Marks and edges of known size are found as well as noise of {finder.gray:g} and contrast "
             f"{finder.contrast:g} (white = 1) allow (Cramer-Rao bound)."
         )
     if finder.floor_px:
