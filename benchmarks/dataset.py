@@ -132,7 +132,8 @@ def main() -> None:
     for when in ("before", "after"):
         if there:
             row(f"pyrender, rendered, one process ({when})", by_processes("pyrender", count, 1, fill))
-            row(f"pyrender, rendered, one process a core ({when})", by_processes("pyrender", count, usable_cores(), fill))
+            rate = by_processes("pyrender", count, usable_cores(), fill)
+            row(f"pyrender, rendered, one process a core ({when})", rate)
         if when == "before":
             row("cadcam, rendered, one process", by_processes("raster", 4 * count, 1, fill))
             row("cadcam, labelled and written", labelled(arguments.views, fill))

@@ -46,8 +46,6 @@ BRITISH = re.compile(
     r"|modell|labell|(?<![a-z])(?!pre|noi|rai|pro|exer|other)[a-z]{3,}is(e|ed|er|es|ing|ation)(?![a-z])",
     re.IGNORECASE,
 )
-# Public names that are still British, and why.
-BRITISH_YET = {"Freedom.among(centre)": "moves together with its callers in cadcam.locate"}
 UNITS = re.compile(r"-(mm|cm|um|m|px|deg|rad|percent|s)$")
 
 
@@ -220,7 +218,7 @@ def test_names_are_spelled_the_american_way() -> None:
     typed = [name for _, action in options(cli.parser()) for name in action.option_strings or (action.dest,)]
     typed += [str(choice) for _, action in options(cli.parser()) for choice in action.choices or ()]
     assert british(typed) == []
-    assert set(british(public_names())) == set(BRITISH_YET)
+    assert british(public_names()) == []
 
 
 def test_a_british_name_is_found() -> None:

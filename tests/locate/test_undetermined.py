@@ -80,4 +80,4 @@ def test_an_axis_beside_the_part_s_own_is_no_turn_that_cannot_be_seen() -> None:
     middle, radius = part.aspects.centre, part.aspects.radius
     for point, axis in (([0.05, 0, 0], AXIS), ([0, 0, 0], [0, 0.01, 1])):
         beside = Freedom.about(point, axis, frame="part")
-        assert beside.among(part.spins, Rigid(), centre=middle, radius=radius).shape == (6, 0)
+        assert beside.among(part.spins, Rigid(), center=middle, radius=radius).shape == (6, 0)

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.corners import corner_vertices, rim_centres
+from cadcam.cad.corners import corner_vertices, rim_centers
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
 from cadcam.calibrate.points.camera import calibrate_camera
@@ -58,7 +58,7 @@ def test_rims_of_holes_have_middles_and_no_corners() -> None:
     from cadcam.cad.read import read_model
 
     scene = Scene.of(read_model(MODELS / "bracket.stl"))
-    middles = rim_centres(scene.mesh, scene.edges)
+    middles = rim_centers(scene.mesh, scene.edges)
     drawn = {(104.0, 16.0), (104.0, 64.0), (52.0, 64.0), (52.0, 16.0)}  # the plate's four holes, above and below
     assert drawn <= {(round(x, 3), round(y, 3)) for x, y, _ in middles.tolist()}
     assert len(corner_vertices(scene.mesh, scene.edges)) < 10

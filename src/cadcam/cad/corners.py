@@ -39,7 +39,7 @@ def corner_vertices(mesh: Mesh, edges: FeatureEdges) -> Array:
     return np.asarray(mesh.vertices[place[kept]])
 
 
-def rim_centres(mesh: Mesh, edges: FeatureEdges) -> Array:
+def rim_centers(mesh: Mesh, edges: FeatureEdges) -> Array:
     """Return the middles (N, 3) mm of round holes and pins: the centre of each closed edge that is a circle."""
     centres = [
         _centre(line) for line in edges.polylines(mesh) if len(line) > _LEAST and np.array_equal(line[0], line[-1])

@@ -62,17 +62,17 @@ class Freedom:
         """Return the translation along `direction` (3,)."""
         return cls(np.r_[_unit(direction, "direction"), np.zeros(3)][:, None], frame)
 
-    def among(self, twists: Array, world_from_part: Rigid, *, centre: Floats = (0, 0, 0), radius: float = 1.0) -> Array:
+    def among(self, twists: Array, world_from_part: Rigid, *, center: Floats = (0, 0, 0), radius: float = 1.0) -> Array:
         """Return those motions (6, j) that twists (6, k) of the part span and that are free at a pose, orthonormal.
 
-        centre (3,), radius, mm: of the part. A motion counts as spanned if it moves the part by no more than `_SPANNED`
+        center (3,), radius, mm: of the part. A motion counts as spanned if it moves the part by no more than `_SPANNED`
         of its radius beside one that is, for a turn of 1 rad: axes that were stated and those of a mesh are rounded.
         """
         B = self.at(world_from_part)
         if not twists.shape[1]:
             return np.zeros((6, 0))
         at = np.eye(6)  # from twists to (displacement of the centre in radii, turn)
-        at[:3, :3], at[:3, 3:] = np.eye(3) / radius, -hat(frozen(centre, "centre", (3,))) / radius
+        at[:3, :3], at[:3, 3:] = np.eye(3) / radius, -hat(frozen(center, "center", (3,))) / radius
         F, T = np.linalg.qr(at @ B)[0], np.linalg.qr(at @ twists)[0]
         both = F @ np.linalg.svd(T.T @ F)[2].T[:, : T.shape[1]]
         spanned = both[:, np.linalg.norm(both - T @ (T.T @ both), axis=0) < _SPANNED]

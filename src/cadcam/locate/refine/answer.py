@@ -132,7 +132,7 @@ def _estimate(fitted: PoseSolution, B: Array) -> PoseEstimate:
 def unseen_turns(part: Part, freedom: Freedom, pose: Rigid) -> Array:
     """Return the turns (6, k), orthonormal twists, that a freedom allows at a pose and that no photo can show."""
     middle, radius = part.aspects.centre, part.aspects.radius
-    return freedom.among(part.spins, pose, centre=middle, radius=radius)
+    return freedom.among(part.spins, pose, center=middle, radius=radius)
 
 
 def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Location:

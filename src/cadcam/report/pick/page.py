@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Picture
-from cadcam.cad.corners import corner_vertices, rim_centres
+from cadcam.cad.corners import corner_vertices, rim_centers
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue
 from cadcam.image.picture import checked, encoded
@@ -61,7 +61,7 @@ def _offered(
 ) -> tuple[Array, list[str], list[tuple[int, float, float]]]:
     """Return the points (N, 3) mm to choose from, their names, and what was picked: point, x, y."""
     mesh, edges = scene.mesh, scene.edges
-    corners, rims = corner_vertices(mesh, edges), rim_centres(mesh, edges)
+    corners, rims = corner_vertices(mesh, edges), rim_centers(mesh, edges)
     points = np.concatenate([corners, rims])
     named = [f"C{k + 1}" for k in range(len(corners))] + [f"O{k + 1}" for k in range(len(rims))]
     before = []
