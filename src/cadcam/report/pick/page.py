@@ -112,9 +112,9 @@ def _page(
     image = f'<img id="picture" alt="{photo}" src="data:image/{form.lower()};base64,{_base64(data)}">'
     panes = (
         '<div class="panes">'
-        f"<figure><figcaption>{part}: click a corner (blue). Drag turns it, with Shift moves it; the wheel zooms."
+        f"<figure><figcaption>{part}: click a corner. Dragging turns it (Shift: moves it), the wheel zooms."
         '</figcaption><canvas id="model"></canvas></figure>'
-        f"<figure><figcaption>{photo}: click where that corner is. Drag moves the photo or a mark; the wheel zooms."
+        f"<figure><figcaption>{photo}: click where it is. Dragging moves the photo, or a mark; the wheel zooms."
         f'</figcaption><canvas id="photo"></canvas>{image}</figure></div>'
     )
     tools = (
