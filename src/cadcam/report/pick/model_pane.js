@@ -1,6 +1,7 @@
 // The CAD model as a picture that can be turned: drawn by a z-buffer of its own, since a page must not depend on WebGL.
 
 const UPRIGHT = [1, 0, 0, 0, 0, -1, 0, 1, 0]; // seen along Y, with Z up
+const MOST = 300000; // faces that are filled in a fraction of a second
 
 class ModelPane {
   // model: vertices (Float32Array, 3 each, about the model's middle, of radius 1), faces (Uint32Array, 3 each), edges
@@ -63,7 +64,8 @@ class ModelPane {
     const v = this.placed(this.model.vertices, ...frame);
     const image = new ImageData(w, h), color = new Uint32Array(image.data.buffer).fill(0xffffffff);
     const depth = new Float32Array(w * h).fill(Infinity);
-    shade(v, this.model.faces, w, h, depth, color);
+    const many = this.model.faces.length > 3 * MOST; // while such a model is being turned, its lines are shown alone
+    if (coarse === 1 || !many) shade(v, this.model.faces, w, h, depth, color);
     stroke(v, this.model.edges, w, h, depth, color);
     const q = this.placed(this.model.corners, ...frame);
     this.places = q.map((value) => value / fine);
