@@ -67,11 +67,12 @@ def test_rims_of_holes_have_middles_and_no_corners() -> None:
 def test_points_that_were_picked_before_are_kept(tmp_path: Path) -> None:
     scene = stairs()
     seen = np.array([[0.0, 0, 40], [12.5, 3, 4]])  # a corner, and a point that is none
-    before = Observations(seen, CAMERA.project(POSE @ seen), ("front left", ""))
+    before = Observations(seen, CAMERA.project(POSE @ seen), ("C2", ""))
     assert write_pick_page(tmp_path / "pick.html", photo(), scene, picked=before) == 17
     page = told(tmp_path / "pick.html")
     names, corners, picked = page["names"], page["corners"], page["picked"]
-    assert [names[k] for k, *_ in picked] == ["front left", "P17"]
+    assert [names[k] for k, *_ in picked] == ["C2", "P18"]
+    assert len(set(names)) == 17  # no other corner is called C2
     np.testing.assert_array_equal([corners[k] for k, *_ in picked], seen)
     np.testing.assert_array_equal([q for _, *q in picked], before.q)
 

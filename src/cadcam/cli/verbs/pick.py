@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-from pathlib import Path
 
 from cadcam.cli.arguments import (
     POINTS_OPTIONS,
@@ -61,7 +60,7 @@ def run(arguments: argparse.Namespace) -> None:
     mesh, report = load_as_asked(arguments)
     with working("finding corners"):
         scene = Scene.of(mesh)
-    names = (Path(arguments.photo).name, Path(arguments.model).name)
+    names = (arguments.photo, arguments.model)
     offered = write_pick_page(arguments.output, photo, scene, picked=picked, names=names)
     if arguments.json:
         print_json({"output": arguments.output, "points": offered, "model": model_as_json(report, mesh)})

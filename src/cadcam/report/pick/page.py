@@ -10,8 +10,11 @@ import hashlib
 import json
 import math
 import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +34,17 @@ _SCRIPTS = ("canvas.js", "model_pane.js", "photo_pane.js", "fit.js", "pick.js")
 _LOSSLESS = 3_000_000  # px of a photo that is kept as PNG; larger ones as JPEG, which nobody can tell by eye
 _DIGITS = 8  # of coordinates, in all
 _SAME = 1e-6  # of the model's size: a point of a points file is this corner
+_TOOLS = (
+    '<p id="status" role="status"></p><div class="tools"><button id="save">Save points.csv</button>'
+    '<button id="copy">Copy</button><button id="clear">Remove all</button><button id="whole">Whole photo</button>'
+    '<label><input type="checkbox" id="lines" checked> lines of the model as the picks have it</label></div>'
+)
+_AFTER = (
+    "<p>Six corners or more that are not all in one plane give the camera; four are enough where its internals are"
+    " known. Spread them over the whole photo, near and far. The middle of a round edge (O) is only about the"
+    " middle of what is seen of it, as near things look larger.</p>"
+    "<p><code>cadcam calibrate points.csv --photo PHOTO -o camera.json</code></p>"
+)
 
 
 def write_pick_page(
@@ -51,32 +65,45 @@ def write_pick_page(
     expect(scene, "scene", Scene)
     expect(picked, "picked", Observations, optional=True)
     picture = checked(photo)
-    points, kinds, before = _offered(scene, picked, picture)
-    write_whole(path, utf8(_page(picture, scene, points, kinds, before, names)))
-    return len(points)
+    offer = _Offer.of(scene, picked, picture)
+    write_whole(path, utf8(_page(picture, scene, offer, names)))
+    return len(offer.points)
 
 
-def _offered(
-    scene: Scene, picked: Observations | None, picture: Picture
-) -> tuple[Array, list[str], list[tuple[int, float, float]]]:
-    """Return the points (N, 3) mm to choose from, their names, and what was picked: point, x, y."""
-    mesh, edges = scene.mesh, scene.edges
-    corners, rims = corner_vertices(mesh, edges), rim_centers(mesh, edges)
-    points = np.concatenate([corners, rims])
-    named = [f"C{k + 1}" for k in range(len(corners))] + [f"O{k + 1}" for k in range(len(rims))]
-    before = []
-    if picked is not None:
-        _check_inside(picked, picture)
-        for name, p, (x, y) in zip(picked.names, picked.p_world, picked.q.tolist(), strict=True):
-            off = np.linalg.norm(points - p, axis=1)
-            k = int(np.argmin(off)) if len(off) else -1
-            if k < 0 or off[k] > _SAME * float(np.linalg.norm(mesh.size_mm)):
-                points, named, k = np.concatenate([points, p[None]]), [*named, ""], len(points)
-            named[k] = name or named[k] or f"P{k + 1}"
-            before.append((k, x, y))
-    if not len(points):
-        raise BadValue("model", "without any corner or round edge", "a part with edges")
-    return points, named, before
+@dataclass(frozen=True, slots=True, eq=False)
+class _Offer:
+    """The points (N, 3) mm to choose from, their names, and what was picked before: point, x, y."""
+
+    points: Array
+    names: list[str]
+    picked: list[tuple[int, float, float]]
+
+    @classmethod
+    def of(cls, scene: Scene, picked: Observations | None, picture: Picture) -> _Offer:
+        mesh = scene.mesh
+        corners, rims = corner_vertices(mesh, scene.edges), rim_centers(mesh, scene.edges)
+        points, before = np.concatenate([corners, rims]), []
+        named: dict[int, str] = {}
+        if picked is not None:
+            _check_inside(picked, picture)
+            for name, p, (x, y) in zip(picked.names, picked.p_world, picked.q.tolist(), strict=True):
+                off = np.linalg.norm(points - p, axis=1)
+                k = int(np.argmin(off)) if len(off) else -1
+                if k < 0 or off[k] > _SAME * float(np.linalg.norm(mesh.size_mm)):
+                    points, k = np.concatenate([points, p[None]]), len(points)
+                named[k] = name
+                before.append((k, x, y))
+        if not len(points):
+            raise BadValue("model", "without any corner or round edge", "a part with edges")
+        kinds = ["C"] * len(corners) + ["O"] * len(rims) + ["P"] * (len(points) - len(corners) - len(rims))
+        return cls(points, _names(kinds, named), before)
+
+
+def _names(kinds: Sequence[str], named: Mapping[int, str]) -> list[str]:
+    """Return a name of each point, all different: the given ones, and its kind with a number of the others."""
+    numbers, taken = count(1), set(named.values())
+    others = [next(name for n in numbers if (name := f"{kind}{n}") not in taken) for kind in kinds]
+    return [named.get(k) or other for k, other in enumerate(others)]
 
 
 def _check_inside(picked: Observations, picture: Picture) -> None:
@@ -89,59 +116,47 @@ def _check_inside(picked: Observations, picture: Picture) -> None:
         )
 
 
-def _page(
-    picture: Picture,
-    scene: Scene,
-    points: Array,
-    named: list[str],
-    before: list[tuple[int, float, float]],
-    names: tuple[str, str],
-) -> str:
+def _page(picture: Picture, scene: Scene, offer: _Offer, names: tuple[str, str]) -> str:
     form = "PNG" if picture.shape[0] * picture.shape[1] <= _LOSSLESS else "JPEG"
-    data = encoded(picture, form)
-    model = _model(scene, points)
+    data, model = encoded(picture, form), _model(scene, offer.points)
+    decimals = _decimals(scene)
     told = {
-        "corners": np.round(points, _decimals(scene)).tolist(),
-        "decimals": _decimals(scene),
-        "names": named,
-        "picked": before,
+        "corners": np.round(offer.points, decimals).tolist(),
+        "decimals": decimals,
+        "names": offer.names,
+        "picked": offer.picked,
         "key": "cadcam pick " + hashlib.sha256(data + json.dumps(model).encode()).hexdigest()[:16],
         **model,
     }
-    photo, part = (escape(Path(name).name) for name in names)
-    image = f'<img id="picture" alt="{photo}" src="data:image/{form.lower()};base64,{_base64(data)}">'
-    panes = (
+    photo, part = (Path(name).name for name in names)
+    image = f'<img id="picture" alt="{escape(photo)}" src="data:image/{form.lower()};base64,{_base64(data)}">'
+    script = "\n".join((files(__package__) / name).read_text() for name in _SCRIPTS)
+    return page(
+        f"Corners of {part} in {photo}",
+        (files(__package__) / "pick.css").read_text(),
+        [
+            _panes(escape(part), escape(photo), image),
+            section("", _TOOLS + _table()),
+            section("Then", _AFTER),
+            f'<script type="application/json" id="told">{_inline(told)}</script>',
+            f'<script>"use strict";\n{script}</script>',
+        ],
+    )
+
+
+def _panes(part: str, photo: str, image: str) -> str:
+    return (
         '<div class="panes">'
         f"<figure><figcaption>{part}: click a corner. Dragging turns it (Shift: moves it), the wheel zooms."
         '</figcaption><canvas id="model"></canvas></figure>'
         f"<figure><figcaption>{photo}: click where it is. Dragging moves the photo, or a mark; the wheel zooms."
         f'</figcaption><canvas id="photo"></canvas>{image}</figure></div>'
     )
-    tools = (
-        '<p id="status" role="status"></p><div class="tools"><button id="save">Save points.csv</button>'
-        '<button id="copy">Copy</button><button id="clear">Remove all</button><button id="whole">Whole photo</button>'
-        '<label><input type="checkbox" id="lines" checked> lines of the model as the picks have it</label></div>'
-    )
+
+
+def _table() -> str:
     heads = "".join(f"<th>{head}</th>" for head in ("point", "X mm", "Y mm", "Z mm", "x px", "y px", "off, px", ""))
-    table = f'<table><thead><tr>{heads}</tr></thead><tbody id="rows"></tbody></table>'
-    after = (
-        "<p>Six corners or more that are not all in one plane give the camera; four are enough where its internals are"
-        " known. Spread them over the whole photo, near and far. The middle of a round edge (O) is only about the"
-        " middle of what is seen of it, as near things look larger.</p>"
-        "<p><code>cadcam calibrate points.csv --photo PHOTO -o camera.json</code></p>"
-    )
-    script = "\n".join((files(__package__) / name).read_text() for name in _SCRIPTS)
-    return page(
-        f"Corners of {Path(names[1]).name} in {Path(names[0]).name}",
-        (files(__package__) / "pick.css").read_text(),
-        [
-            panes,
-            section("", tools + table),
-            section("Then", after),
-            f'<script type="application/json" id="told">{_inline(told)}</script>',
-            f'<script>"use strict";\n{script}</script>',
-        ],
-    )
+    return f'<table><thead><tr>{heads}</tr></thead><tbody id="rows"></tbody></table>'
 
 
 def _model(scene: Scene, points: Array) -> dict[str, object]:

@@ -1,11 +1,11 @@
 // The photo, to zoom into and to click in to tenths of a pixel. (0, 0) is the centre of the top left pixel.
 
 class PhotoPane {
-  // onPlace(x, y): a place was clicked, in px of the photo; onMove(name, x, y): a mark was dragged there.
+  // onPlace(x, y): a place was clicked, in px of the photo; onMove(corner, x, y): its mark was dragged there.
   constructor(canvas, image, onPlace, onMove) {
     this.canvas = canvas;
     this.image = image;
-    this.marks = []; // {name, x, y, active, ghost}
+    this.marks = []; // {corner, name, x, y, active, ghost}
     this.lines = []; // polylines of the model as fitted: [x, y, x, y]
     this.cursor = null;
     this.fit();
@@ -14,8 +14,8 @@ class PhotoPane {
       start: (x, y) => { held = this.markAt(x, y); },
       move: (dx, dy) => {
         if (held === null) { this.shift = [this.shift[0] + dx, this.shift[1] + dy]; this.show(); return; }
-        onMove(held.name, held.x + dx / this.scale, held.y + dy / this.scale);
-        held = this.marks.find((mark) => mark.name === held.name) || null;
+        onMove(held.corner, held.x + dx / this.scale, held.y + dy / this.scale);
+        held = this.marks.find((mark) => mark.corner === held.corner) || null;
       },
       click: (x, y) => onPlace(...this.pixel(x, y)),
       hover: (x, y) => { this.cursor = [x, y]; this.show(); },

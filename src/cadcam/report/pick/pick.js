@@ -19,7 +19,7 @@ const model = new ModelPane(element("model"), {
   corners: numbers("placed", Float32Array),
   said: (k) => `${told.names[k]}   X ${shown(corners[k][0])}   Y ${shown(corners[k][1])}   Z ${shown(corners[k][2])} mm`,
 }, choose);
-const photo = new PhotoPane(element("photo"), element("picture"), place, (name, x, y) => put(told.names.indexOf(name), x, y));
+const photo = new PhotoPane(element("photo"), element("picture"), place, put);
 
 function shown(value) { return Number(value.toFixed(told.decimals)).toString(); }
 
@@ -60,7 +60,7 @@ function refresh(message = "") {
   fitted = fitCamera(chosen.map((k) => corners[k]), chosen.map((k) => picks.get(k)));
   model.active = active;
   model.marks = new Map(chosen.map((k) => [k, told.names[k]]));
-  photo.marks = chosen.map((k) => ({ name: told.names[k], x: picks.get(k)[0], y: picks.get(k)[1], active: k === active }));
+  photo.marks = chosen.map((k) => ({ corner: k, name: told.names[k], x: picks.get(k)[0], y: picks.get(k)[1], active: k === active }));
   const ghost = active >= 0 && !picks.has(active) && fitted.project ? fitted.project(corners[active]) : null;
   if (ghost !== null) photo.marks.push({ name: "", x: ghost[0], y: ghost[1], active: true, ghost: true });
   photo.lines = element("lines").checked && fitted.project ? projectedEdges() : [];
