@@ -94,7 +94,7 @@ def test_names_do_not_end_the_script(tmp_path: Path) -> None:
     assert "</script><b>" in told(tmp_path / "pick.html")["names"]
 
 
-# Click each corner that the first view shows, then its place in the photo; look at the page again after a reload.
+# Click each corner that the first view shows, then its place in the photo; then open the page once more.
 DRIVER = """
 const inside = (text) => f.contentWindow.eval(text);
 const click = (canvas, x, y) => {
@@ -102,34 +102,37 @@ const click = (canvas, x, y) => {
   const at = { clientX: rect.left + x, clientY: rect.top + y, bubbles: true, pointerId: 1 };
   for (const type of ["pointerdown", "pointerup"]) canvas.dispatchEvent(new (inside("PointerEvent"))(type, at));
 };
-let rounds = 0;
-const ready = () => {
-  if (!inside("typeof model === 'object' && model.places !== undefined")) { setTimeout(ready, 50); return; }
-  if (rounds++ === 0) {
-    truth.forEach((q, k) => {
-      if (!inside(`model.visible[${k}]`)) return;
-      const [x, y] = [0, 1].map((c) => inside(`model.places[${3 * k + c}]`));
-      click(f.contentDocument.getElementById("model"), x, y);
-      if (k !== inside("active")) throw new Error(`clicked ${k}, chose ${inside("active")}`);
-      click(f.contentDocument.getElementById("photo"), ...inside(`photo.place(${q})`));
-    });
-    f.contentDocument.dispatchEvent(new (inside("KeyboardEvent"))("keydown", { key: "ArrowRight", bubbles: true }));
-    f.contentDocument.dispatchEvent(new (inside("KeyboardEvent"))("keydown", { key: "ArrowLeft", bubbles: true }));
-    // the photo's own borders lie half a pixel beyond the centres of its outer pixels
-    document.body.dataset.borders = inside(
-      "[...photo.place(-0.5, -0.5), ...photo.shift, ...photo.place(639.5, 479.5)]",
-    );
-    document.body.dataset.scale = inside("photo.scale");
-    document.body.dataset.rms = inside("fitted.rms");
-    document.body.dataset.status = inside("element('status').textContent");
-    document.body.dataset.csv = inside("csv()");
-    f.onload = ready;
-    f.contentWindow.location.reload();
-  } else {
-    document.body.dataset.again = inside("csv()");
-  }
+const drag = (canvas, [x, y], [dx, dy]) => {
+  const rect = canvas.getBoundingClientRect();
+  [["pointerdown", 0], ["pointermove", 0.5], ["pointermove", 1], ["pointerup", 1]].forEach(([type, t]) => {
+    const at = { clientX: rect.left + x + t * dx, clientY: rect.top + y + t * dy, bubbles: true, pointerId: 1 };
+    canvas.dispatchEvent(new (inside("PointerEvent"))(type, at));
+  });
 };
-f.onload = ready;
+const picked = () => {
+  truth.forEach((q, k) => {
+    if (!inside(`model.visible[${k}]`)) return;
+    const [x, y] = [0, 1].map((c) => inside(`model.places[${3 * k + c}]`));
+    click(f.contentDocument.getElementById("model"), x, y);
+    if (k !== inside("active")) throw new Error(`clicked ${k}, chose ${inside("active")}`);
+    click(f.contentDocument.getElementById("photo"), ...inside(`photo.place(${q})`));
+  });
+  for (const key of ["ArrowRight", "ArrowLeft"]) {
+    f.contentDocument.dispatchEvent(new (inside("KeyboardEvent"))("keydown", { key, bubbles: true }));
+  }
+  // the photo's own borders lie half a pixel beyond the centres of its outer pixels
+  const borders = inside("[...photo.place(-0.5, -0.5), ...photo.shift, ...photo.place(639.5, 479.5)]");
+  const said = { borders, scale: inside("photo.scale"), rms: inside("fitted.rms"), csv: inside("csv()") };
+  Object.assign(document.body.dataset, said, { status: inside("element('status').textContent") });
+  drag(f.contentDocument.getElementById("photo"), inside("photo.place(...picks.get(active))"), [8, -4]);
+  document.body.dataset.dragged = inside("csv()");
+  drag(f.contentDocument.getElementById("photo"), inside("photo.place(...picks.get(active))"), [-8, 4]);
+  const again = document.createElement("iframe"); // the page opened once more: this one's load event waits for it
+  again.src = "pick.html";
+  again.onload = () => { document.body.dataset.again = again.contentWindow.eval("csv()"); };
+  document.body.append(again);
+};
+f.onload = picked;
 """
 
 
@@ -169,6 +172,8 @@ def test_clicks_become_points_that_calibrate_the_camera(tmp_path: Path) -> None:
     assert np.abs(points.q - truth[which]).max() <= 0.005 + 1e-6  # two decimals are written
     assert float(said["rms"]) < 0.01
     assert said["status"].startswith(f"{points.names[-1]}: drag it")
+    moved = np.array([float(v) for v in said["dragged"].split()[-1].split(",")[-2:]]) - points.q[-1]
+    np.testing.assert_allclose(moved, np.array([8, -4]) / float(said["scale"]), atol=0.02)  # of two steps, each rounded
     assert said["again"] == said["csv"]
     left, top, x, y, right, bottom = map(float, said["borders"].split(","))
     assert (left, top) == (x, y)

@@ -162,7 +162,7 @@ window.addEventListener("keydown", (event) => {
   put(active, x + step * way[0], y + step * way[1]);
 });
 window.addEventListener("resize", () => { photo.fit(); model.draw(); refresh(); });
-element("picture").decode().then(() => {
+window.addEventListener("load", () => {
   restore();
   photo.fit();
   model.draw();
