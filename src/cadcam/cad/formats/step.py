@@ -88,7 +88,7 @@ def _converted(path: Path, kind: str, tolerance: float) -> bytes:
         raise MissingExtra(f"reading {path.name}", "step", "cascadio")
     with tempfile.TemporaryDirectory(prefix="cadcam-") as folder:
         target = Path(folder) / "converted.glb"
-        command = [sys.executable, "-P", "-c", _CONVERT, str(path), str(target), kind, repr(tolerance), repr(ANGLE)]
+        command = [sys.executable, "-P", "-c", _CONVERT, str(path), str(target), kind, repr(float(tolerance)), repr(ANGLE)]
         done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False)
         if done.returncode == 0 and target.exists() and target.stat().st_size:
             return target.read_bytes()
