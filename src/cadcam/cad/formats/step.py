@@ -60,13 +60,14 @@ def read_iges(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = N
 def _positive(tolerance: float | None) -> float | None:
     if tolerance is not None:
         expect_positive(tolerance, "chordal_tolerance_mm", "a positive length in mm")
-    return tolerance
+        return float(tolerance)  # it goes to another process as text, and numpy's own are none there
+    return None
 
 
 def _tolerance(data: bytes, mm: float, wanted: float | None) -> float:
     """Return the chordal tolerance in mm: as given, or from the spread of the points in the file."""
-    if _positive(wanted) is not None:
-        return float(wanted or 0.0)
+    if (given := _positive(wanted)) is not None:
+        return given
     number = rb"\s*([-+.\dEe]+)\s*"
     triples = re.findall(rb"CARTESIAN_POINT\s*\([^(]*\(" + number + rb"," + number + rb"," + number + rb"\)", data)
     if not triples:
@@ -88,7 +89,7 @@ def _converted(path: Path, kind: str, tolerance: float) -> bytes:
         raise MissingExtra(f"reading {path.name}", "step", "cascadio")
     with tempfile.TemporaryDirectory(prefix="cadcam-") as folder:
         target = Path(folder) / "converted.glb"
-        command = [sys.executable, "-P", "-c", _CONVERT, str(path), str(target), kind, repr(float(tolerance)), repr(ANGLE)]
+        command = [sys.executable, "-P", "-c", _CONVERT, str(path), str(target), kind, repr(tolerance), repr(ANGLE)]
         done = subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False)
         if done.returncode == 0 and target.exists() and target.stat().st_size:
             return target.read_bytes()

@@ -38,7 +38,7 @@ def recognises(source: ForeignFile) -> bool:
 def read(source: ForeignFile) -> Foreign:
     """Return the cameras; the world is the IMU frame where every camera has T_cam_imu, else the first camera."""
     root = parsed_yaml(source.text())
-    # by number, not as they stand: Kalibr sorts its keys as text, cam10 before cam2, and each pose is from the one before
+    # by number, as each pose is from the one before: Kalibr sorts its keys as text, cam10 before cam2
     found = sorted(int(name[3:]) for name in root.object if re.fullmatch(r"cam(0|[1-9]\d{0,3})", name))
     missing = next((i for i, number in enumerate(found) if number != i), None)
     if not found or missing is not None:
