@@ -122,7 +122,8 @@ class Store:
     def add_all(self, records: Iterable[Record]) -> int:
         """Store records as `add` does, a few at a time as they are asked for; return how many there were.
 
-        Where one cannot be had, none is stored. SQLite lets nobody else write meanwhile.
+        Where one cannot be had, none is stored. SQLite lets nobody else write meanwhile, and from 64 MB on (some 30 000
+        records of ten deviations) nobody read either.
         """
         count = 0
         with self._transaction(self._writing) as connection:
@@ -193,7 +194,15 @@ class Store:
             raise UnusableStore(self.name, f"its driver does not take all of the address ({error})", remedy) from None
 
     def prepare(self, *, create: bool) -> None:
-        """Create the tables where there are none, and what those of an older version lack; refuse a newer one's."""
+        """Create the tables where there are none, and what those of an older version lack; refuse a newer one's.
+
+        Who finds all as it should be has only read: it need not wait for those that write.
+        """
+        if create:
+            with self._transaction(self._engine) as connection:
+                there = set(sql.inspect(connection).get_table_names())
+                if schema.store.name in there and self._checked_version(connection) == schema.VERSION:
+                    return
         with self._transaction(self._writing if create else self._engine) as connection:
             if connection.dialect.name == "postgresql":  # two programs that create the tables at once
                 connection.execute(sql.select(sql.func.pg_advisory_xact_lock(_LOCK)))
