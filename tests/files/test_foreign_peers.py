@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
@@ -57,6 +58,17 @@ def test_opencv_ignores_the_skew_that_its_files_hold() -> None:
     p = np.array([[[0.1, 0.2, 1.0]]])
     q = cv2.projectPoints(p, np.zeros(3), np.zeros(3), K, np.zeros(5))[0].ravel()
     assert np.allclose(q, [370, 340])  # with skew it would be 374
+
+
+@pytest.mark.parametrize("name", ["kalibr", "ros"])
+def test_pyyaml_by_which_kalibr_and_ros_read_finds_numbers(tmp_path: Path, name: str) -> None:
+    """YAML 1.1 takes 1e-05 for a text: a number has a point."""
+    c = [1e-05, -2e-07, 3e-300, 1e-16]
+    camera = Camera.from_focal((640, 480), 500.0, lens=BrownConrady(*c))
+    write_cameras(tmp_path / "c.yaml", camera, format_name=name)
+    found = yaml.safe_load((tmp_path / "c.yaml").read_text())
+    terms = found["cam0"]["distortion_coeffs"] if name == "kalibr" else found["distortion_coefficients"]["data"]
+    assert terms == (c if name == "kalibr" else [*c, 0.0])
 
 
 @pytest.mark.parametrize("name", ["colmap", "colmap-bin"])

@@ -21,7 +21,7 @@ from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamer
 from cadcam.files.foreign.pose import numbers, rigid_of_matrix
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place
-from cadcam.files.yamltext import parsed_yaml
+from cadcam.files.yamltext import parsed_yaml, yaml_number
 from cadcam.geometry.rigid import Rigid
 
 _MM = 1000.0
@@ -144,7 +144,7 @@ def _motion(place: Place) -> Rigid:
 
 
 def _listed(values: Array) -> str:
-    return f"[{', '.join(map(repr, numbers(values)))}]"
+    return f"[{', '.join(map(yaml_number, numbers(values)))}]"
 
 
 FORMAT = Format(

@@ -22,7 +22,7 @@ from cadcam.files.foreign.pose import numbers
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.foreign.xmltext import Node, parsed_xml
 from cadcam.files.jsontext import Place, parsed
-from cadcam.files.yamltext import parsed_yaml
+from cadcam.files.yamltext import parsed_yaml, yaml_number
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -159,7 +159,7 @@ def _as_yaml(values: dict[str, Any]) -> str:
             continue
         rows, columns = value.shape
         lines += [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d"]
-        lines.append(f"   data: [ {', '.join(map(repr, numbers(value)))} ]")
+        lines.append(f"   data: [ {', '.join(map(yaml_number, numbers(value)))} ]")
     return "\n".join(lines) + "\n"
 
 
