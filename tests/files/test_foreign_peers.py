@@ -41,6 +41,22 @@ def test_opencv_reads_and_projects_what_we_write(tmp_path: Path, rng: np.random.
             assert np.abs(theirs - camera.project(pose @ world)).max() < 1e-8
 
 
+@pytest.mark.parametrize("suffix", [".yml", ".xml"])
+def test_a_calibration_that_opencv_writes_is_read_whatever_is_beside_it(tmp_path: Path, suffix: str) -> None:
+    """OpenCV 5 writes an array of one dimension without rows and columns; a view that failed has NaN as its error."""
+    cv2: Any = pytest.importorskip("cv2", reason="OpenCV is a peer here, not a dependency")
+    file = cv2.FileStorage(str(tmp_path / f"c{suffix}"), cv2.FILE_STORAGE_WRITE)
+    K, terms = np.array([[500.0, 0, 320], [0, 505, 240], [0, 0, 1]]), np.array([-0.2, 0.05, 1e-5, -2e-3, 0.01])
+    values: dict[str, Any] = {"calibration_time": "Fri 27", "image_width": 640, "image_height": 480}
+    values |= {"camera_matrix": K, "distortion_coefficients": terms, "per_view": np.array([np.nan, 0.1])}
+    for name, value in values.items():
+        file.write(name, value)
+    file.release()
+    (found,) = read_cameras(tmp_path / f"c{suffix}").cameras
+    assert (found.camera.K == K).all()
+    assert list(found.camera.lens.parameters.values())[:5] == terms.tolist()
+
+
 def test_tilted_lenses_are_opencvs(rng: np.random.Generator) -> None:
     cv2: Any = pytest.importorskip("cv2", reason="OpenCV is a peer here, not a dependency")
     for tau in ((0.1, -0.16), (0.3, 0.0), (0.0, -0.3)):
