@@ -182,6 +182,8 @@ GLB_CASES: list[tuple[dict[str, object], str]] = [
         "2 numbers a vertex",
     ),
     ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "draco"),
+    ({"extensionsRequired": ["EXT_mesh_gpu_instancing"]}, "needs the extension EXT_mesh_gpu_instancing"),
+    ({"nodes": [{"mesh": 0, "extensions": {"EXT_mesh_gpu_instancing": {}}}]}, "places its mesh many times"),
     ({"buffers": [{"byteLength": 4, "uri": "../secret.bin"}]}, "outside its own folder"),
     ({"buffers": [{"byteLength": 4, "uri": "gone.bin"}]}, "gone.bin: cannot be read"),
     ({"meshes": [{"primitives": [{"attributes": {"POSITION": 0}, "mode": 0}]}]}, "no geometry"),
@@ -195,7 +197,10 @@ def test_a_glb_that_contradicts_itself_is_refused(tmp_path: Path, change: dict[s
         read_model(tmp_path / "a.glb")
 
 
-@pytest.mark.parametrize("change", [{"asset": {"version": "2.0", "extras": ["any"]}}, {"extensionsRequired": 5}])
+LOOKS = {"extensionsRequired": ["KHR_texture_transform", "KHR_materials_unlit", "KHR_mesh_quantization"]}
+
+
+@pytest.mark.parametrize("change", [{"asset": {"version": "2.0", "extras": ["any"]}}, {"extensionsRequired": 5}, LOOKS])
 def test_a_glb_may_hold_what_nobody_asked_for(tmp_path: Path, change: dict[str, object]) -> None:
     (tmp_path / "a.glb").write_bytes(glb(change, tmp_path))
     assert read_model(tmp_path / "a.glb").n_faces == 12
@@ -237,6 +242,20 @@ MODEL_CASES = [
 def test_a_3mf_that_contradicts_itself_is_refused(tmp_path: Path, text: str, words: str) -> None:
     (tmp_path / "a.3mf").write_bytes(packed(text, tmp_path))
     with pytest.raises(UnreadableFile, match=words):
+        read_model(tmp_path / "a.3mf")
+
+
+def test_a_3mf_of_components_of_components_is_refused_before_it_fills_the_memory(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Ten of ten of ten ...: a kilobyte of XML that places a hundred million objects."""
+    monkeypatch.setattr("cadcam.cad.formats.threemf._MOST", 1000)
+    level = "<object id='{}'><components>" + 10 * "<component objectid='{}'/>" + "</components></object>"
+    levels = "".join(level.format(n, *[n - 1] * 10) for n in range(2, 10))
+    text = MODEL.format("inch", VERTICES, "<triangle v1='0' v2='1' v3='2'/>", 9)
+    text = text.replace("</resources>", levels + "</resources>")
+    (tmp_path / "a.3mf").write_bytes(packed(text, tmp_path))
+    with pytest.raises(UnreadableFile, match="more than 1000 objects"):
         read_model(tmp_path / "a.3mf")
 
 

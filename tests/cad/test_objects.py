@@ -51,6 +51,16 @@ def test_what_is_no_mesh_is_refused() -> None:
         Mesh.from_object(SimpleNamespace(vertices=BOX, faces=np.array(QUADS)), unit="mm")
 
 
+def test_an_open_sheet_that_a_scene_mirrors_keeps_its_front() -> None:
+    class Graph(dict[str, Any]):
+        nodes_geometry = ("sheet", "mirrored")
+
+    sheet = SimpleNamespace(vertices=np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]]), faces=np.array([[0, 1, 2]]))
+    placed = Graph(sheet=(np.eye(4), "it"), mirrored=(np.diag([-1.0, 1, 1, 1]), "it"))
+    mesh = Mesh.from_object(SimpleNamespace(geometry={"it": sheet}, graph=placed), unit="mm")
+    assert mesh.face_normals.tolist() == [[0, 0, 1], [0, 0, 1]]  # a mirror in x leaves what looks along z
+
+
 def test_trimesh_meshes_and_scenes() -> None:
     trimesh: Any = pytest.importorskip("trimesh", reason="trimesh is a peer here, not a dependency")
     box = trimesh.creation.box((1, 2, 3))

@@ -325,6 +325,20 @@ def test_writing_leaves_the_old_file_until_the_new_one_is_whole(tmp_path: Path, 
     assert list(tmp_path.iterdir()) == [target]
 
 
+@pytest.mark.parametrize("away", [1e6, 5e8])
+def test_a_part_in_the_coordinates_of_a_map_is_written_whole_or_refused(tmp_path: Path, away: float) -> None:
+    part = box((0, 0, 0), (10, 20, 30))
+    far = replace(part, vertices=part.vertices + away + 1 / 3)
+    for suffix in (".ply", ".obj"):
+        write_model(tmp_path / f"a{suffix}", far)
+        back = read_model(tmp_path / f"a{suffix}").vertices
+        assert np.abs(np.sort(back, axis=0) - np.sort(far.vertices, axis=0)).max() <= np.spacing(away)
+    for suffix in (".stl", ".glb"):
+        with pytest.raises(BadValue, match=rf"nearer to it, as {suffix} has steps of .* mm out there"):
+            write_model(tmp_path / f"a{suffix}", far)
+        assert not (tmp_path / f"a{suffix}").exists()
+
+
 def test_a_format_that_is_not_written_is_named(tmp_path: Path) -> None:
     with pytest.raises(UnknownName, match="step"):
         write_model(tmp_path / "box.step", box((0, 0, 0), SIZE))

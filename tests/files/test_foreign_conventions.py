@@ -176,6 +176,31 @@ cam1:
     agree(sphere, p, 300 * p[:, 0] / below + 322, 305 * p[:, 1] / below + 244)
 
 
+def test_kalibr_cameras_are_chained_by_number_though_its_writer_sorts_them_as_text(tmp_path: Path) -> None:
+    """PyYAML, by which Kalibr writes, puts cam10 before cam2; T_cn_cnm1 is always from the camera one number lower."""
+
+    def camera(n: int, number: int) -> str:
+        step = f"\n  T_cn_cnm1: [[1, 0, 0, {number}], [0, 1, 0, 0], [0, 0, 1, 0], [0, 0, 0, 1]]" if n else ""
+        return f"""cam{n}:
+  camera_model: pinhole
+  intrinsics: [700.0, 705.0, 321.0, 243.0]
+  distortion_model: none
+  distortion_coeffs: []
+  resolution: [640, 480]{step}
+"""
+
+    names = sorted(range(12), key=str)
+    assert names[:3] == [0, 1, 10]
+    (tmp_path / "chain.yaml").write_text("".join(camera(n, n) for n in names))
+    found = read_cameras(tmp_path / "chain.yaml").cameras
+    assert [named.name for named in found] == [f"cam{n}" for n in range(12)]
+    places = [named.camera_from_world.translation[0] for named in found if named.camera_from_world is not None]
+    assert places == [1000.0 * sum(range(n + 1)) for n in range(12)]
+    (tmp_path / "gap.yaml").write_text(camera(0, 0) + camera(2, 2))
+    with pytest.raises(UnreadableFile, match="has no cam1"):
+        read_cameras(tmp_path / "gap.yaml")
+
+
 def test_mrcal_and_its_stereographic_lens(tmp_path: Path, rng: np.random.Generator) -> None:
     rt = text_of(np.concatenate([so3.log(R), T]))
     text = f"""{{

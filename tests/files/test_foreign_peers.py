@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+import yaml
 
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
@@ -40,6 +41,22 @@ def test_opencv_reads_and_projects_what_we_write(tmp_path: Path, rng: np.random.
             assert np.abs(theirs - camera.project(pose @ world)).max() < 1e-8
 
 
+@pytest.mark.parametrize("suffix", [".yml", ".xml"])
+def test_a_calibration_that_opencv_writes_is_read_whatever_is_beside_it(tmp_path: Path, suffix: str) -> None:
+    """OpenCV 5 writes an array of one dimension without rows and columns; a view that failed has NaN as its error."""
+    cv2: Any = pytest.importorskip("cv2", reason="OpenCV is a peer here, not a dependency")
+    file = cv2.FileStorage(str(tmp_path / f"c{suffix}"), cv2.FILE_STORAGE_WRITE)
+    K, terms = np.array([[500.0, 0, 320], [0, 505, 240], [0, 0, 1]]), np.array([-0.2, 0.05, 1e-5, -2e-3, 0.01])
+    values: dict[str, Any] = {"calibration_time": "Fri 27", "image_width": 640, "image_height": 480}
+    values |= {"camera_matrix": K, "distortion_coefficients": terms, "per_view": np.array([np.nan, 0.1])}
+    for name, value in values.items():
+        file.write(name, value)
+    file.release()
+    (found,) = read_cameras(tmp_path / f"c{suffix}").cameras
+    assert (found.camera.K == K).all()
+    assert list(found.camera.lens.parameters.values())[:5] == terms.tolist()
+
+
 def test_tilted_lenses_are_opencvs(rng: np.random.Generator) -> None:
     cv2: Any = pytest.importorskip("cv2", reason="OpenCV is a peer here, not a dependency")
     for tau in ((0.1, -0.16), (0.3, 0.0), (0.0, -0.3)):
@@ -57,6 +74,17 @@ def test_opencv_ignores_the_skew_that_its_files_hold() -> None:
     p = np.array([[[0.1, 0.2, 1.0]]])
     q = cv2.projectPoints(p, np.zeros(3), np.zeros(3), K, np.zeros(5))[0].ravel()
     assert np.allclose(q, [370, 340])  # with skew it would be 374
+
+
+@pytest.mark.parametrize("name", ["kalibr", "ros"])
+def test_pyyaml_by_which_kalibr_and_ros_read_finds_numbers(tmp_path: Path, name: str) -> None:
+    """YAML 1.1 takes 1e-05 for a text: a number has a point."""
+    c = [1e-05, -2e-07, 3e-300, 1e-16]
+    camera = Camera.from_focal((640, 480), 500.0, lens=BrownConrady(*c))
+    write_cameras(tmp_path / "c.yaml", camera, format_name=name)
+    found = yaml.safe_load((tmp_path / "c.yaml").read_text())
+    terms = found["cam0"]["distortion_coeffs"] if name == "kalibr" else found["distortion_coefficients"]["data"]
+    assert terms == (c if name == "kalibr" else [*c, 0.0])
 
 
 @pytest.mark.parametrize("name", ["colmap", "colmap-bin"])

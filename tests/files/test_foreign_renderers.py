@@ -135,3 +135,26 @@ def test_usd_without_a_render_product_has_square_pixels(tmp_path: Path) -> None:
     (tmp_path / "g.usda").write_text(text + product + '    uniform token aspectRatioConformPolicy = "squeeze"\n}\n')
     with pytest.raises(UnreadableFile, match="aspectRatioConformPolicy 'squeeze'; known: expandAperture"):
         read_cameras(tmp_path / "g.usda")
+
+
+def test_usd_operations_as_programs_write_them(tmp_path: Path) -> None:
+    """Blender and Omniverse write a scale of 1, Maya a pivot that is undone: the last of the order acts first."""
+    text = """#usda 1.0
+def Camera "c"
+{
+    double3 xformOp:translate = (10, 20, 30)
+    double3 xformOp:translate:pivot = (1, 2, 3)
+    float xformOp:rotateZ = 90
+    float3 xformOp:scale = (1, 1.0000001, 1)
+    uniform token[] xformOpOrder = ["xformOp:translate", "xformOp:translate:pivot", "xformOp:rotateZ", "xformOp:scale",
+        "!invert!xformOp:translate:pivot"]
+}
+"""
+    (tmp_path / "f.usda").write_text(text)
+    pose = read_cameras(tmp_path / "f.usda", size=(640, 480)).cameras[0].camera_from_world
+    assert pose is not None
+    turned = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]]) @ [-1, -2, -3]  # about the pivot (1, 2, 3), then moved
+    assert pose.origin == pytest.approx(10 * (turned + np.array([11, 22, 33])), abs=1e-9)
+    (tmp_path / "g.usda").write_text(text.replace("1.0000001", "2"))
+    with pytest.raises(UnreadableFile, match="scale is not 1"):
+        read_cameras(tmp_path / "g.usda", size=(640, 480))

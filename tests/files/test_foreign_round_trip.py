@@ -131,6 +131,14 @@ def test_opencv_xml_holds_what_its_yaml_holds(tmp_path: Path, rng: np.random.Gen
         assert np.abs(back.camera_from_world.matrix - pose.matrix).max() < 1e-9
 
 
+@every_format
+def test_a_pitch_of_numpy_is_a_number_too(tmp_path: Path, name: str) -> None:
+    """NumPy 2 prints its own as "np.float64(0.003)": neither Blender nor USD reads that."""
+    camera = Camera.from_focal((640, 480), 500.0)
+    write_cameras(target(tmp_path, name), camera, format_name=name, pixel_mm=np.float64(0.003))
+    assert largest_difference(camera, read_cameras(target(tmp_path, name)).cameras[0].camera) < 1e-9
+
+
 def test_poses_at_half_a_turn_and_in_gimbal_lock_come_back(tmp_path: Path) -> None:
     camera = Camera.from_focal((640, 480), 500.0)
     for w in ([np.pi, 0, 0], [0, np.pi, 0], [0, 0, np.pi], [0, np.pi / 2, 0], [0, -np.pi / 2, 0], [0, 0, 0]):

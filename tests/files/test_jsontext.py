@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cadcam.errors import UnknownName, UnreadableFile
-from cadcam.files.jsontext import Place, as_json, as_json_pieces, parsed, parsed_line
+from cadcam.files.jsontext import Place, as_json, as_json_pieces, json_line, parsed, parsed_line
 from cadcam.files.matrix import read_matrix
 from cadcam.files.text import TextFile, read_text
 from cadcam.files.yamltext import parsed_yaml
@@ -118,3 +118,13 @@ def test_items_flags_and_whole_numbers_say_where_they_stand() -> None:
 def test_a_document_in_pieces_is_the_document(items: list[Any]) -> None:
     head = {"format": "f", "of": {"x": [1, 2]}}
     assert b"".join(as_json_pieces(head, "items", iter(items))) == as_json(head | {"items": items})
+
+
+def test_numbers_of_numpy_are_numbers() -> None:
+    given = {"one": np.float32(0.5), "two": np.int64(2), "three": np.array(0.25), "yes": np.True_}
+    written = json_line(given)
+    assert written == '{"one": 0.5, "two": 2, "three": 0.25, "yes": true}'
+    with pytest.raises(ValueError, match="not JSON compliant"):
+        json_line(np.float32("nan"))
+    with pytest.raises(TypeError, match="Path"):
+        json_line(Path("file"))

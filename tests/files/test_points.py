@@ -148,6 +148,14 @@ def test_writing_and_reading_keeps_every_bit(tmp_path: Path, rng: np.random.Gene
     assert back.sigma_px == sigma
 
 
+def test_a_sigma_of_numpy_is_written_as_a_number(tmp_path: Path, rng: np.random.Generator) -> None:
+    """NumPy 2 prints its own as "np.float64(0.25)", which no reader takes for one."""
+    for kind in (np.float64, np.float32, int):
+        given = Observations(rng.normal(size=(3, 3)), rng.normal(size=(3, 2)), sigma_px=kind(2))
+        write_points(tmp_path / "p.csv", given)
+        assert read_points(tmp_path / "p.csv").sigma_px == 2
+
+
 @pytest.mark.parametrize("name", ["two\nlines", " blank", "tab\t", ""])
 def test_a_name_that_would_not_come_back_is_not_written(tmp_path: Path, name: str) -> None:
     with pytest.raises(BadValue, match=r"^name is"):

@@ -39,6 +39,12 @@ def test_positions_keep_every_digit(tmp_path):
     assert read_shot(tmp_path / "p.pgm") == shot
 
 
+def test_positions_of_numpy_are_written_as_numbers(tmp_path):
+    shots = {"a.png": ShotPosition(np.float64(8175.123456789), np.float32(0.5))}
+    write_positions(tmp_path / "list.csv", shots)
+    assert read_positions(tmp_path / "list.csv") == shots
+
+
 def test_any_other_picture_has_a_sidecar_or_a_line_in_a_list(tmp_path):
     write_picture(tmp_path / "p.png", GRAY)
     with pytest.raises(UnreadableFile, match=r"has no camera position; write it into p\.png\.json"):

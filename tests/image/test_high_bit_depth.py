@@ -13,6 +13,8 @@ import pytest
 import tifffile
 
 from cadcam.errors import UnreadableFile
+from cadcam.image.camera_picture import read_camera_picture_with_info
+from cadcam.image.decode import stored
 from cadcam.image.picture import read_picture, read_picture_with_info
 
 GRAY = np.linspace(0, 1, 70).reshape(7, 10)
@@ -33,9 +35,15 @@ def with_channels(colours: npt.ArrayLike, *more: float) -> npt.NDArray[np.uint16
 
 def gray_alpha_png(samples: npt.NDArray[np.uint16]) -> bytes:
     """Return a PNG of colour type 4, grey with alpha, 16 bits each."""
-    rows = b"".join(b"\0" + row.astype(">u2").tobytes() for row in samples)
-    head = struct.pack(">IIBBBBB", samples.shape[1], samples.shape[0], 16, 4, 0, 0, 0)
-    chunks = [(b"IHDR", head), (b"IDAT", zlib.compress(rows)), (b"IEND", b"")]
+    return png([row.astype(">u2").tobytes() for row in samples], samples.shape[1], (16, 4))
+
+
+def png(rows: list[bytes], width: int, kind: tuple[int, int], key: tuple[int, ...] = ()) -> bytes:
+    """Return a PNG of these rows, kind: bits a sample and colour type; key: the sample(s) that are transparent."""
+    head = struct.pack(">IIBBBBB", width, len(rows), *kind, 0, 0, 0)
+    clear = [(b"tRNS", struct.pack(f">{len(key)}H", *key))] if key else []
+    body_of_rows = zlib.compress(b"".join(b"\0" + row for row in rows))
+    chunks = [(b"IHDR", head), *clear, (b"IDAT", body_of_rows), (b"IEND", b"")]
     return b"\x89PNG\r\n\x1a\n" + b"".join(
         struct.pack(">I", len(body)) + name + body + struct.pack(">I", zlib.crc32(name + body)) for name, body in chunks
     )
@@ -88,3 +96,55 @@ def test_a_damaged_file_says_so_once(tmp_path: Path) -> None:
     with pytest.raises(UnreadableFile) as told:
         read_picture(tmp_path / "a.tif")
     assert str(told.value).count("cut off or damaged") == 1
+
+
+@pytest.mark.parametrize("channels", [1, 3])
+def test_the_one_transparent_colour_of_a_deep_png_is_laid_over_white(tmp_path: Path, channels: int) -> None:
+    rows = sixteen(GRAY if channels == 1 else RGB)
+    key = tuple(int(n) for n in np.atleast_1d(rows[2, 3]))
+    packed = [row.astype(">u2").tobytes() for row in rows]
+    (tmp_path / "a.png").write_bytes(png(packed, rows.shape[1], (16, {1: 0, 3: 2}[channels]), key))
+    expected = rows / 65535
+    expected[2, 3] = 1
+    assert read_picture(tmp_path / "a.png") == pytest.approx(expected, abs=4 * EPS)
+
+
+@pytest.mark.parametrize(("bits", "row", "key"), [(1, 1 << 6, 0), (1, 1 << 6, 1), (2, 0b00011011, 1), (4, 0x3C, 3)])
+def test_the_transparent_grey_of_few_bits_is_the_one_that_is_meant(
+    tmp_path: Path, bits: int, row: int, key: int
+) -> None:
+    """Templates are cut out of logos, which programs that make PNG files small store like this."""
+    n = 8 // bits if bits > 1 else 2
+    (tmp_path / "a.png").write_bytes(png([bytes([row])], n, (bits, 0), (key,)))
+    values = [row >> (8 - bits * (k + 1)) & ((1 << bits) - 1) for k in range(n)]
+    held = stored("a.png", (tmp_path / "a.png").read_bytes(), max_pixels=9)
+    assert held.samples[0, :, -1].tolist() == [0 if value == key else 255 for value in values]
+    assert held.samples[0, :, 0].tolist() == [value * 255 // ((1 << bits) - 1) for value in values]
+
+
+def packed_tiff(samples: npt.NDArray[np.uint16]) -> bytes:
+    """Return a TIFF of 12 bits a sample, two samples in three bytes, as software of scientific cameras writes it."""
+    pairs = samples.reshape(-1, 2)
+    raw = b"".join(((int(a) << 12) | int(b)).to_bytes(3, "big") for a, b in pairs)
+    tags = {256: samples.shape[1], 257: samples.shape[0], 258: 12, 259: 1, 262: 1, 273: 0, 277: 1, 278: len(samples)}
+    tags |= {279: len(raw)}
+    tags[273] = 10 + 12 * len(tags) + 4
+    entries = b"".join(struct.pack("<HHII", tag, 4, 1, value) for tag, value in tags.items())
+    return b"II*\0" + struct.pack("<IH", 8, len(tags)) + entries + bytes(4) + raw
+
+
+@pytest.mark.parametrize("read", [read_picture_with_info, read_camera_picture_with_info])
+@pytest.mark.parametrize("brightest", [4095, 600])
+def test_a_tiff_of_12_bits_is_white_at_4095_however_dark_it_is(tmp_path: Path, read: Any, brightest: int) -> None:
+    samples = np.rint(GRAY * brightest).astype(np.uint16)
+    (tmp_path / "a.tif").write_bytes(packed_tiff(samples))
+    picture, info = read(tmp_path / "a.tif")
+    assert picture == pytest.approx(samples / 4095, abs=2 * EPS)
+    assert (info.bits, info.white) == (12, 4095)
+
+
+def test_signed_bytes_are_refused(tmp_path: Path) -> None:
+    """Pillow takes -1 for 255: black would be white."""
+    tifffile.imwrite(tmp_path / "a.tif", np.array([[-1, 100]], np.int8))
+    with pytest.raises(UnreadableFile, match="8-bit samples are signed"):
+        read_picture(tmp_path / "a.tif")

@@ -7,7 +7,9 @@ import json
 import re
 from collections.abc import Callable
 from dataclasses import replace
+from decimal import Decimal
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -112,6 +114,16 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
 def test_what_cannot_be_kept_is_refused_at_once(make: Callable[[], object]) -> None:
     with pytest.raises(CadcamError):
         make()
+
+
+@pytest.mark.parametrize("kind", [np.float32, np.float16, np.int64, np.array, Decimal])
+def test_numbers_of_any_library_are_kept_as_floats(tmp_path: Path, kind: Callable[[float], Any]) -> None:
+    one = kind(1)
+    made = Record("p", quality=one, deviations=(Deviation("f", one, one, lower=one, upper=one, k=one),))
+    write_records(tmp_path / "all.jsonl", [made])
+    (back,) = read_records(tmp_path / "all.jsonl")
+    assert back == made
+    assert type(made.quality) is type(made.deviations[0].lower) is float
 
 
 def test_a_trend_has_the_mean_and_scatter_of_one_feature() -> None:

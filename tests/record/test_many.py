@@ -106,6 +106,23 @@ def test_what_cannot_be_had_in_full_is_not_stored(where: str) -> None:
         assert store.count() == 6
 
 
+def test_who_reads_does_not_wait_for_an_import(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """SQLite keeps readers out from the moment at which a writer's pages do not fit in its cache, by default 2 MB."""
+    monkeypatch.setattr("cadcam.record.address._WAIT_S", 0)
+    seen = []
+
+    def some() -> Iterator[Record]:
+        for n in range(600):
+            yield Record("bracket", reason=str(n) * 5000)  # 8 MB
+        with open_store(where) as another:  # it might make one: to find that it need not is reading, too
+            seen.append([r.part for r in another.query()])
+
+    with open_store(where) as store:
+        store.add(Record("bolt"))
+        store.add_all(some())
+        assert (seen, store.count()) == ([["bolt"]], 601)
+
+
 def test_lines_are_read_one_by_one(tmp_path: Path) -> None:
     records = [record(n) for n in range(3)]
     write_records(tmp_path / "all.jsonl", records)

@@ -109,6 +109,22 @@ def test_a_query_returns_what_is_all_of_what_is_asked_oldest_first(where: str) -
         assert store.values("station") == {"cell 1", "cell 3"}
 
 
+@pytest.mark.parametrize("name", ["id_begins", "part", "serial", "station", "verdict", "feature"])
+def test_a_question_that_is_no_text_is_refused(tmp_path: Path, name: str) -> None:
+    """A serial asked for as a number matched nothing, without a word."""
+    with open_store(tmp_path / "parts.sqlite") as store:
+        with pytest.raises(BadValue, match=f"{name} is 17; expected a str"):
+            store.query(**{name: 17})  # type: ignore[misc]
+        with pytest.raises(BadValue, match="feature is 17; expected a str"):
+            store.of_feature(17)  # type: ignore[arg-type]
+
+
+def test_the_case_of_an_id_counts(where: str) -> None:
+    with open_store(where) as store:
+        store.add(record(0, id="abc"), record(1, id="ABC"))
+        assert [r.id for r in store.query(id_begins="AB")] == ["ABC"]
+
+
 def test_deviations_and_sources_stay_with_their_record_and_in_their_order(where: str) -> None:
     many = tuple(Deviation(f"f{i}", float(i), 0.1) for i in (5, 3, 9, 1))
     with open_store(where) as store:

@@ -64,8 +64,11 @@ def _scene(scene: Any) -> list[_Part]:
         matrix, key = scene.graph[node]
         mesh = scene.geometry[key]
         if hasattr(mesh, "faces"):
-            vertices = np.asarray(mesh.vertices) @ np.asarray(matrix)[:3, :3].T + np.asarray(matrix)[:3, 3]
-            out.append((str(node), vertices, _whole(mesh.faces), _main_color(mesh)))
+            turn, shift = np.asarray(matrix)[:3, :3], np.asarray(matrix)[:3, 3]
+            faces = _whole(mesh.faces)
+            # a mirrored open sheet would show its back: nothing but its winding says which side is its front
+            faces = faces[:, ::-1] if np.linalg.det(turn) < 0 else faces
+            out.append((str(node), np.asarray(mesh.vertices) @ turn.T + shift, faces, _main_color(mesh)))
     if not out:
         raise BadValue("scene", "without a mesh", _KNOWN)
     return out

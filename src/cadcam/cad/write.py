@@ -14,6 +14,8 @@ import numpy.typing as npt
 
 from cadcam.cad.formats.gltf import SURFACES
 from cadcam.cad.mesh import Mesh, compacted
+from cadcam.cad.topology import SEAM_SHARE
+from cadcam.errors import BadValue
 from cadcam.kinds import expect, expect_known, expect_path
 from cadcam.whole import write_whole
 
@@ -23,13 +25,27 @@ def write_model(path: str | PathLike[str], mesh: Mesh) -> None:
 
     STL (binary) and PLY (binary) hold one nameless part; OBJ keeps parts as groups; GLB, in metres, keeps names,
     colours and, where the mesh has them, surfaces and their normals. STL, PLY and OBJ are in mm. Raises
-    `UnknownName` for another suffix and `UnwritableFile`.
+    `UnknownName` for another suffix, `BadValue` for a mesh so far from the origin that the 24 bits of STL and GLB
+    would bend it, and `UnwritableFile`.
     """
     expect_path(path)
     expect(mesh, "mesh", Mesh)
     suffix = Path(path).suffix.lower()
     expect_known(suffix, "format to write", _WRITERS)
-    write_whole(path, _WRITERS[suffix](compacted(mesh)))
+    mesh = compacted(mesh)
+    if suffix in _SINGLE and mesh.n_faces:
+        _refuse_coarse(suffix, mesh)
+    write_whole(path, _WRITERS[suffix](mesh))
+
+
+def _refuse_coarse(suffix: str, mesh: Mesh) -> None:
+    """Raise `BadValue` where the float32 of a format rounds corners farther than `SEAM_SHARE` of the mesh."""
+    far, size = float(np.abs(mesh.vertices).max()), float(np.linalg.norm(mesh.size_mm))
+    step = float(np.spacing(np.float32(far)))
+    if step > SEAM_SHARE * size > 0:
+        what = f"{size:.4g} mm large and {far:.4g} mm from the origin"
+        remedy = f"one nearer to it, as {suffix} has steps of {step:.2g} mm out there; .ply and .obj keep it"
+        raise BadValue("mesh", what, remedy)
 
 
 def _stl(mesh: Mesh) -> bytes:
@@ -52,11 +68,20 @@ def _ply(mesh: Mesh) -> bytes:
 
 def _obj(mesh: Mesh) -> bytes:
     lines = ["# cadcam, millimetres"]
-    lines += [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in (mesh.vertices + 0.0).tolist()]
+    n = _digits(mesh)
+    lines += [f"v {x:.{n}g} {y:.{n}g} {z:.{n}g}" for x, y, z in (mesh.vertices + 0.0).tolist()]
     for number, name in enumerate(mesh.part_names):
         lines.append(f"g {' '.join(name.splitlines())}")
         lines += [f"f {a} {b} {c}" for a, b, c in (mesh.faces[mesh.part == number] + 1).tolist()]
     return ("\n".join(lines) + "\n").encode()
+
+
+def _digits(mesh: Mesh) -> int:
+    """Return the digits of coordinates: nine, and more for a mesh that is small beside its distance from the origin."""
+    if not mesh.n_faces:
+        return 9
+    far, size = float(np.abs(mesh.vertices).max()), float(mesh.size_mm.max())
+    return 17 if far > _FAR * size else 9
 
 
 def _glb(mesh: Mesh) -> bytes:
@@ -161,3 +186,5 @@ class _Buffer:
 
 
 _WRITERS: dict[str, Callable[[Mesh], bytes]] = {".stl": _stl, ".ply": _ply, ".obj": _obj, ".glb": _glb}
+_SINGLE = (".stl", ".glb")  # of float32
+_FAR = 100.0  # times its size from the origin: nine digits are a ten-millionth of the mesh there, and less beyond

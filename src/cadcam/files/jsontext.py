@@ -205,8 +205,15 @@ def as_json_pieces(head: dict[str, Any], key: str, items: Iterable[Any]) -> Iter
 
 def json_line(value: Any) -> str:
     """Return JSON on one line; what is no text in the name of a file is spelled out (`whole.utf8`)."""
-    text = json.dumps(value, allow_nan=False, ensure_ascii=False)
+    text = json.dumps(value, allow_nan=False, ensure_ascii=False, default=_of_numpy)
     return _NO_TEXT.sub(lambda lone: rf"\\u{ord(lone[0]):x}", text)
+
+
+def _of_numpy(value: object) -> Any:
+    """Return a number of numpy as Python's: arguments may be either, and json knows but one, or float64 by chance."""
+    if isinstance(value, np.generic) or getattr(value, "shape", None) == ():
+        return np.asarray(value).item()
+    raise TypeError(f"a {type(value).__name__} is nothing that JSON has")
 
 
 def head_as_json(form: str, version: int) -> dict[str, Any]:

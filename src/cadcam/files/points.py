@@ -82,7 +82,7 @@ def write_points(path: str | os.PathLike[str], observations: Observations) -> No
     """
     expect_path(path)
     expect(observations, "observations", Observations)
-    sigma = () if observations.sigma_px is None else (repr(observations.sigma_px),)
+    sigma = () if observations.sigma_px is None else (repr(float(observations.sigma_px)),)
     header = ("name", "X_mm", "Y_mm", "Z_mm", "x_px", "y_px", *(("sigma_px",) if sigma else ()))
     points = zip(observations.names, observations.p_world, observations.q, strict=True)
     rows = ([name, *(repr(float(v)) for v in (*p, *q)), *sigma] for name, p, q in points)

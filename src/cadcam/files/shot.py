@@ -157,7 +157,7 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, ShotPosition]:
 def write_positions(path: str | os.PathLike[str], shots: Mapping[str, ShotPosition]) -> None:
     """Write a list of positions by file name."""
     rows = (
-        [name, s.camera, repr(s.x), repr(s.y), "" if s.time is None else s.time.isoformat()]
+        [name, s.camera, repr(float(s.x)), repr(float(s.y)), "" if s.time is None else s.time.isoformat()]
         for name, s in shots.items()
     )
     write_whole(path, rows_of_cells(_COLUMNS, rows))

@@ -39,6 +39,15 @@ def parsed_yaml(file: TextFile) -> Place:
     return place
 
 
+def yaml_number(value: float) -> str:
+    """Return a number with all its bits as YAML 1.1 has it: with a point, without which 1e-05 is a text.
+
+    So it is for PyYAML, with which Kalibr and the Python programs of ROS read.
+    """
+    text = repr(float(value))
+    return text if "." in text else text.replace("e", ".0e")
+
+
 class _Tree:
     def __init__(self, path: str, events: Iterator[Any]) -> None:
         self.path, self.events = path, events

@@ -42,8 +42,9 @@ def read_camera_picture(
 
     White is found from this file alone unless `full_scale` says it; of several pictures of one camera give each the
     `white` of their `full_scale_of`. It counts for samples of more than 8 bits; of bytes white is 255 always. Not
-    guessed: the white of PGM files that state their largest value, of PNG files that say all 16 bits are significant
-    (sBIT, as ours do), of pictures with transparency, and of samples that fill their 16 bits from the top.
+    guessed: the white of PGM files that state their largest value, of TIFF files of 12 bits packed, of PNG files that
+    say all 16 bits are significant (sBIT, as ours do), of pictures with transparency, and of samples that fill their 16
+    bits from the top.
     """
     return read_camera_picture_with_info(path, max_pixels=max_pixels, full_scale=full_scale)[0]
 

@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnreadableFile
-from cadcam.image.high_bit_depth import deep_size, read_deep
+from cadcam.image.high_bit_depth import deep_size, read_deep, transparent_color
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -41,6 +41,7 @@ _MODES: dict[str, tuple[str, int, float | None]] = {
     "I": ("I", 32, None),
     "F": ("F", 32, 1.0),
 }
+_BITS, _SAMPLE_FORMAT, _SIGNED = 258, 339, 2  # TIFF 6.0
 _PARSING = (OSError, ValueError, SyntaxError, TypeError, LookupError, EOFError, OverflowError, struct.error, zlib.error)
 _pillow_limit = threading.Lock()  # Pillow's own pixel limit is a module variable
 
@@ -110,6 +111,9 @@ def _stored_by_pillow(path: str | os.PathLike[str], data: bytes, max_pixels: int
     with Image.open(io.BytesIO(data)) as image:
         _check_size(path, image.size, max_pixels)
         orientation = _orientation(image)
+        if (key := transparent_color(data)) is not None and image.mode in ("1", "L"):
+            # Pillow spreads samples of 1, 2 or 4 bits over 0 to 255, but not the one that is transparent
+            image.info["transparency"] = key[0] * 255 // ((1 << data[24]) - 1)
         samples, bits, white = _pillow_samples(image)
         return Stored(samples, bits, white, orientation, _orientation(image))  # Pillow turns TIFF at loading
 
@@ -132,6 +136,12 @@ def _pillow_samples(image: Image.Image) -> tuple[npt.NDArray[Any], int, float | 
     mode, bits, white = _MODES[image.mode]
     if "transparency" in image.info and mode in ("L", "RGB"):
         mode = "RGBA"
+    if image.format == "TIFF":
+        stated = image.tag_v2.get(_BITS, (bits,))[0]  # type: ignore[attr-defined]  # of a TIFF
+        if bits == 8 and _SIGNED in image.tag_v2.get(_SAMPLE_FORMAT, ()):  # type: ignore[attr-defined]
+            raise ValueError("its 8-bit samples are signed")  # Pillow takes -1 for 255
+        if bits == 16 and 8 < stated < 16:  # 12, packed: two samples in three bytes
+            bits, white = stated, float((1 << stated) - 1)
     if image.mode == "I" and image.format == "PPM":
         white = 65535.0  # Pillow has already scaled a plain PGM from its largest value
     return np.asarray(image if image.mode == mode else image.convert(mode)), bits, white

@@ -20,7 +20,7 @@ from cadcam.errors import MissingExtra
 Samples: TypeAlias = npt.NDArray[Any]
 
 _PNG = b"\x89PNG\r\n\x1a\n"
-_PNG_CHANNELS = {2: slice(3), 4: slice(0, 4, 3), 6: slice(4)}  # colour type -> which of RGBA; grey is Pillow's
+_PNG_CHANNELS = {0: slice(1), 2: slice(3), 4: slice(0, 4, 3), 6: slice(4)}  # colour type -> which of RGBA
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _PPM = re.compile(rb"P([56])(?:\s+(?:#[^\n]*\n\s*)*(\d+))(?:\s+(?:#[^\n]*\n\s*)*(\d+))(?:\s+(?:#[^\n]*\n\s*)*(\d+))\s")
 _CUT = "cut off or damaged"
@@ -41,6 +41,8 @@ def deep_size(data: bytes) -> tuple[int, int] | None:
     if data.startswith(_PNG):
         if len(data) < 26 or data[24] != 16 or data[25] not in _PNG_CHANNELS:
             return None
+        if data[25] == 0 and transparent_color(data) is None:
+            return None  # of grey Pillow keeps 16 bits, but not which of them is transparent
         width, height = struct.unpack_from(">II", data, 16)
         return width, height
     if header := _ppm_header(data):
@@ -65,7 +67,26 @@ def _read_png(data: bytes) -> Samples:
         samples: Samples = pyspng.c.spng_decode_image_bytes(data, pyspng.c.SPNG_FMT_RGBA16)
     except RuntimeError as error:
         raise ValueError(f"{_CUT} ({str(error).removeprefix('pyspng: ')})") from None
-    return samples if b"tRNS" in data else samples[..., _PNG_CHANNELS[data[25]]]  # an opaque alpha is added
+    seen, key = samples[..., _PNG_CHANNELS[data[25]]], transparent_color(data)
+    if key is None or data[25] not in (0, 2):
+        return seen
+    clear = (seen == np.array(key, np.uint16)).all(axis=2, keepdims=True)  # pyspng would call every pixel opaque
+    return np.concatenate([seen, np.where(clear, 0, 65535).astype(np.uint16)], axis=2)
+
+
+def transparent_color(data: bytes) -> tuple[int, ...] | None:
+    """Return the stored sample (grey) or samples (red, green, blue) that a PNG without alpha calls transparent.
+
+    None without any, and for palettes, whose entries each have an opacity. Source: ISO/IEC 15948, tRNS.
+    """
+    at = 8 if data.startswith(_PNG) and data[25:26] in (b"\0", b"\2") else len(data)
+    while at + 8 <= len(data) and (name := data[at + 4 : at + 8]) != b"IDAT":
+        size = int.from_bytes(data[at : at + 4], "big")
+        if name == b"tRNS":
+            count = 1 if data[25] == 0 else 3
+            return struct.unpack_from(f">{count}H", data, at + 8) if size == 2 * count else None
+        at += 12 + size
+    return None
 
 
 def _png_orientation(data: bytes) -> int:

@@ -11,6 +11,8 @@ from sqlalchemy import event, exc
 
 from cadcam.errors import BadValue, UnknownName, UnusableStore
 
+_CHANGED_KIB = 65536  # of pages that a writer holds in memory: once it has to let some go, readers wait for its end
+_READ_KIB = 2000  # ... and a reader: SQLite's default
 _WAIT_S = 60  # timeout of a writer that waits for others
 MENDED = "take the last backup, or save what can be read by SQLite's own program: sqlite3 FILE .recover"
 _DRIVERS = {"postgresql": "postgresql+pg8000", "postgres": "postgresql+pg8000"}
@@ -51,6 +53,7 @@ def _sqlite_connected(connection: Any, _: Any) -> None:
 def _sqlite_begins(connection: sql.Connection) -> None:
     """Take the writers' lock at once: two that read first and then both want to write would deadlock."""
     writing = connection.get_execution_options().get("writing")
+    connection.exec_driver_sql(f"PRAGMA cache_size=-{_CHANGED_KIB if writing else _READ_KIB}")
     connection.exec_driver_sql("BEGIN IMMEDIATE" if writing else "BEGIN")
 
 

@@ -44,9 +44,9 @@ class Deviation:
         expect_known(self.unit, f"unit of deviation {self.feature!r}", UNITS)
         _check_verdict(self.verdict, self.feature)
         for name in ("deviation", "expanded_uncertainty", "k", "lower", "upper"):
+            if getattr(self, name) is not None or name not in ("lower", "upper"):
+                _as_number(self, name, f"{name} of {self.feature!r}")
             value = getattr(self, name)
-            if value is not None or name not in ("lower", "upper"):
-                expect_number(value, f"{name} of {self.feature!r}")
             if value is not None and not np.isfinite(value):
                 raise BadValue(f"{name} of {self.feature!r}", value, "a finite number")
             if name == "expanded_uncertainty" and value < 0:
@@ -122,6 +122,8 @@ class Record(Brief):
         expect_numbers(self)
         if not self.part:
             raise BadValue("part of a record", "empty", "the name of the kind of part")
+        if self.quality is not None:
+            _as_number(self, "quality", "quality of a record")
         if self.quality is not None and not 0 <= self.quality <= 1:
             raise BadValue("quality of a record", self.quality, "a number from 0 to 1")
         if self.time.tzinfo is None:
@@ -140,6 +142,13 @@ def in_utc(what: str, time: datetime) -> datetime:
         return time.astimezone(UTC)
     except OverflowError:  # in the first or the last hours of the calendar
         raise BadValue(what, time.isoformat(), "a time of the years 1 to 9999 in UTC, too") from None
+
+
+def _as_number(of: Record | Deviation, name: str, what: str) -> None:
+    """Make a float of a number, such as one of a picture: JSON knows no float32."""
+    value = getattr(of, name)
+    expect_number(value, what)
+    object.__setattr__(of, name, float(value))
 
 
 def _spell_out(of: Source | Record | Deviation | Finding, *names: str) -> None:

@@ -141,12 +141,23 @@ def _worst(record: Record) -> str:
     if not shares:
         return ""
     share, feature = max(shares)
-    return f"{feature} {100 * share:.0f} %"
+    return f"{feature} {100 * share:.0f} %" if np.isfinite(share) else f"{feature} beyond its limit"
 
 
 def _share(d: Deviation) -> float | None:
-    limit = d.upper if d.deviation >= 0 else d.lower
-    return abs(d.deviation / limit) if limit else None
+    """Return how much of its tolerance a deviation takes up: 1 is at a limit, 0 in the middle of two, or at 0 of one.
+
+    One limit that leaves no room about 0 has no such measure: infinity beyond it, else None.
+    """
+    if d.lower is None and d.upper is None:
+        return None
+    if d.lower is not None and d.upper is not None:
+        off, room = abs(d.deviation - (d.lower + d.upper) / 2), (d.upper - d.lower) / 2
+    else:
+        off, room = (d.deviation, d.upper) if d.upper is not None else (-d.deviation, -(d.lower or 0.0))
+        if room <= 0 and off <= room:
+            return None
+    return float(max(off, 0.0) / room) if room > 0 else float("inf") if off > room else 0.0
 
 
 def _unjudged(record: Record) -> str:

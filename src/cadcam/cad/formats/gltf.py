@@ -21,6 +21,10 @@ from cadcam.cad.mesh import Mesh
 from cadcam.errors import UnreadableFile
 
 _AGAIN = "export it again"
+_COMPRESSED = ("KHR_draco_mesh_compression", "EXT_meshopt_compression")
+_INSTANCED = "EXT_mesh_gpu_instancing"
+_QUANTIZED = "KHR_mesh_quantization"  # no more than other component types, which are read
+_OF_LOOKS = ("KHR_materials_", "KHR_texture_", "EXT_texture_", "MSFT_texture_", "KHR_lights_", "EXT_lights_")
 _TYPE = {5120: "<i1", 5121: "<u1", 5122: "<i2", 5123: "<u2", 5125: "<u4", 5126: "<f4"}
 _WIDTH = {"SCALAR": 1, "VEC2": 2, "VEC3": 3, "VEC4": 4, "MAT4": 16}
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
@@ -59,6 +63,7 @@ class Shape:
     primitives: list[Primitive]
 
 
+@np.errstate(over="ignore", invalid="ignore")  # coordinates that are no numbers are refused with their place
 def collected(path: Path, shapes: list[Shape], *, brep: bool) -> Mesh:
     """Return one mesh of all shapes, in the world frame and the unit of the file.
 
@@ -123,9 +128,11 @@ class GltfDocument:
         if not version.startswith("2"):
             raise UnreadableFile(path, f"is glTF {version}", "only glTF 2 is read")
         required = self.json.get("extensionsRequired")
-        for name in ("KHR_draco_mesh_compression", "EXT_meshopt_compression"):
-            if isinstance(required, list) and name in required:
+        for name in required if isinstance(required, list) else ():
+            if name in _COMPRESSED:
                 raise UnreadableFile(path, f"is compressed with {name}", "export it without mesh compression")
+            if not str(name).startswith(_OF_LOOKS) and name != _QUANTIZED:
+                raise UnreadableFile(path, f"needs the extension {name}, which is not read here", "export it without")
         self.buffers: dict[int, bytes] = {}
 
     def _chunks(self, data: bytes) -> bytes:
@@ -156,6 +163,9 @@ class GltfDocument:
         """Yield every node that has triangles, with its pose in the world."""
         try:
             for node, world, names in self._nodes():
+                if _INSTANCED in (node.get("extensions") or ()):
+                    what = f"node {names[-1]!r} places its mesh many times ({_INSTANCED})"
+                    raise UnreadableFile(self.path, what, "export it with a node for each")
                 if "mesh" in node:
                     mesh = self.json["meshes"][node["mesh"]]
                     primitives = [p for raw in mesh["primitives"] if (p := self._primitive(raw)) is not None]

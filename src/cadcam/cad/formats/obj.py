@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -74,12 +75,12 @@ def _sorted_out(data: bytes) -> _ObjLines:
         line = raw.lstrip()
         key = line[:2]
         if key in (b"v ", b"v\t"):
-            found.vertices.append(line[2:])
+            found.vertices.append(line[2:].partition(b"#")[0])  # of names a # is part
             found.vertex_line.append(number)
         elif key in (b"f ", b"f\t"):
             if owner < 0:
                 owner = found.labels.setdefault((label[0], label[1], label[2]), len(found.labels))
-            found.faces.append(line[2:])
+            found.faces.append(line[2:].partition(b"#")[0])
             found.face_line.append(number)
             found.vertices_before.append(len(found.vertices))
             found.owner.append(owner)
@@ -175,12 +176,8 @@ def _diffuse(path: Path, libraries: list[str]) -> dict[str, tuple[float, float, 
     """Return the diffuse colour of each material in those libraries that can be read."""
     colors: dict[str, tuple[float, float, float]] = {}
     for library in libraries:
-        try:
-            text = (path.parent / library).read_text("utf-8", "replace")
-        except OSError:
-            continue  # a missing colour is no reason to reject a model
         material = ""
-        for line in text.splitlines():
+        for line in _library(path.parent, library).splitlines():
             words = line.split()
             if words[:1] == ["newmtl"]:
                 material = line.split(None, 1)[1].strip() if len(words) > 1 else ""
@@ -191,3 +188,15 @@ def _diffuse(path: Path, libraries: list[str]) -> dict[str, tuple[float, float, 
                     continue
                 colors[material] = (r, g, b)
     return colors
+
+
+def _library(folder: Path, names: str) -> str:
+    """Return the text of a material library: of the file of this name, blanks and all, or of the several it names."""
+    for files in ([names], names.split()):
+        texts = []
+        for name in files:
+            with suppress(OSError):  # a missing colour is no reason to reject a model
+                texts.append((folder / name).read_text("utf-8", "replace"))
+        if texts:
+            return "\n".join(texts)
+    return ""

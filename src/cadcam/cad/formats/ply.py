@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -24,6 +25,10 @@ _TYPES = {
     **dict.fromkeys(("float", "float32"), "f4"),
     **dict.fromkeys(("double", "float64"), "f8"),
 }
+
+
+_INDICES = ("vertex_indices", "vertex_index")  # the lists that are read: texture coordinates may be anything, even NaN
+_END = re.compile(rb"[\r\n]end_header[ \t]*(?:\r\n|\r|\n)")  # a line of its own: a comment may say it, too
 
 
 @dataclass(frozen=True, slots=True)
@@ -92,7 +97,7 @@ def _places(path: Path, columns: Columns) -> npt.NDArray[np.float64]:
 
 def _corners(path: Path, lists: Lists) -> tuple[Longs, Longs]:
     """Return how many corners each polygon has, and their vertices."""
-    for name in ("vertex_indices", "vertex_index"):
+    for name in _INDICES:
         if name in lists:
             return lists[name]
     raise UnreadableFile(path, "its faces have no list 'vertex_indices'", _AGAIN)
@@ -111,12 +116,11 @@ def _colors(element: _Element, columns: Columns) -> npt.NDArray[np.float64] | No
 
 def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
     """Return the byte order ("ascii", "<", ">"), the elements, and where the body begins."""
-    end = data.find(b"end_header")
-    if data[:3] != b"ply" or end < 0:
+    end = _END.search(data)
+    if data[:3] != b"ply" or end is None:
         raise UnreadableFile(path, "has no complete PLY header", _AGAIN)
-    body = data.find(b"\n", end) + 1
     order, elements = "", []
-    for number, line in enumerate(data[:end].decode("latin-1").splitlines(), 1):
+    for number, line in enumerate(data[: end.start()].decode("latin-1").splitlines(), 1):
         words = line.split()
         try:
             match words:
@@ -130,9 +134,9 @@ def _header(path: Path, data: bytes) -> tuple[str, list[_Element], int]:
                     elements[-1] = _with(elements[-1], _Property(name, _TYPES[kind]))
         except (KeyError, ValueError, IndexError):
             raise UnreadableFile(path, f"line {number}: cannot make sense of {line!r}", _AGAIN) from None
-    if not order or body == 0:
+    if not order:
         raise UnreadableFile(path, "its header names no format", _AGAIN)
-    return order, elements, body
+    return order, elements, end.end()
 
 
 def _with(element: _Element, added: _Property) -> _Element:
@@ -195,8 +199,9 @@ class _Binary:
         found: Lists = {
             p.name: (np.full(element.size, lengths[p.name], np.int64), columns[p.name].ravel().astype(np.int64))
             for p in lists
+            if p.name in _INDICES
         }
-        return {name: column for name, column in columns.items() if name not in found}, found
+        return {p.name: columns[p.name] for p in element.properties if not p.count}, found
 
     def _first_lengths(self, element: _Element) -> dict[str, int]:
         at, lengths = self.at, {}
@@ -237,7 +242,7 @@ class _Binary:
                     raise UnreadableFile(self.path, f"ends at byte {len(self.data)} amid its faces: truncated", _AGAIN)
         lists: Lists = {}
         for p in element.properties:
-            if p.count:
+            if p.count and p.name in _INDICES:
                 flat = np.frombuffer(b"".join(values[p.name]), self.order + p.type).astype(np.int64)
                 lists[p.name] = (np.array(counts[p.name], np.int64), flat)
         types = {p.name: self.order + p.type for p in element.properties}
@@ -278,7 +283,7 @@ class _Ascii:
 
     def _lists(self, element: _Element, rows: list[list[bytes]], first: int) -> tuple[Columns, Lists]:
         scalars: dict[str, list[float]] = {p.name: [] for p in element.properties if not p.count}
-        counts: dict[str, list[int]] = {p.name: [] for p in element.properties if p.count}
+        counts: dict[str, list[int]] = {p.name: [] for p in element.properties if p.name in _INDICES and p.count}
         values: dict[str, list[int]] = {name: [] for name in counts}
         for k, row in enumerate(rows):
             at = 0
@@ -292,9 +297,10 @@ class _Ascii:
                         words = row[at : at + n]
                         if len(words) != n:
                             raise ValueError
-                        counts[p.name].append(n)
-                        values[p.name].extend(_whole(word) for word in words)
                         at += n
+                        if p.name in _INDICES:
+                            counts[p.name].append(n)
+                            values[p.name].extend(_whole(word) for word in words)
             except (ValueError, IndexError, OverflowError):
                 raise self._complaint(first + k, row, "a list of vertex numbers") from None
         lists = {name: (np.array(counts[name], np.int64), np.array(values[name], np.int64)) for name in counts}

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs
+from cadcam.arrays import Array, Longs, Mask
 
 
 @np.errstate(over="ignore", invalid="ignore")  # implausible coordinates are refused later, with their place
@@ -70,17 +70,18 @@ def clip_ears(loop: Array) -> Longs:
     Among the ears, the one with the largest smallest angle is cut first, which avoids most needles. A polygon that
     crosses itself has no proper ears at some point; it is then cut into a fan, as good as any other choice.
     """
-    left = list(range(len(loop)))
+    before, after = np.roll(np.arange(len(loop)), 1), np.roll(np.arange(len(loop)), -1)
+    left = np.ones(len(loop), bool)
+    quality = _ear_quality(loop[before], loop, loop[after])
     triangles = []
-    while len(left) > 3:
-        index = np.array(left)
-        at = loop[index]
-        before, after = np.roll(at, 1, axis=0), np.roll(at, -1, axis=0)
-        quality = _ear_quality(before, at, after)
-        ear = _best_ear(before, at, after, quality)
-        triangles.append([left[ear - 1], left[ear], left[(ear + 1) % len(left)]])
-        del left[ear]
-    triangles.append(left)
+    for _ in range(len(loop) - 3):
+        ear = _best_ear(loop, before, after, quality, left)
+        a, b = int(before[ear]), int(after[ear])
+        triangles.append([a, ear, b])
+        left[ear], quality[ear] = False, -np.inf
+        after[a], before[b] = b, a
+        quality[[a, b]] = _ear_quality(loop[before[[a, b]]], loop[[a, b]], loop[after[[a, b]]])
+    triangles.append(np.flatnonzero(left).tolist())
     return np.array(triangles, np.int64)
 
 
@@ -91,16 +92,24 @@ def _ear_quality(a: Array, b: Array, c: Array) -> Array:
     return np.asarray(area / np.maximum(longest, 1e-300))
 
 
-def _best_ear(before: Array, at: Array, after: Array, quality: Array) -> int:
-    for ear in np.argsort(-quality, kind="stable"):
-        if quality[ear] <= 0:
-            break
-        a, b, c = before[ear], at[ear], after[ear]
+def _best_ear(loop: Array, before: Longs, after: Longs, quality: Array, left: Mask) -> int:
+    """Return the best corner that is an ear, else the best; the first of several as good."""
+    best = ear = int(np.argmax(quality))
+    untried = quality
+    while untried[ear] > 0:
+        corners = loop[[before[ear], ear, after[ear]]]
+        (left_x, low_y), (right_x, high_y) = corners.min(axis=0), corners.max(axis=0)
+        x, y = loop.T
+        at = loop[left & (x >= left_x) & (x <= right_x) & (y >= low_y) & (y <= high_y)]  # few of many
+        a, b, c = corners
         inside = (_turn(a, b, at) >= 0) & (_turn(b, c, at) >= 0) & (_turn(c, a, at) >= 0)
         corner = (at == a).all(axis=1) | (at == b).all(axis=1) | (at == c).all(axis=1)
         if not (inside & ~corner).any():
-            return int(ear)
-    return int(np.argmax(quality))
+            return ear
+        untried = untried.copy() if untried is quality else untried
+        untried[ear] = -np.inf
+        ear = int(np.argmax(untried))
+    return best
 
 
 def _turn(a: Array, b: Array, c: Array) -> Array:

@@ -60,13 +60,14 @@ def read_iges(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = N
 def _positive(tolerance: float | None) -> float | None:
     if tolerance is not None:
         expect_positive(tolerance, "chordal_tolerance_mm", "a positive length in mm")
-    return tolerance
+        return float(tolerance)  # it goes to another process as text, and numpy's own are none there
+    return None
 
 
 def _tolerance(data: bytes, mm: float, wanted: float | None) -> float:
     """Return the chordal tolerance in mm: as given, or from the spread of the points in the file."""
-    if _positive(wanted) is not None:
-        return float(wanted or 0.0)
+    if (given := _positive(wanted)) is not None:
+        return given
     number = rb"\s*([-+.\dEe]+)\s*"
     triples = re.findall(rb"CARTESIAN_POINT\s*\([^(]*\(" + number + rb"," + number + rb"," + number + rb"\)", data)
     if not triples:

@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.cad.formats.model import Model, assembled, check_indices
 from cadcam.errors import UnreadableFile
 
@@ -26,6 +26,7 @@ _UNIT = {
 }
 # what zipfile raises on damaged archives, empirically
 _BROKEN = (zipfile.BadZipFile, zlib.error, struct.error, EOFError, OSError, RuntimeError, ValueError)
+_MOST = 100_000  # placed objects: ten levels of ten components each are ten thousand million, in a kilobyte
 _LARGEST = 4 << 30  # bytes of XML: more is a decompression bomb, not a model
 
 
@@ -54,10 +55,11 @@ def read_3mf(path: Path, data: bytes) -> Model:
 class _Collected:
     def __init__(self) -> None:
         self.points: list[Array] = []
-        self.faces: list[np.ndarray[tuple[int, ...], np.dtype[np.int64]]] = []
+        self.faces: list[Longs] = []
         self.names: list[str] = []
         self.colors: list[Array] = []
         self.n_points = 0
+        self.placed = 0
 
 
 class _Package:
@@ -70,6 +72,8 @@ class _Package:
         except _BROKEN as error:
             raise UnreadableFile(path, f"is not a complete zip archive ({error}): truncated", _AGAIN) from None
         self.models: dict[str, ElementTree.Element] = {}
+        self.meshes: dict[tuple[str, str], tuple[Array, Longs, Array]] = {}
+        self._objects: dict[str, dict[str, ElementTree.Element]] = {}
         names = [n for n in self.zip.namelist() if n.lower().endswith(".model")]
         if not names:
             raise UnreadableFile(path, "holds no 3D model", _AGAIN)
@@ -107,12 +111,22 @@ class _Package:
                 raise UnreadableFile(self.path, f"{name} is not valid XML ({error})", _AGAIN) from None
         return self.models[name]
 
+    def objects(self, name: str) -> dict[str, ElementTree.Element]:
+        """Return the objects of a model by their number; of two with one number the first."""
+        if name not in self._objects:
+            listed = [(o.get("id", ""), o) for o in self.model(name).iterfind("./{*}resources/{*}object")]
+            self._objects[name] = dict(reversed(listed))
+        return self._objects[name]
+
     def place(self, found: _Collected, model: str, number: str, place: Array, above: str, depth: int) -> None:
         """Add the object and, where it is an assembly, its components."""
         if depth > 50:
             raise UnreadableFile(self.path, f"object {number} contains itself", _AGAIN)
-        root = self.model(model)
-        item = next((o for o in root.iterfind("./{*}resources/{*}object") if o.get("id") == number), None)
+        found.placed += 1
+        if found.placed > _MOST:
+            what = f"its components of components place more than {_MOST} objects"
+            raise UnreadableFile(self.path, what, "is it meant to hold so many?")
+        item = self.objects(model).get(number)
         if item is None:
             raise UnreadableFile(self.path, f"the build refers to object {number!r}, which is not there", _AGAIN)
         name = item.get("name") or above or f"object {number}"
@@ -121,10 +135,14 @@ class _Package:
             target = self.start_of(component.attrib, model)
             self.place(found, target, component.get("objectid", ""), inner, name, depth + 1)
         mesh = item.find("./{*}mesh")
-        if mesh is not None:
-            self._add(found, mesh, place, name, _face_colors(root, item, mesh))
+        if mesh is None:
+            return
+        if (model, number) not in self.meshes:  # a bolt may stand in a hundred places
+            self.meshes[model, number] = (*self._mesh(mesh, name), _face_colors(self.model(model), item, mesh))
+        _add(found, self.meshes[model, number], place, name)
 
-    def _add(self, found: _Collected, mesh: ElementTree.Element, place: Array, name: str, colors: Array) -> None:
+    def _mesh(self, mesh: ElementTree.Element, name: str) -> tuple[Array, Longs]:
+        """Return the vertices (V, 3) and triangles (F, 3) of an object."""
         try:
             points = np.array([[v.get(k) for k in "xyz"] for v in mesh.iterfind("./{*}vertices/{*}vertex")], float)
             faces = np.array(
@@ -132,17 +150,23 @@ class _Package:
             ).astype(np.int64)
         except (TypeError, ValueError, OverflowError) as error:
             raise UnreadableFile(self.path, f"object {name!r} holds a number it should not ({error})", _AGAIN) from None
-        if not len(faces):
-            return
         points, faces = points.reshape(-1, 3), faces.reshape(-1, 3)
         check_indices(self.path, faces, len(points), lambda at: f"object {name!r}, triangle {at}")
-        if np.linalg.det(place[:3, :3]) < 0:
-            faces = faces[:, ::-1]
-        found.points.append(points @ place[:3, :3].T + place[:3, 3])
-        found.faces.append(faces + found.n_points)
-        found.names.append(name)
-        found.colors.append(colors)
-        found.n_points += len(points)
+        return points, faces
+
+
+@np.errstate(over="ignore", invalid="ignore")  # coordinates that are no numbers are refused with their place
+def _add(found: _Collected, mesh: tuple[Array, Longs, Array], place: Array, name: str) -> None:
+    points, faces, colors = mesh
+    if not len(faces):
+        return
+    if np.linalg.det(place[:3, :3]) < 0:
+        faces = faces[:, ::-1]
+    found.points.append(points @ place[:3, :3].T + place[:3, 3])
+    found.faces.append(faces + found.n_points)
+    found.names.append(name)
+    found.colors.append(colors)
+    found.n_points += len(points)
 
 
 def _matrix(path: Path, text: str | None) -> Array:

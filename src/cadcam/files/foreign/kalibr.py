@@ -21,7 +21,7 @@ from cadcam.files.foreign.model import Files, Foreign, Format, Holds, NamedCamer
 from cadcam.files.foreign.pose import numbers, rigid_of_matrix
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place
-from cadcam.files.yamltext import parsed_yaml
+from cadcam.files.yamltext import parsed_yaml, yaml_number
 from cadcam.geometry.rigid import Rigid
 
 _MM = 1000.0
@@ -38,9 +38,12 @@ def recognises(source: ForeignFile) -> bool:
 def read(source: ForeignFile) -> Foreign:
     """Return the cameras; the world is the IMU frame where every camera has T_cam_imu, else the first camera."""
     root = parsed_yaml(source.text())
-    places = [root.at(name) for name in root.object if re.fullmatch(r"cam\d+", name)]
-    if not places:
-        raise root.error("has no cam0", "is it a camchain?")
+    # by number, as each pose is from the one before: Kalibr sorts its keys as text, cam10 before cam2
+    found = sorted(int(name[3:]) for name in root.object if re.fullmatch(r"cam(0|[1-9]\d{0,3})", name))
+    missing = next((i for i, number in enumerate(found) if number != i), None)
+    if not found or missing is not None:
+        raise root.error(f"has no cam{missing or 0}", "is it a whole camchain? its cameras are cam0, cam1 ...")
+    places = [root.at(f"cam{number}") for number in found]
     poses, notes = _poses(places)
     cameras = [NamedCamera(place.keys[-1], _camera(place), pose) for place, pose in zip(places, poses, strict=True)]
     return Foreign("kalibr", tuple(cameras), notes)
@@ -141,7 +144,7 @@ def _motion(place: Place) -> Rigid:
 
 
 def _listed(values: Array) -> str:
-    return f"[{', '.join(map(repr, numbers(values)))}]"
+    return f"[{', '.join(map(yaml_number, numbers(values)))}]"
 
 
 FORMAT = Format(

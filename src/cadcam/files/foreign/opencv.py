@@ -22,7 +22,7 @@ from cadcam.files.foreign.pose import numbers
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.foreign.xmltext import Node, parsed_xml
 from cadcam.files.jsontext import Place, parsed
-from cadcam.files.yamltext import parsed_yaml
+from cadcam.files.yamltext import parsed_yaml, yaml_number
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 
@@ -41,6 +41,7 @@ _NAMES = (
 )
 _WIDTH, _HEIGHT = ("image_width", "image_Width", "width"), ("image_height", "image_Height", "height")
 _VIEWS = ("extrinsic_parameters", "Extrinsic_Parameters")
+_READ = {*(name for pair in _NAMES for name in pair), *_WIDTH, *_HEIGHT, *_VIEWS, "fisheye_model"}
 
 
 def recognises(source: ForeignFile) -> bool:
@@ -99,13 +100,15 @@ def _storage(source: ForeignFile) -> Place:
         root = parsed_xml(source.text())
         if root.tag != "opencv_storage":
             raise root.error("is not <opencv_storage>", "name the format: --from (format_name=)")
-        return Place(source.path, (), {child.tag: _xml_value(child) for child in root.all("*")})
+        # what is beside the camera may be anything: NaN as a view's error, arrays of one dimension
+        return Place(source.path, (), {child.tag: _xml_value(child) for child in root.all("*") if child.tag in _READ})
     return parsed(source.text()) if head.startswith("{") else parsed_yaml(source.text())
 
 
 def _xml_value(node: Node) -> Any:
     if node.element.get("type_id") in ("opencv-matrix", "opencv-nd-matrix"):
-        return {"rows": node.number("rows"), "cols": node.number("cols"), "data": node.at("data").numbers().tolist()}
+        shape = {name: node.number(name) for name in ("rows", "cols") if node.maybe(name) is not None}
+        return {**shape, "data": node.at("data").numbers().tolist()}
     words = node.text().split()
     try:
         return float(words[0]) if len(words) == 1 else node.text()
@@ -159,7 +162,7 @@ def _as_yaml(values: dict[str, Any]) -> str:
             continue
         rows, columns = value.shape
         lines += [f"{name}: !!opencv-matrix", f"   rows: {rows}", f"   cols: {columns}", "   dt: d"]
-        lines.append(f"   data: [ {', '.join(map(repr, numbers(value)))} ]")
+        lines.append(f"   data: [ {', '.join(map(yaml_number, numbers(value)))} ]")
     return "\n".join(lines) + "\n"
 
 

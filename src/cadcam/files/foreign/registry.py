@@ -150,7 +150,7 @@ def write_cameras(
         expect_positive(pixel_mm, "pixel_mm", "a positive pitch in mm")
     form = format_for(path) if format_name is None else format_named(format_name)
     _refuse_unit(form, unit)
-    target = WriteOptions(os.fspath(path), _mm(unit), pixel_mm)
+    target = WriteOptions(os.fspath(path), _mm(unit), None if pixel_mm is None else float(pixel_mm))  # numpy's, too
     named = _as_named(cameras, camera_from_world)
     chosen, notes = _chosen(named, form)
     with np.errstate(all="ignore"):

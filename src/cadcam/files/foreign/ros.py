@@ -22,7 +22,7 @@ from cadcam.files.foreign.opencv import coefficients
 from cadcam.files.foreign.pose import numbers
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.files.jsontext import Place
-from cadcam.files.yamltext import parsed_yaml
+from cadcam.files.yamltext import parsed_yaml, yaml_number
 
 _FISHEYE = ("equidistant", "fisheye")
 _BROWN = ("plumb_bob", "rational_polynomial", "")
@@ -130,7 +130,7 @@ def _other_picture(root: Place, size: tuple[int, int]) -> tuple[str, ...]:
 
 
 def _matrix_lines(name: str, values: Array) -> list[str]:
-    data = ", ".join(map(repr, numbers(values)))
+    data = ", ".join(map(yaml_number, numbers(values)))
     return [f"{name}:", f"  rows: {values.shape[0]}", f"  cols: {values.shape[1]}", f"  data: [{data}]"]
 
 

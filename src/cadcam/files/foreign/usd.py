@@ -34,6 +34,8 @@ from cadcam.geometry import rotation as so3
 _UNIT_MM = 10.0  # a scene unit of 1 cm, USD's default: focal lengths are then in mm
 _APERTURE_MM = 36.0  # written where no pixel pitch is known: no pixel depends on it
 _KEEPS = "adjustPixelAspectRatio"  # the policy that leaves both apertures as they are
+_INVERT = "!invert!"
+_FLOAT = 1e-6  # of a scale of 1 in USD's floats
 _POLICIES = ("expandAperture", "cropAperture", "adjustApertureWidth", "adjustApertureHeight", _KEEPS)
 
 
@@ -167,6 +169,9 @@ def _local(place: Place) -> Array:
 
 
 def _operation(place: Place, name: str) -> Array:
+    """Return one operation (4, 4) for row vectors; "!invert!" before its name undoes one, as of a pivot."""
+    if name.startswith(_INVERT):
+        return np.asarray(np.linalg.inv(_operation(place, name.removeprefix(_INVERT))), np.float64)
     kind = name.partition(":")[2].partition(":")[0]
     at = place.at(name)
     out = np.eye(4)
@@ -174,6 +179,9 @@ def _operation(place: Place, name: str) -> Array:
         return at.array((4, 4))
     if kind == "translate":
         out[3, :3] = at.array((3,))
+    elif kind == "scale":  # Blender and Omniverse write one of 1 everywhere
+        if not np.allclose(at.array((3,)), 1, rtol=0, atol=_FLOAT):
+            raise at.error("is not 1", "apply the scale and export again: a camera's place has none")
     elif kind == "orient":
         out[:3, :3] = at.build(lambda: so3.from_quaternion(at.array((4,)))).T
     elif re.fullmatch("rotate[XYZ]", kind):
