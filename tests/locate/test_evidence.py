@@ -177,3 +177,14 @@ def test_evidence_that_makes_no_sense_is_refused_where_it_is_made(part: Part, po
     with pytest.raises(BadValue, match="expected a Rigid"):
         PoseEvidence(pose.matrix, SURE, 70.0)  # type: ignore[arg-type]
     PoseEvidence(pose, SURE * np.diag([1.0, 1, 0, 0, 0, 1]), 70.0)  # not free along three of six
+
+
+@pytest.mark.parametrize("chosen", [np.nan, 0.5, "two"])
+def test_a_number_of_constraints_is_a_whole_one(part: Part, pose: Rigid, clean: Picture, chosen: object) -> None:
+    with pytest.raises(BadValue, match="chosen"):
+        refine_pose(part, [Photo.of(clean, CAMERA)], pose, chosen=chosen)  # type: ignore[arg-type]
+
+
+def test_a_history_is_one_of_frames(part: Part, pose: Rigid) -> None:
+    with pytest.raises(BadValue, match=r"frame of the history is 1; expected a LoggedFrame"):
+        list(track_part(part, [], pose, history=[1]))  # type: ignore[list-item]
