@@ -50,7 +50,7 @@ def test_a_sharp_photo_is_not_reduced(rng: np.random.Generator) -> None:
     photo = photo_of(pose, rng)
     asked: list[tuple[int, int]] = []
 
-    def refused(photos: Sequence[Photo]) -> Location:
+    def refused(photos: Sequence[Photo], times: Sequence[int]) -> Location:
         asked.extend(one.camera.size for one in photos)
         location = locate_part(block(), photos, pose)
         return location.uncertain("for this test")

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
@@ -13,7 +15,11 @@ from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.refinement import refine_pose
-from cadcam.verify.judge import verify_part
+from cadcam.verify.adjustment.datum_fit import Estimate
+from cadcam.verify.deviations.deviation import FeatureDeviation, State
+from cadcam.verify.edges.presence import Presence
+from cadcam.verify.inspection import Inspection
+from cadcam.verify.judge import judged, verify_part
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
@@ -55,6 +61,43 @@ def test_a_body_in_place_passes_by_several_photos_and_by_one_that_says_what_it_j
     by_one = judgement(plate(), "block", FRONT)
     assert by_one.verdict is Verdict.PASS
     assert "one photo judges no other turn" in by_one.reason
+
+
+@pytest.mark.parametrize("about", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0)])
+def test_a_body_that_tips_is_not_taken_for_one_that_turns(about: tuple[float, float, float]) -> None:
+    """A rib turned by 0.8 deg on its foot, or tipped by as much, turns by half of that about the line of sight.
+
+    If nothing but that turn could have moved its long edges, they say 0.67 and 0.04 deg: 8 and 17 of their own sigmas
+    off.
+    """
+    rng = np.random.default_rng(1)
+    photos = [Photo.of(photographed(turned("rib 1", about, 0.8), rng, FRONT), CAMERA, FRONT)]
+    asked = Tolerances((Feature("rib", Selection("rib 1"), (LIMIT,)),), (Selection("plate"),))
+    found = verify_part(part(), photos, refine_pose(part(), photos, Rigid()), asked).inspection
+    assert found is not None
+    assert found.measured is not None
+    turn, sigma, axis = found.measured.turn(found.measured.members[0])
+    assert abs(turn - np.radians(0.8) * np.asarray(about) @ axis) < 3 * sigma
+    assert sigma < np.radians(0.12)
+
+
+def test_a_turn_undecided_by_one_photo_is_told_with_the_causes_of_its_own_uncertainty() -> None:
+    """Those of the displacement are others: here the calibration's, while the turn is unsure by its noise."""
+    large, none, three = np.array([[1.0]]), np.zeros((1, 1)), np.eye(3)[:, :1]
+    by_calibration = Estimate(np.zeros(1), none, none, none, large)
+    found = FeatureDeviation(
+        "rib", State.IN_PLACE, Presence(4, 4, 20.0), three, by_calibration, turn=0.01, turn_sigma=0.002, p_value=0.5
+    )
+    measured = SimpleNamespace(
+        eye=np.zeros(3),
+        members=(np.ones(1, bool),),
+        turns=lambda rows, about: (about, Estimate(np.array([0.01]), large, none, none, none)),
+    )
+    survey = SimpleNamespace(names=("rib",))
+    seen = cast(Inspection, SimpleNamespace(feature=lambda name: found, measured=measured, survey=survey))
+    (said,) = judged(Feature("rib", Selection("rib"), (replace(LIMIT, value=0.01),)), seen)
+    assert said.verdict is Verdict.UNDECIDED
+    assert "most of U is pixel noise (100%)" in said.reason
 
 
 def test_what_several_photos_show_about_some_axes_alone_is_undecided() -> None:

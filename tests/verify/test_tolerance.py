@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -9,10 +10,14 @@ import pytest
 
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.location import Location
+from cadcam.locate.photo import Photo
+from cadcam.verify.judge import verify_part
 from cadcam.verify.tolerances.file import read_tolerances, template
-from cadcam.verify.tolerances.tolerance import Quantity, Rule, Selection, runs, whole_parts
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances, runs, whole_parts
 
-from .scene import part
+from .scene import CAMERA, part
 
 GOOD = """\
 k: 2.5
@@ -162,3 +167,42 @@ def test_a_name_full_of_signs_means_only_itself() -> None:
 
 def test_runs_are_shortened() -> None:
     assert runs([1, 2, 3, 7, 9, 10]) == "1 to 3, 7, 9, 10"
+
+
+@pytest.mark.parametrize(
+    ("made", "said"),
+    [
+        (lambda: Selection(5), r"part of a selection is 5; expected a str"),
+        (lambda: Selection("*", chains=12), r"chains is of shape \(\); expected shape \(N\)"),
+        (lambda: Selection("*", chains="12"), r"chains is of shape \(\)|chains is '12'"),
+        (lambda: Selection("*", chains=[1.5]), r"chains\[0\] is 1.5; expected a whole number"),
+        (lambda: Selection("*", kinds=EdgeKind.BREP), r"kinds is .*; expected a list of them: \[kinds\]"),
+        (lambda: Selection("*", kinds=("brep",)), r"kinds\[0\] is the text 'brep'; expected an EdgeKind"),
+        (lambda: Feature("rib", "rib 1"), r"selection of feature 'rib' is the text 'rib 1'; expected a Selection"),
+        (lambda: Feature(3, Selection("*")), r"name of a feature is 3; expected a str"),
+        (
+            lambda: Feature("rib", Selection("*"), Limit(Quantity.PROFILE, 1.0)),
+            r"limits of feature 'rib' is a Limit; expected a list of them",
+        ),
+    ],
+)
+def test_what_is_no_selection_or_limit_is_refused_where_it_is_made(made: Callable[[], object], said: str) -> None:
+    with pytest.raises(BadValue, match=said):
+        made()
+
+
+def test_chains_may_be_any_list_of_numbers() -> None:
+    for chains in ([0, 1], np.array([0, 1]), (0, 1)):
+        selection = Selection("plate", chains=chains)  # type: ignore[arg-type]
+        assert selection.chains == (0, 1)
+        selection.check(part().scene)
+    assert Selection("plate", chains=[]).whole  # type: ignore[arg-type]
+
+
+def test_options_and_freedom_of_another_kind_are_refused_at_once() -> None:
+    nowhere = Location.nowhere(Rigid(), "not looked for")
+    photos = [Photo.of(np.zeros((360, 480), np.float32), CAMERA)]
+    with pytest.raises(BadValue, match=r"options is 3; expected an InspectionOptions"):
+        verify_part(part(), photos, nowhere, Tolerances(), options=3)  # type: ignore[arg-type]
+    with pytest.raises(BadValue, match=r"freedom is an array of shape \(6, 6\); expected a Freedom"):
+        verify_part(part(), photos, nowhere, Tolerances(), freedom=np.eye(6))  # type: ignore[arg-type]

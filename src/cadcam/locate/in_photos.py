@@ -100,7 +100,7 @@ def locate_part(
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     searched = search(part, photos, views) if start is None else []
 
-    def found_in(photos: Sequence[Photo]) -> Location:
+    def found_in(photos: Sequence[Photo], times: Sequence[int]) -> Location:
         task = _LocateTask(part, photos, start, reach, freedom, options)
         return _located(task, searched) if start is None else _located(task, *_near(task, start))
 

@@ -18,20 +18,30 @@ _ROUNDING = 1e-9  # of what is added: a sum this near to zero is zero
 
 
 def calibration_covariance(
-    photos: Sequence[Photo], points: Sequence[Array], normals: Sequence[Array], gains: Sequence[Array], pose: Rigid
+    photos: Sequence[Photo],
+    points: Sequence[Array],
+    normals: Sequence[Array],
+    gains: Sequence[Array],
+    pose: Rigid,
+    *,
+    beside: Sequence[Array] = (),
 ) -> Array:
     """Return the covariance (6, 6) of the pose's twist due to the errors of cameras and of their poses.
 
     For each photo points (n, 3) mm of the part, normals (n, 2) along which they were measured, and gain (6, n): the
-    derivative of the twist by the offsets. Errors of one source (one calibration, one motion) act on all photos alike.
+    derivative of the twist by the offsets. beside: the derivative (6, c) of the twist by each camera's own coordinates
+    through what else was measured in its photo (`evidence.moved_by_cameras`), default nothing. Errors of one source
+    (one calibration, one motion) act on all photos alike.
     """
     effects: dict[int, tuple[Array, Array]] = {}
-    for photo, p, normal, gain in zip(photos, points, normals, gains, strict=True):
+    for k, (photo, p, normal, gain) in enumerate(zip(photos, points, normals, gains, strict=True)):
         view = photo.viewpoint
         if not view.errors:
             continue
         _, J = project_with_sensitivity(view.camera, view.camera_from_world, pose @ p)
         by_local = gain @ np.einsum("ni,nij->nj", normal, J)
+        if beside:
+            by_local = by_local + beside[k]
         for source, D in view.errors:
             before = effects.get(id(source.owner), (source.covariance, np.zeros((6, len(source.covariance)))))[1]
             effects[id(source.owner)] = (source.covariance, before + by_local @ D)
@@ -39,6 +49,31 @@ def calibration_covariance(
     for covariance, E in effects.values():
         total += E @ covariance @ E.T
     return total
+
+
+def with_known_poses(own: Array, known: Sequence[tuple[Array, Array]], radius: float) -> Array:
+    """Return the covariance (6, 6) of a pose due to its cameras' errors where these have moved poses known before, too.
+
+    own (6, 6): by what was measured in the photos; known: of each pose that was evidence beside them, its covariance
+    (6, 6) due to the cameras and the derivative (6, 6) of the fitted pose by it. What both have in common is not known,
+    but it is the same errors in much the same view: so they are taken to be as nearly alike as the covariances allow,
+    with rotations times the part's radius, mm.
+    """
+    if not known:
+        return own
+    scale = np.repeat([1.0, radius], 3)
+    root = symmetric_root(scale[:, None] * own * scale)
+    for before, share in known:
+        theirs, weight = symmetric_root(scale[:, None] * before * scale), scale[:, None] * share / scale
+        one, _, other = np.linalg.svd(root @ (np.eye(6) - weight) @ theirs)
+        root = root @ one @ other + weight @ theirs
+    return np.asarray((root @ root.T) / scale[:, None] / scale)
+
+
+def symmetric_root(R: Array) -> Array:
+    """Return the symmetric square root of a covariance that may be singular: eigenvalues below zero are rounding."""
+    values, axes = np.linalg.eigh(R)
+    return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T)
 
 
 def weakest_direction(pose: PoseEstimate, centre: Array, photos: Sequence[Photo]) -> str:

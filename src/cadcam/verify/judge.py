@@ -83,6 +83,8 @@ def verify_part(
         raise BadValue("photos", "none", "at least one photo")
     expect(located, "located", Location)
     expect(tolerances, "tolerances", Tolerances)
+    expect(options, "options", InspectionOptions)
+    expect(freedom, "freedom", Freedom)
     tolerances.check(part.scene)
     if not located.found:
         return _nothing(not_found(located, photos), tolerances, located, None)
@@ -211,11 +213,13 @@ def _angle(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -
     if not np.isfinite(found.turn_sigma):
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "its edges do not show a turn", ANOTHER_VIEW)
     assert seen.measured is not None  # only of inspections that found the part
-    if seen.measured.eye is not None:
-        verdict = decided(found.turn, found.turn_sigma, limit)
-        about = f"turned about the line of sight, {vector_words(found.axis)}; one photo judges no other turn"
-        return explained(Judgement(name, limit, found.turn, found.turn_sigma, verdict, about), found.shares)
-    return _about_any_axis(name, limit, seen.measured, seen.measured.members[seen.survey.names.index(name)])
+    rows = seen.measured.members[seen.survey.names.index(name)]
+    if seen.measured.eye is None:
+        return _about_any_axis(name, limit, seen.measured, rows)
+    verdict, shown = decided(found.turn, found.turn_sigma, limit), seen.measured.turns(rows, found.axis[:, None])
+    about = f"turned about the line of sight, {vector_words(found.axis)}; one photo judges no other turn"
+    shares = {} if shown is None else shown[1].shares
+    return explained(Judgement(name, limit, found.turn, found.turn_sigma, verdict, about), shares)
 
 
 def _about_any_axis(name: str, limit: Limit, measured: MeasuredEdges, rows: Mask) -> Judgement:

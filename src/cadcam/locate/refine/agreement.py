@@ -40,8 +40,10 @@ def agreed(fitted: PoseSolution) -> list[Rigid]:
     if fit.between <= scattered:
         return []
     J, count = _edge_jacobian(fitted)
+    if len(J) <= J.shape[1]:
+        return []
     unit = np.sqrt(np.mean(J**2, axis=0))  # px by a unit step in each direction of B: makes them comparable
-    if len(J) <= len(unit) or not (unit > 0).all():
+    if not (unit > 0).all():
         return []
     offset, close = fit.offset[: len(J)], np.hypot(_CLOSE_PX, _CLOSE_SDS * fit.sd_offset[: len(J)])
     motions = np.concatenate([np.zeros((1, len(unit))), _motions(offset, J / unit)])  # the first: the fitted pose

@@ -27,7 +27,7 @@ from cadcam.locate.quality.occluder import CONSTRAINTS, covered, side_words
 from cadcam.locate.quality.support import Support, judged_support, support_at
 from cadcam.locate.refine.agreement import SCATTERED_PX
 from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
-from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
+from cadcam.locate.uncertainty import calibration_covariance, weakest_direction, with_known_poses
 
 DOUBT = (0.25, 0.62)  # range of quality, of poses that half of the lines agree with, that deserves a second look
 _SOME = 0.3  # share of the lines shown beyond chance from which it is tested whether something is before the others
@@ -99,7 +99,7 @@ class PoseAnswer:
 def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
     """Return the location of a solution. chosen, wider: as for `refine_pose`."""
     B = freedom.at(fitted.pose)
-    estimate = replace(_estimate(fitted, B), undetermined=unseen_turns(part, freedom, fitted.pose))
+    estimate = replace(_estimate(part, fitted, B), undetermined=unseen_turns(part, freedom, fitted.pose))
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)
     reason = _reason(part, estimate, evidence, fitted)
     return Location(
@@ -113,7 +113,7 @@ def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: i
     )
 
 
-def _estimate(fitted: PoseSolution, B: Array) -> PoseEstimate:
+def _estimate(part: Part, fitted: PoseSolution, B: Array) -> PoseEstimate:
     """Return the pose of a solution with its covariance, along the free motions B (6, k)."""
     fit = fitted.fit
     n = [int(m.usable.sum()) for m in fitted.measured]
@@ -125,7 +125,9 @@ def _estimate(fitted: PoseSolution, B: Array) -> PoseEstimate:
     )
     from_noise = B @ (fit.covariance + fitted.hidden_by_blur + fitted.by_contours) @ B.T + together
     photos = [s.photo for s in fitted.sights]
-    from_calibration = calibration_covariance(photos, points, normals, gains, fitted.pose)
+    by_cameras = fitted.by_cameras
+    measured = calibration_covariance(photos, points, normals, gains, fitted.pose, beside=by_cameras)
+    from_calibration = with_known_poses(measured, fitted.known_poses, part.aspects.radius)
     return PoseEstimate(fitted.pose, from_noise, from_calibration, B, fit.dof)
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid, by_twist, expect_motion
-from cadcam.kinds import expect, expect_each
+from cadcam.kinds import expect, expect_each, expect_number
 from cadcam.locate.evidence import Evidence, LineEvidence, PointEvidence, PoseEvidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
@@ -78,11 +78,15 @@ def refine_pose(
     expect_motion(start, "start")
     expect(freedom, "freedom", Freedom)
     evidence = expect_each(evidence, "evidence", PointEvidence, LineEvidence, PoseEvidence)
+    expect_number(chosen, "chosen")
+    if not float(chosen).is_integer():
+        raise BadValue("chosen", chosen, "a whole number of constraints")
 
-    def found_in(photos: Sequence[Photo]) -> Location:
-        return Refinement(part, photos, freedom, evidence, options, chosen, wider).around(start)[0]
+    def found_in(photos: Sequence[Photo], times: Sequence[int]) -> Location:
+        told = evidence if max(times, default=1) == 1 else [one.reduced(times[one.photo]) for one in evidence]
+        return Refinement(part, photos, freedom, told, options, chosen, wider).around(start)[0]
 
-    return at_their_sharpness(photos, found_in) if wider else found_in(photos)
+    return at_their_sharpness(photos, found_in) if wider else found_in(photos, [1] * len(photos))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,6 +200,8 @@ class Refinement:
         part shows speaks against the pose: its quality remains that of all photos together. One that shows the part
         elsewhere does not, where two others or more agree.
         """
+        if self.evidence:  # it names photos by number: it would have to be renumbered
+            return None
         blind = bool(consistency.blind and consistency.photos)
         if blind:
             candidates, why = [consistency.blind], "nothing of the part shows there"
@@ -208,7 +214,7 @@ class Refinement:
         agreeing = [(numbers, *answer) for numbers, answer in tried if answer is not None]
         # Without a right photo, others that are off by little may agree, too, but not as closely as right ones do.
         agreeing = [one for one in agreeing if one[2]] or agreeing
-        if self.evidence or len(agreeing) != 1:  # evidence names photos by number: it would have to be renumbered
+        if len(agreeing) != 1:
             return None
         left_out, answer, _ = agreeing[0]
         location = answer.location

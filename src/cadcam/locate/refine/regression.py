@@ -55,11 +55,14 @@ class Regression:
 
         evidence: offsets, Jacobian and variances of other observations (`locate.evidence.rows_of`). on_lines: whether
         the lines are known to lie on their own steps. Then it is light that shifts them; before, they may lie on
-        others', and clear edges are as far off as faint ones. Raises `DegenerateGeometry` for evidence behind a camera.
+        others', and clear edges are as far off as faint ones. Raises `DegenerateGeometry` for evidence that the camera
+        does not image, and for lines towards it.
         """
         other, rows, other_variance = evidence
         if not np.isfinite(rows).all():
-            raise DegenerateGeometry("points or lines given as evidence are not in front of their camera")
+            raise DegenerateGeometry(
+                "points or lines given as evidence are not in front of their camera, or lines point at it"
+            )
         y = np.concatenate([*(m.offset[m.usable] for m in measured), other])
         variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
         J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B

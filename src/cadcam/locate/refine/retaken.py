@@ -24,16 +24,19 @@ _LARGE_PX = 300.0  # size of the part in view down to which a photo is reduced; 
 _REACH_PX, _HALF_PX = 9.0, 2.0  # cells in which the blur is estimated, across the lines and along them
 _SEEN = 0.3  # weight of a place on a line that the fit believed
 
-Look = Callable[[Sequence[Photo]], Location]
+Look = Callable[[Sequence[Photo], Sequence[int]], Location]  # in photos, each reduced so many times
 
 
-def in_spite_of_noise(photos: Sequence[Photo], found_in: Look) -> Location:
-    """Return what is found in the photos; if nothing is, and noise hides lines, what is found in smoothed ones."""
-    first = found_in(photos)
+def in_spite_of_noise(photos: Sequence[Photo], times: Sequence[int], found_in: Look) -> Location:
+    """Return what is found in the photos; if nothing is, and noise hides lines, what is found in smoothed ones.
+
+    times: by how many times each of them is reduced.
+    """
+    first = found_in(photos, times)
     if first.found:
         return first
     calm = [photo.calmed() for photo in photos]
-    return first if all(photo.calm is None for photo in calm) else _better(first, found_in(calm))
+    return first if all(photo.calm is None for photo in calm) else _better(first, found_in(calm, times))
 
 
 def at_their_sharpness(photos: Sequence[Photo], found_in: Look) -> Location:
@@ -41,13 +44,14 @@ def at_their_sharpness(photos: Sequence[Photo], found_in: Look) -> Location:
 
     How much they are blurred is asked of the lines that the answer believed. Its pixels are always those of the photos.
     """
-    first = in_spite_of_noise(photos, found_in)
+    first = in_spite_of_noise(photos, [1] * len(photos), found_in)
     if first.found:
         return first
     times = [_reduction(photo, first, k) for k, photo in enumerate(photos)]
     if max(times) == 1:
         return first
-    second = in_spite_of_noise([photo.reduced(by) for photo, by in zip(photos, times, strict=True)], found_in)
+    reduced = [photo.reduced(by) for photo, by in zip(photos, times, strict=True)]
+    second = in_spite_of_noise(reduced, times, found_in)
     return _better(first, _in_pixels_of_photos(second, np.array(times)))
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from cadcam.arrays import Array, quantile
 from cadcam.fit.grouped import GroupedFit
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.evidence import Evidence, rows_of
+from cadcam.locate.evidence import Evidence, PoseEvidence, moved_by_cameras, rows_of
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.lines.bands import banded, share_beside_bands
 from cadcam.locate.lines.cells import Cells, CellSize, StepOffsets, measured_steps
@@ -41,7 +41,8 @@ _EVERY = 4  # one sample in so many is tested for a nonlinear response
 class PoseSolution:
     """The refined pose with what was measured, in `cells`, for its last step from `before`: x in the basis B there.
 
-    evidence: the rows of other observations there; bent (n,) px: sd of the usable samples due to a nonlinear response.
+    evidence: the rows of other observations there, told: these themselves; bent (n,) px: sd of the usable samples due
+    to a nonlinear response.
     """
 
     sights: Sequence[Sight]
@@ -55,6 +56,30 @@ class PoseSolution:
     regression: Regression
     evidence: tuple[Array, Array, Array]
     bent: Array | None = None
+    told: Sequence[Evidence] = ()
+
+    @property
+    def by_cameras(self) -> list[Array]:
+        """Return the derivative (6, c) of the pose's twist by each camera's own coordinates through other observations.
+
+        Empty where there are none, or no camera errs.
+        """
+        photos = [sight.photo for sight in self.sights]
+        if not self.told or not any(photo.viewpoint.errors for photo in photos):
+            return []
+        n = sum(int(m.usable.sum()) for m in self.measured)
+        return moved_by_cameras(self.told, photos, self.before, self.B @ self.fit.gain[:, n:])
+
+    @property
+    def known_poses(self) -> list[tuple[Array, Array]]:
+        """Return of each pose that was evidence what cameras did to it, and its share in the pose (`uncertainty`)."""
+        out, begin = [], sum(int(m.usable.sum()) for m in self.measured)
+        for item in self.told:
+            rows = item.rows(self.sights[item.photo].photo, self.before)[1]
+            if isinstance(item, PoseEvidence) and item.from_calibration.any():
+                out.append((item.from_calibration, self.B @ self.fit.gain[:, begin : begin + len(rows)] @ rows))
+            begin += len(rows)
+        return out
 
     @property
     def moved(self) -> list[Array]:
@@ -181,7 +206,7 @@ def solved(
         B = freedom.at(pose)
         fit = regression.step(places, measured, other, B, iterations, on_lines=on_lines)
         moved = pose @ Rigid.exp(B @ fit.x)
-        last = PoseSolution(sights, pose, moved, B, places, measured, fit, cells, regression, other)
+        last = PoseSolution(sights, pose, moved, B, places, measured, fit, cells, regression, other, told=evidence)
         moved_px = last.moved
         if number and quantile(np.abs(np.concatenate(moved_px)), 0.9) < _SETTLED_PX:
             break

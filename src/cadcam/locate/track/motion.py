@@ -25,6 +25,7 @@ from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.uncertainty import symmetric_root
 
 _UNEVEN = np.geomspace(3e-4, 0.3, 7)  # values of s tried, radii of the part per frame^2
 _FIRST = 0.3  # sd of an unknown velocity, radii per frame
@@ -127,9 +128,3 @@ def _inverse(S: Array) -> tuple[Array, Array]:
     free = values > _TINY * values[:, -1:]
     values = np.where(free, values, 1.0)
     return (axes * (free / values)[:, None, :]) @ axes.swapaxes(1, 2), np.log(values).sum(axis=1)
-
-
-def symmetric_root(R: Array) -> Array:
-    """Return the symmetric square root of a covariance that may be singular: eigenvalues below zero are rounding."""
-    values, axes = np.linalg.eigh(R)
-    return np.asarray((axes * np.sqrt(np.maximum(values, 0.0))) @ axes.T)

@@ -27,8 +27,8 @@ from cadcam.locate.evidence import PoseEvidence
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.track.motion import symmetric_root
 from cadcam.locate.track.patches import LEAST, Canvas, Patches, aligned
+from cadcam.locate.uncertainty import symmetric_root
 from cadcam.render.view import Renderer
 
 _TURN, _SCALE = math.radians(12.0), 0.12  # change of view, rotation and scale, from which another keyframe is learned
@@ -74,7 +74,8 @@ class _Keyframe:
     """Patches of each photo of a frame, and the poses camera_from_part at which it was taken.
 
     off: the correction of the pose by later frames; by_one_frame (6, 6): covariance of the pose from one frame's edges;
-    frames: how many frames the pose counts as.
+    frames: how many frames the pose counts as; by_calibration (6, 6): covariance of the pose due to the cameras, whose
+    errors are the same in every frame.
     """
 
     patches: tuple[Patches, ...]
@@ -82,6 +83,7 @@ class _Keyframe:
     off: Rigid
     by_one_frame: Array
     frames: float
+    by_calibration: Array
 
     @property
     def covariance(self) -> Array:
@@ -117,7 +119,7 @@ class Texture:
         if found is None:
             return None
         pose, covariance = found.world_from_part @ keyframe.off, keyframe.covariance + found.covariance
-        evidence = PoseEvidence(pose, covariance, self._radius)
+        evidence = PoseEvidence(pose, covariance, self._radius, from_calibration=keyframe.by_calibration)
         return Followed(evidence, number, keyframe.by_one_frame, found.covariance, found.found)
 
     def keep(self, photos: Sequence[Photo], pose: PoseEstimate, followed: Followed | None) -> None:
@@ -154,7 +156,8 @@ class Texture:
         off = keyframe.off @ Rigid.exp(own @ _inverse(whole) @ (scale * moved) / scale)
         frames = min(keyframe.frames + 1, _FRAMES)
         by_one_frame = keyframe.by_one_frame + (pose.from_noise - keyframe.by_one_frame) / frames
-        return replace(keyframe, off=off, by_one_frame=by_one_frame, frames=frames)
+        by_cameras = keyframe.by_calibration + (pose.from_calibration - keyframe.by_calibration) / frames
+        return replace(keyframe, off=off, by_one_frame=by_one_frame, frames=frames, by_calibration=by_cameras)
 
     def _learn(self, photos: Sequence[Photo], pose: PoseEstimate, frames: float) -> None:
         views = _views(photos, pose.world_from_part)
@@ -162,7 +165,8 @@ class Texture:
             self._patches(canvas, view) for canvas, view in zip(self._canvases(photos, views), views, strict=True)
         )
         if sum(len(one) for one in patches) >= LEAST:
-            self._keyframes.append(_Keyframe(patches, tuple(views), Rigid(), pose.from_noise, frames))
+            told = (Rigid(), pose.from_noise, frames, pose.from_calibration)
+            self._keyframes.append(_Keyframe(patches, tuple(views), *told))
             del self._keyframes[:-_KEPT]
 
     def _patches(self, canvas: Canvas | None, camera_from_part: Rigid) -> Patches:

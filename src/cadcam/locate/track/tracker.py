@@ -140,6 +140,7 @@ class Tracker:
 
     def recall(self, step: LoggedFrame) -> None:
         """Take in a frame of an earlier run instead of tracking it."""
+        expect(step, "frame of the history", LoggedFrame)
         self._keep(step, None if step.pose is None else self._followed(step.index, step.photos))
 
     def _followed(self, index: int, photos: tuple[Photo, ...]) -> Followed | None:

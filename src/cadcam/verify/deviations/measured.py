@@ -16,7 +16,8 @@ from cadcam.verify.edges.sightlines import Sightlines
 from cadcam.verify.edges.survey import Survey
 
 SEEN_PX = 0.5  # largest sd, in px, of a direction of displacement that counts as seen
-UNSEEN_PX = 4.0  # prior sd, in px, of a displacement in directions not seen
+UNSEEN_PX = 4.0  # prior sd, in px, of a displacement in directions not seen, and of turns that are not judged
+_OPEN_PX = 1e3  # the same of what is wholly unknown
 _USUAL_PX = 0.01  # common error of an edge in most photos
 DISAGREE = 9.0  # misfit from which edges contradict a common displacement
 _BLIND = 1e-9  # information on a rotation, relative to the largest, that counts as none
@@ -228,7 +229,8 @@ class MeasuredEdges:
     def turn(self, rows: Mask) -> tuple[float, float, Array]:
         """Return the rotation (rad) about the line of sight through the places' middle, its sigma, that axis (3,).
 
-        nan where the edges do not determine it.
+        With one photo, what turns about other axes and a shift along the line of sight may feign is part of sigma. nan
+        where the edges do not determine the rotation.
         """
         axis = self.axis(rows)
         found = self.turns(rows, axis[:, None])
@@ -245,9 +247,7 @@ class MeasuredEdges:
         basis, pose = self.directions(rows), self.pose_without(rows)
         if pose is None or not basis.shape[1]:
             return None
-        p, G = self.lines.p[rows], self.lines.by_point[rows]
-        swept = np.cross(about.T, (p - p.mean(axis=0))[:, None])  # (N, n, 3) mm/rad
-        lever = np.einsum("ni,nji->nj", G, swept)  # px/rad
+        G, lever = self.lines.by_point[rows], self._levers(rows, about)
         size, most = float(np.abs(lever).max(initial=0.0)), np.linalg.norm(G, axis=1).max()
         if size == 0:
             return None
@@ -260,8 +260,31 @@ class MeasuredEdges:
         V = V[:, w > _BLIND * np.linalg.eigvalsh(known)[-1]]
         if not V.shape[1]:
             return None
-        found = self.adjustment.estimate(rows, np.column_stack([shift, turned @ V]), pose)
+        found = self._beside_unseen(rows, np.column_stack([shift, turned @ V]), pose)
         return about @ V, found.along(np.eye(V.shape[1], m + V.shape[1], m) * scale)
+
+    def _levers(self, rows: Mask, about: Array) -> Array:
+        """Return how far (N, n), px/rad, places move across their edges in turns about axes (3, n) in their middle."""
+        p = self.lines.p[rows]
+        swept = np.cross(about.T, (p - p.mean(axis=0))[:, None])  # (N, n, 3) mm/rad
+        return np.asarray(np.einsum("ni,nji->nj", self.lines.by_point[rows], swept))
+
+    def _beside_unseen(self, rows: Mask, design: Array, pose: FittedPose) -> Estimate:
+        """Return the estimate of motions in their design (N, m), beside those that one photo does not judge.
+
+        These are the shift along the line of sight and the turns about axes across it. A tilted body looks turned by a
+        few edges: a plate that tips over its long edge, say.
+        """
+        if self.eye is None:
+            return self.adjustment.estimate(rows, design, pose)
+        axis = self.axis(rows)
+        towards = self._unseen_mm(rows) * self.lines.by_point[rows] @ axis
+        tilted = self._levers(rows, _perpendicular(axis[:, None]))
+        tilted = UNSEEN_PX * tilted / np.maximum(np.abs(tilted).max(axis=0), 1e-300)
+        unknown = _OPEN_PX / np.abs(design).max(axis=0)
+        every = np.column_stack([design * unknown, towards, tilted])
+        found = self.adjustment.estimate(rows, every, pose, prior=1.0)
+        return found.along(np.eye(design.shape[1], every.shape[1]) * unknown[:, None])
 
     def axis(self, rows: Mask) -> Array:
         """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""

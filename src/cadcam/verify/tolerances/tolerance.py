@@ -55,7 +55,8 @@ class Selection(Brief):
     """A selection of a part's edges: those of the bodies whose names fit `part`, narrowed by all other entries.
 
     part: a name or a pattern as for file names (`bar *`). chains: numbers of feature chains. box (2, 3) mm: lowest and
-    highest corner, in the part frame, of the region in which an edge must lie. kinds: kinds of edge.
+    highest corner, in the part frame, of the region in which an edge must lie. kinds: kinds of edge. Raises `BadValue`
+    for entries of another kind.
     """
 
     part: str = "*"
@@ -64,6 +65,10 @@ class Selection(Brief):
     kinds: tuple[EdgeKind, ...] = ()
 
     def __post_init__(self) -> None:
+        expect(self.part, "part of a selection", str)
+        chains = frozen(self.chains, "chains", (None,), np.int64)
+        object.__setattr__(self, "chains", tuple(chains.tolist()))
+        object.__setattr__(self, "kinds", expect_each(self.kinds, "kinds", EdgeKind))
         if self.box is not None:
             box = frozen(self.box, "box_mm", (2, 3))
             if not (box[0] <= box[1]).all():
@@ -166,11 +171,16 @@ class Limit(Brief):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Feature:
-    """A piece of the part that moves as one, and what is asked of it."""
+    """A piece of the part that moves as one, and what is asked of it. Raises `BadValue` for entries of another kind."""
 
     name: str
     selection: Selection
     limits: tuple[Limit, ...] = ()
+
+    def __post_init__(self) -> None:
+        expect(self.name, "name of a feature", str)
+        expect(self.selection, f"selection of feature {self.name!r}", Selection)
+        object.__setattr__(self, "limits", expect_each(self.limits, f"limits of feature {self.name!r}", Limit))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
