@@ -160,3 +160,24 @@ def test_wrong_wishes_are_exit_2_with_one_message(
     assert ran.code == 2
     assert said in ran.err
     assert ran.err.count("cadcam match:") == 1
+
+
+def test_along_an_edge_the_place_is_said_not_to_be_determined(cadcam: Callable[..., Ran], tmp_path: Path) -> None:
+    x = np.arange(200.0)
+    edge = np.tile(0.5 + 0.2 * np.tanh((x - 90) / 1.0), (160, 1))
+    rng = np.random.default_rng(2)
+    write_picture(tmp_path / "photo.png", edge + 0.01 * rng.standard_normal(edge.shape))
+    write_picture(tmp_path / "edge.png", edge[:48, 66:114] + 0.01 * rng.standard_normal((48, 48)))
+    document = cadcam("match", tmp_path / "photo.png", tmp_path / "edge.png", "--json").json
+    best = document["peaks"][0]
+    assert np.abs(best["not_determined"]["along"]) == pytest.approx(np.array([[0, 1]]), abs=0.02)
+    assert best["not_determined"]["angle"] is False
+    assert best["sigma_px"][1] == pytest.approx(160 / np.sqrt(12), rel=0.01)
+    assert "not determined along (" in cadcam("match", tmp_path / "photo.png", tmp_path / "edge.png").out
+    corner = edge.copy()
+    corner[:60] = 0.3
+    write_picture(tmp_path / "corner.png", corner)
+    write_picture(tmp_path / "of_it.png", corner[36:84, 66:114])
+    ran = cadcam("match", tmp_path / "corner.png", tmp_path / "of_it.png", "--count", "1")
+    assert ran.code == 0
+    assert "not determined" not in ran.out

@@ -113,6 +113,16 @@ def test_covariances_do_not_hang_on_how_many_pixels_count(count: int, rng: np.ra
     np.testing.assert_allclose(sigmas[0], sigmas[1], rtol=0.1)
 
 
+def test_climbs_that_ran_away_are_not_followed() -> None:
+    """They have the score 0, and so had passed where coarse pixels are asked for no more: of 60 seeds, this one."""
+    rng = np.random.default_rng(16)
+    x, y, angle = rng.uniform(-1, 1), rng.uniform(-1, 1), rng.uniform(-math.pi, math.pi)
+    patch = corner(x, y, angle, 48, contrast=0.4) + rng.normal(scale=0.01, size=(48, 48))
+    seen = corner(0, 0, 0, 161, contrast=0.4) + rng.normal(scale=0.01, size=(161, 161))
+    peaks = correlate(seen, Template(patch), options=CorrelateOptions(scales=(0.9, 1.1), least_score=0.1))
+    assert peaks.q[0] == pytest.approx([80 + x, 80 + y], abs=0.3)
+
+
 def board(size: int, squares: int) -> Array:
     """Return a chessboard of gaps (bright) between squares (dark), seen a little from the side: no two alike."""
     v, u = np.mgrid[:size, :size] / size

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import NoReturn
 
 import numpy as np
@@ -85,7 +86,8 @@ class Peaks(Brief):
     """Peaks of the normalised correlation, best first.
 
     q (N, 2) px: the template's centre; angle (N,) rad from the picture's x towards its y axis; scale (N,); score (N,)
-    in [-1, 1]; covariance (N, 4, 4) of (x, y, angle, scale), from the grey levels that the template does not explain.
+    in [-1, 1]; covariance (N, 4, 4) of (x, y, angle, scale), from the grey levels that the template does not explain; of
+    what it does not show, as the place along an edge, that of anywhere in the range searched.
     complete: whether no maximum of the coarse search was dropped that could have become a better first peak.
     """
 
@@ -323,7 +325,7 @@ def _best_apart(
     """Return the best poses that differ in place or angle, best first; and the best score of another one, or 0."""
     size = np.abs(score) if options.either_sign else score
     order = np.argsort(-size, kind="stable")
-    order = order[size[order] >= least]
+    order = order[(size[order] >= least) & (size[order] > 0)]  # 0: lost on the way
     x, y, angle = poses[order, :3].T.copy()
     near = options.apart * min(template.size)
     free = np.ones(len(order), bool)
@@ -340,17 +342,30 @@ def _best_apart(
 
 def _peaks(picture: Pyramid, template: Template, poses: Array, options: CorrelateOptions) -> Peaks:
     """Return the peaks near poses, by cubic interpolation."""
-    poses, score = _refined(picture, template, 1, poses, options.motions, cubic=True)
+    refined = partial(_refined, picture, template, 1, motions=options.motions, cubic=True)
+    poses, score = refined(poses)
     high = (np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)) & (score != 0)
-    poses[high], score[high] = _refined(
-        picture, template, 1, poses[high], options.motions, cubic=True, iterations=_TO_THE_END
-    )
+    poses[high], score[high] = refined(poses[high], iterations=_TO_THE_END)
     poses, score, _ = _best_apart(template, poses, score, options, len(poses), options.least_score)
     allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])
-    covariance = peak_covariances(picture.level(1), template.settling(options.motions), poses, score)
+    covariance = peak_covariances(
+        picture.level(1),
+        template.settling(options.motions),
+        poses,
+        score,
+        range_of=_searched_over(picture, template, options),
+        climb=lambda starts, steps: refined(starts, iterations=steps)[0],
+    )
     return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance)
+
+
+def _searched_over(picture: Pyramid, template: Template, options: CorrelateOptions) -> Array:
+    """Return over how many px in x and y, rad, and shares of the scale a template is looked for."""
+    step = template.step(template.coarsest())  # half of it beyond either end
+    turn = min(options.angles[1] - options.angles[0] + step, 2 * math.pi)
+    return np.array([*picture.size, turn, math.log(options.scales[1] / options.scales[0]) + step])
 
 
 def _within(poses: Array, template: Template, options: CorrelateOptions) -> Mask:

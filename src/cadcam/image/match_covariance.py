@@ -4,70 +4,169 @@ A peak is where the template's slopes J by its motions are orthogonal to the res
 motions is H^-1 J r, with H = J Jp^T, Jp the picture's slopes there, and the covariance s^2 H^-1 J J^T H^-T, s^2 the
 variance of r. Noise in the template's slopes adds to J J^T, which therefore says that more is known than is; noise of
 template and picture have nothing to do with each other, so that H holds what both show.
+
+Along an edge they show nothing but noise, which has peaks of its own, all along it: the slopes at the best of these
+agree, as at any peak, and H says that it is known to half a pixel. So H counts only for motions that change what is
+seen by clearly more than noise does, or from whose either side a climb returns to the peak. What is known of other
+motions is the range in which they were looked for.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs, Picture
+from cadcam.arrays import Array, Longs, Mask, Picture
 from cadcam.native.correlate import Points
 
 # Points by which the slopes are compared: what they say of both sides is a ratio of sums, known to a few hundredths by
 # a thousand. Of more points, those a golden section of them apart, round and round: in no step with their rows.
 _MOST, _APART = 1024, (np.sqrt(5.0) - 1) / 2
 _LEAST = 1e-3  # of what the template's slopes say: below, the picture does not show a motion at all
+# sd of what noise alone makes both show. At the highest of the peaks that it makes along an edge, of some hundred, it
+# is 2, as noise falls off about a peak of 3 sd (1.9 +- 0.8 if it is as smooth as a Gaussian); 5 were seen.
+_CLEARLY = 6.0
+# Less, but as much as noise by itself, counts if climbs from so many px at the rim, where noise has other peaks, all
+# end within a quarter of it.
+_AT_LEAST, _AWAY = 1.0, (4.0, 8.0)
+_CLIMB = ((8, 0.8), (40, 0.25))  # after so many steps, what share of the way may be left
+_HIGH = 0.8  # share of the best score from which peaks are looked into so; lower ones, mostly false, take most time
+_BY_NOISE = 8.0  # sd, of white noise, of a share of a motion that the noise of smoothed slopes (twice that) may feign
+_EXACT = 1e-12  # of what the best motion shows (squared): less is rounding
 
 
-def peak_covariances(picture: Picture, points: Points, poses: Array, score: Array) -> Array:
-    """Return the covariances (N, 4, 4) of x, y (px), angle (rad) and scale (0 where it was not free) of peaks."""
-    motions = len(points.slope)
+def peak_covariances(
+    picture: Picture, points: Points, poses: Array, score: Array, range_of: Array, climb: Callable[[Array, int], Array]
+) -> Array:
+    """Return the covariances (N, 4, 4) of x, y (px), angle (rad) and scale (0 where it was not free) of peaks.
+
+    range_of (4,): over how many px, rad and shares of the scale they were looked for; climb: to the peaks near poses.
+    """
+    slopes, motions = _Slopes(points), len(points.slope)
     noise = (1 - score**2) / np.maximum(score**2, 1e-12) / max(points.count - 2 - motions, 1)
-    J = points.slope.astype(np.float64)
-    some = _spread(points.count)
-    u, v, value = (a[some].astype(np.float64) for a in (points.u, points.v, points.value))
-    compared = [_in_common(picture, u, v, value, J[:, some], pose) for pose in poses]
-    H = points.count / len(some) * np.array(compared).reshape(-1, motions, motions)
-    # in units in which the template's slopes are orthonormal
-    units = np.linalg.inv(np.linalg.cholesky(J @ J.T))
-    U, shown, Vt = np.linalg.svd(units @ H @ units.T)
-    error = units.T @ (Vt.mT / np.maximum(shown, _LEAST)[:, None]) @ U.mT
-    L = _per_motion(poses, motions) @ error
-    return np.asarray(noise[:, None, None] * L @ L.mT)
+    high = np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)
+    each = []
+    for pose, of, looked_into in zip(poses, noise, high, strict=True):
+        H, clear = _shown(picture, slopes, pose, _MOST)
+        if looked_into and clear.min() <= _CLEARLY:
+            H, clear = _shown(picture, slopes, pose, points.count)
+        known = clear > _CLEARLY
+        for i in np.flatnonzero(~known & (clear > _AT_LEAST)) if looked_into else ():
+            known[i] = _returned_to(slopes, slopes.motions[:, i] / slopes.px[i], pose, range_of, climb)
+        each.append(_covariance(slopes, _per_motion(pose, motions), H, known, of, range_of))
+    return np.array(each).reshape(-1, 4, 4)
 
 
-def _spread(count: int) -> Longs:
-    """Return the numbers of at most `_MOST` of so many points, spread over all of them."""
-    if count <= _MOST:
+class _Slopes:
+    """A template's points, all in float64, and their slopes (m, N) by motions of which none shows what another does.
+
+    motions (m, m): these, in columns, from the least to the most that is shown by as many px at the rim; so long that
+    what each shows has unit norm. rim (px): mean distance of the points from the centre.
+    """
+
+    def __init__(self, points: Points) -> None:
+        n = points.count
+        self.u, self.v, self.value = (a[:n].astype(np.float64) for a in (points.u, points.v, points.value))
+        J = points.slope[:, :n].astype(np.float64)
+        self.length = np.linalg.norm(J, axis=1)
+        self.rim = math.sqrt(float(np.mean(self.u**2 + self.v**2)))
+        per_px = np.array([1.0, 1.0, 1 / self.rim, 1 / self.rim])[: len(J)]
+        shown, motion = np.linalg.eigh(per_px[:, None] * (J @ J.T) * per_px)
+        self.px = 1 / np.sqrt(np.maximum(shown, _EXACT * shown[-1]))
+        self.motions = per_px[:, None] * motion * self.px
+        self.slope = self.motions.T @ J
+
+
+def _shown(picture: Picture, slopes: _Slopes, pose: Array, most: int) -> tuple[Array, Array]:
+    """Return J Jp^T (m, m) by the motions of the slopes, and how many sd of noise (m,) both show of each."""
+    H, by_noise = _compared(picture, slopes, pose, _spread(len(slopes.u), most))
+    clear = np.full(len(H), np.inf)
+    np.divide(np.diag(H), by_noise, out=clear, where=by_noise > 0)
+    return H, np.where(np.diag(H) > 0, clear, 0.0)
+
+
+def _returned_to(
+    slopes: _Slopes, per_px: Array, pose: Array, range_of: Array, climb: Callable[[Array, int], Array]
+) -> bool:
+    """Return whether climbs from either side along a motion (m,), given for a px at the rim, return to a peak."""
+    along = _per_motion(pose, len(per_px)) @ per_px
+    most = 0.5 / float(np.linalg.norm(along / range_of))
+    px = np.array([1.0, 1.0, pose[3] * slopes.rim, slopes.rim])
+    for away in (sign * min(far, most) for far in _AWAY for sign in (-1, 1)):
+        there = pose + away * along
+        for steps, share in _CLIMB:
+            there = climb(there[None], steps)[0]
+            left = there - pose
+            left[2] = (left[2] + math.pi) % (2 * math.pi) - math.pi
+            if not np.linalg.norm(left * px) < share * pose[3] * abs(away):
+                return False
+    return True
+
+
+def _covariance(slopes: _Slopes, per_motion: Array, H: Array, known: Mask, noise: float, range_of: Array) -> Array:
+    """Return the covariance (4, 4) of a peak of which some motions are known."""
+    # these are as they are where the template does not move by the others
+    U, shown, Vt = np.linalg.svd(H[np.ix_(known, known)])
+    error = per_motion @ slopes.motions[:, known] @ (Vt.T / np.maximum(shown, _LEAST)) @ U.T
+    covariance = noise * error @ error.T
+    for motion in slopes.motions[:, ~known].T:
+        along = per_motion @ _plain(motion, slopes)
+        covariance += np.outer(along, along) / (12 * float(np.sum((along / range_of) ** 2)))
+    return np.asarray(covariance)
+
+
+def _compared(picture: Picture, slopes: _Slopes, pose: Array, some: Longs) -> tuple[Array, Array]:
+    """Return J Jp^T by some of the points, and the sd that noise alone gives each number on its diagonal.
+
+    Noise has at most the variance in central differences that it has itself. A motion's slope is that by the px by
+    which it moves a point.
+    """
+    share = len(slopes.u) / len(some)
+    u, v, J = slopes.u[some], slopes.v[some], slopes.slope[:, some]
+    H, residual = _in_common(picture, u, v, slopes.value[some], J, pose)
+    shift, (turn, grow) = slopes.motions[:2, :, None], (*slopes.motions[2:, :, None], 0.0)[:2]
+    moved = (shift[0] - turn * v + grow * u) ** 2 + (shift[1] + turn * u + grow * v) ** 2
+    variance = (pose[3] * share) ** 2 * np.sum(J**2 * moved * residual**2, axis=1)
+    return share * H @ slopes.motions, np.sqrt(variance)
+
+
+def _plain(motion: Array, slopes: _Slopes) -> Array:
+    """Return a motion that does not show, without shift, turn or growth that it holds only by noise."""
+    shows = np.abs(motion) * slopes.length
+    shows[:2] = np.hypot(*shows[:2])
+    held = shows >= min(_BY_NOISE / math.sqrt(len(slopes.u)), 0.5 * shows.max())
+    return np.asarray(np.where(held, motion, 0.0))
+
+
+def _spread(count: int, most: int) -> Longs:
+    """Return the numbers of at most so many points of all, spread over them."""
+    if count <= most:
         return np.arange(count)
-    return np.asarray(np.arange(_MOST) * _APART % 1.0 * count, np.int64)
+    return np.asarray(np.arange(most) * _APART % 1.0 * count, np.int64)
 
 
-def _per_motion(poses: Array, motions: int) -> Array:
-    """Return the derivatives (N, 4, m) of x, y, angle and scale by shifts along the template's axes, turn and size."""
-    c, s = poses[:, 3] * np.cos(poses[:, 2]), poses[:, 3] * np.sin(poses[:, 2])
-    G = np.zeros((len(poses), 4, motions))
-    G[:, 0, 0], G[:, 0, 1], G[:, 1, 0], G[:, 1, 1], G[:, 2, 2] = c, -s, s, c, 1
-    if motions == 4:
-        G[:, 3, 3] = poses[:, 3]
-    return G
+def _per_motion(pose: Array, motions: int) -> Array:
+    """Return the derivatives (4, m) of x, y, angle and scale by shifts along the template's axes, turn and size."""
+    c, s = pose[3] * math.cos(pose[2]), pose[3] * math.sin(pose[2])
+    return np.array([[c, -s, 0, 0], [s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, pose[3]]])[:, :motions]
 
 
-def _in_common(picture: Picture, u: Array, v: Array, value: Array, slope: Array, pose: Array) -> Array:
-    """Return J Jp^T (m, m) of the points, the picture's slopes taken in grey levels of the template."""
+def _in_common(picture: Picture, u: Array, v: Array, value: Array, slope: Array, pose: Array) -> tuple[Array, Array]:
+    """Return J Jp^T (m, m) of points, and what is not explained of each (N,), both in grey levels of the template."""
     c, s = pose[3] * math.cos(pose[2]), pose[3] * math.sin(pose[2])
     x, y = pose[0] + c * u - s * v, pose[1] + s * u + c * v
     left, top = (max(math.floor(a.min()) - 2, 0) for a in (x, y))
     crop = picture[top : math.ceil(y.max()) + 3, left : math.ceil(x.max()) + 3]
     if min(crop.shape) < 2:
-        return np.zeros((len(slope), len(slope)))
+        return np.zeros((len(slope), len(slope))), np.zeros(len(u))
     seen, right, down = _between((crop, *_slopes(crop)), x - left, y - top)
     gu, gv = c * right + s * down, c * down - s * right
     gain = float(value @ (seen - seen.mean())) / max(float(value @ value), 1e-12)
+    gain = gain if abs(gain) > 1e-12 else 1e-12
     shown = np.stack([gu, gv, gv * u - gu * v, gu * u + gv * v][: len(slope)])
-    return np.asarray(slope @ shown.T / (gain if abs(gain) > 1e-12 else 1e-12))
+    return np.asarray(slope @ shown.T / gain), (seen - seen.mean()) / gain - value + value.mean()
 
 
 def _slopes(crop: Picture) -> tuple[Picture, Picture]:

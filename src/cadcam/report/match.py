@@ -11,6 +11,7 @@ from cadcam.files.jsontext import or_null
 from cadcam.files.matrix import pose_as_json
 from cadcam.image.correlate import Peaks
 from cadcam.image.template import Template
+from cadcam.image.undetermined import Undetermined, undetermined
 from cadcam.locate.match.closeness import Closeness
 from cadcam.locate.match.templates import Features, TemplateMatches
 from cadcam.report.table import Table
@@ -22,7 +23,8 @@ _HIGH = 0.95  # score that a slow change of brightness and noise hardly reach by
 def peaks_table(peaks: Peaks, title: str, *, template: Template | None = None) -> Table:
     """Return score, place, angle and scale of each peak with their sigmas, and the gap to the next.
 
-    template: what was looked for; where it was not found well and has little structure, a note says so.
+    template: what was looked for; notes say what it does not determine, and where it was not found well and has little
+    structure.
     """
     sigma = peaks.sigma
     scaled = bool(sigma[:, 3].any()) if len(peaks) else False
@@ -101,9 +103,10 @@ def template_as_json(template: Template) -> dict[str, Any]:
     return {"template_pixels": int(template.mask.sum()), "structured_pixels": template.structured()}
 
 
-def peaks_as_json(peaks: Peaks) -> dict[str, Any]:
-    """Return the peaks as a document, angles in degrees."""
+def peaks_as_json(peaks: Peaks, template: Template | None = None) -> dict[str, Any]:
+    """Return the peaks as a document, angles in degrees; with what each does not determine if a template is given."""
     sigma, gap = peaks.sigma, peaks.gap
+    left_open = [] if template is None else undetermined(peaks, template)
     return {
         "complete": peaks.complete,
         "peaks": [
@@ -116,10 +119,15 @@ def peaks_as_json(peaks: Peaks) -> dict[str, Any]:
                 "sigma_px": sigma[i, :2].tolist(),
                 "sigma_deg": math.degrees(sigma[i, 2]),
                 "sigma_scale": float(sigma[i, 3]),
+                **({"not_determined": _as_json(left_open[i])} if left_open else {}),
             }
             for i in range(len(peaks))
         ],
     }
+
+
+def _as_json(left_open: Undetermined) -> dict[str, Any]:
+    return {"along": [list(d) for d in left_open.along], "angle": left_open.angle, "scale": left_open.scale}
 
 
 def matches_as_json(matches: TemplateMatches) -> dict[str, Any]:
@@ -165,7 +173,28 @@ def _peak_notes(peaks: Peaks, template: Template | None) -> tuple[str, ...]:
     if not len(peaks):
         return ("nothing in the picture looks like the template", *little)
     more = () if peaks.complete else ("the picture holds more candidates than were looked at: a better peak may exist",)
-    return more + little
+    return more + _left_open(peaks, template) + little
+
+
+def _left_open(peaks: Peaks, template: Template | None) -> tuple[str, ...]:
+    """Return of which peaks what is not determined, one line for all of which the same is not."""
+    if template is None:
+        return ()
+    alike: dict[str, list[tuple[int, str]]] = {}
+    for i, left_open in enumerate(undetermined(peaks, template)):
+        if left_open:
+            alike.setdefault(_in_words(left_open, 1), []).append((i + 1, _in_words(left_open, 2)))
+    right = "what it shows is the same there; cut out a corner, an end or a mark with it"
+    return tuple(
+        f"peak{'s' * (len(of) > 1)} {', '.join(str(i) for i, _ in of)}: not determined {of[0][1]}: {right}"
+        for of in alike.values()
+    )
+
+
+def _in_words(left_open: Undetermined, digits: int) -> str:
+    along = [f"along ({round(x, digits) + 0.0:g}, {round(y, digits) + 0.0:g})" for x, y in left_open.along]
+    others = [f"in {name}" for name in ("angle", "scale") if getattr(left_open, name)]
+    return " and ".join([*along, *others])
 
 
 def _little_structure(peaks: Peaks, template: Template | None) -> tuple[str, ...]:

@@ -35,7 +35,8 @@ _EXAMPLES = f"""\
 
 The gap is the score of a peak less that of the next one: a high score with a small gap means that the picture shows the
 same thing twice. A large template whose only structure is small may not be found: cut out that alone. A feature whose
-best peak is wrong does no harm: the pose is that on which most features agree.
+best peak is wrong does no harm: the pose is that on which most features agree. Of a template that shows one straight
+edge the place along it is not determined, of a round one the angle: a note says so, and +- is the range searched.
 
 exit codes: 0 found; 3 not found: nothing reaches --least-score, or too few features agree on a pose.
 
@@ -173,7 +174,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
         write_picture(arguments.output, with_peaks(photo, template, peaks))
     if arguments.json:
         document = {"photo": arguments.photo, "photos": photos_as_json([read]), "template": arguments.what}
-        print_json(document | template_as_json(template) | peaks_as_json(peaks))
+        print_json(document | template_as_json(template) | peaks_as_json(peaks, template))
     else:
         print_tables([peaks_table(peaks, f"Peaks of {arguments.what} in {arguments.photo}", template=template)])
         say_written(arguments.output)

@@ -1,0 +1,134 @@
+"""What a template does not show is not known, whatever its noise looks like; what it shows is as known as before."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from cadcam.arrays import Array
+from cadcam.errors import MissingCore
+from cadcam.image import match_covariance
+from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
+from cadcam.image.template import Template
+from cadcam.image.undetermined import undetermined
+from cadcam.native import core
+
+try:
+    core.library()
+except MissingCore as error:
+    pytest.skip(str(error), allow_module_level=True)
+
+SHAPE, SIDE = (200, 240), 48
+# A place anywhere in a picture lies within sqrt(3) sd of the middle along its sides, times sqrt(2) along a diagonal; an
+# angle within sqrt(3). The middle is known to a pixel of a hundred.
+ANYWHERE = math.sqrt(6) * 1.02
+
+
+def shown(kind: str, u: Array, v: Array) -> Array:
+    """Return what there is at (u, v) px from the middle of a picture."""
+    across = 0.5 + 0.5 * np.tanh(u / 0.8)
+    if kind == "corner":
+        return np.asarray(0.3 + 0.4 * across * (0.5 + 0.5 * np.tanh(v / 0.8)))
+    if kind == "disc":
+        return np.asarray(0.3 + 0.2 * (1 - np.tanh((np.hypot(u, v) - 15) / 0.8)))
+    if kind == "grid":
+        return np.asarray(0.5 + 0.15 * np.sin(u / 2.5) + 0.15 * np.sin(v / 2.5))
+    return np.asarray(0.3 + 0.4 * (across if kind == "edge" else np.exp(-0.5 * (u / 1.5) ** 2)))
+
+
+def taken(kind: str, at: tuple[float, float], angle: float, shape: tuple[int, int], noise: float, rng: object) -> Array:
+    """Return a picture of it with noise, in eight bits, its middle at a place and turned by an angle."""
+    assert isinstance(rng, np.random.Generator)
+    y, x = np.mgrid[: shape[0], : shape[1]]
+    x, y = x - at[0], y - at[1]
+    c, s = math.cos(angle), math.sin(angle)
+    picture = shown(kind, c * x + s * y, c * y - s * x) + rng.normal(scale=noise, size=shape)
+    return np.asarray(np.round(np.clip(picture, 0, 1) * 255) / 255)
+
+
+def matched(
+    kind: str, noise: tuple[float, float], rng: np.random.Generator
+) -> tuple[Peaks, Template, Array, float, float]:
+    """Return the peaks of a template of something in a picture of it, where it lies, its angle, and the picture's."""
+    there, own = rng.uniform(-math.pi, math.pi, 2)
+    off, middle = rng.uniform(-1, 1, 2), np.array(SHAPE[::-1]) / 2
+    template = Template(
+        taken(kind, ((SIDE - 1) / 2 - off[0], (SIDE - 1) / 2 - off[1]), own, (SIDE, SIDE), noise[0], rng)
+    )
+    picture = taken(kind, (middle[0], middle[1]), there, SHAPE, noise[1], rng)
+    turn = there - own
+    c, s = math.cos(turn), math.sin(turn)
+    q = middle + np.array([c * off[0] - s * off[1], s * off[0] + c * off[1]])
+    return correlate(picture, template), template, q, turn, there
+
+
+def wrapped(angle: float) -> float:
+    return (angle + math.pi) % (2 * math.pi) - math.pi
+
+
+NOISES = [(0.012, 0.012), (0.0, 0.012), (0.012, 0.0), (0.03, 0.03)]
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("kind", ["edge", "line"])
+def test_along_an_edge_the_place_is_anywhere(kind: str, noise: tuple[float, float], rng: np.random.Generator) -> None:
+    """Noise has a best peak somewhere along it, hundreds of times as far off as that peak is wide."""
+    for _ in range(5):
+        peaks, template, q, _, direction = matched(kind, noise, rng)
+        along = np.array([-math.sin(direction), math.cos(direction)])
+        sigma = math.sqrt(along @ peaks.covariance[0, :2, :2] @ along)
+        assert abs(along @ (peaks.q[0] - q)) < ANYWHERE * sigma
+        assert sigma > min(SHAPE) / math.sqrt(12) * 0.99
+        told = undetermined(peaks, template)[0]
+        assert len(told.along) == 1
+        assert abs(np.array(told.along[0]) @ along) > 0.999
+        assert not told.angle
+        assert not told.scale
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_of_a_disc_the_angle_is_anything(noise: tuple[float, float], rng: np.random.Generator) -> None:
+    for _ in range(5):
+        peaks, template, _, turn, _ = matched("disc", noise, rng)
+        assert abs(wrapped(peaks.angle[0] - turn)) < ANYWHERE * peaks.sigma[0, 2]
+        told = undetermined(peaks, template)[0]
+        assert told.angle
+        assert not told.along
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("kind", ["corner", "grid"])
+def test_what_has_a_place_is_not_called_undetermined(
+    kind: str, noise: tuple[float, float], rng: np.random.Generator
+) -> None:
+    """A grid has many: each is a peak of its own, and where that is is known."""
+    for _ in range(5):
+        peaks, template, q, turn, _ = matched(kind, noise, rng)
+        assert not undetermined(peaks, template)[0]
+        if kind == "corner":
+            error = np.array([*(peaks.q[0] - q), wrapped(peaks.angle[0] - turn)])
+            assert (np.abs(error) < 5 * peaks.sigma[0, :3]).all()
+
+
+def test_the_peaks_of_noise_would_be_taken_for_an_edge_s_place(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The guard, broken: every peak has slopes on both sides that agree."""
+    monkeypatch.setattr(match_covariance, "_CLEARLY", -1.0)
+    worst = 0.0
+    for _ in range(5):
+        peaks, _, q, _, direction = matched("edge", (0.012, 0.012), rng)
+        along = np.array([-math.sin(direction), math.cos(direction)])
+        worst = max(worst, abs(along @ (peaks.q[0] - q)) / math.sqrt(along @ peaks.covariance[0, :2, :2] @ along))
+    assert worst > 5
+
+
+def test_an_exact_step_is_found_across_and_nowhere_along() -> None:
+    """Along it nothing changes at all: there is no slope to climb by."""
+    step = np.where(np.arange(240) < 120, 0.2, 0.8)
+    peaks = correlate(np.tile(step, (200, 1)), Template(np.tile(step[96:144], (48, 1))))
+    assert peaks.q[0, 0] == pytest.approx(119.5, abs=0.01)
+    assert peaks.sigma[0, 0] < 0.01
+    assert peaks.sigma[0, 1] == pytest.approx(200 / math.sqrt(12))
