@@ -86,8 +86,8 @@ class Peaks(Brief):
     """Peaks of the normalised correlation, best first.
 
     q (N, 2) px: the template's centre; angle (N,) rad from the picture's x towards its y axis; scale (N,); score (N,)
-    in [-1, 1]; covariance (N, 4, 4) of (x, y, angle, scale), from the grey levels that the template does not explain; of
-    what it does not show, as the place along an edge, that of anywhere in the range searched.
+    in [-1, 1]; covariance (N, 4, 4) of (x, y, angle, scale), from the grey levels that the template does not explain;
+    of what it does not show, as the place along an edge, that of anywhere in the range searched.
     complete: whether no maximum of the coarse search was dropped that could have become a better first peak.
     """
 
