@@ -7,20 +7,19 @@ import numpy as np
 from cadcam.arrays import Array
 
 _ROUNDS = 4
-_PARTS = 6  # steps in which the share of chosen measurements grows
 _LEAST = 1e-4  # information on each unknown that is there anyway, in shares of the mean: some may not be determined
 
 
-def design(rows: Array, share: Array, *, most: float = 0.6, enough: float = 0.6) -> Array:
+def design(rows: Array, share: Array, *, most: float = 0.6, enough: float = 0.6, poor: float = 0.35) -> Array:
     """Return the share (N,) of measurements to make at each of N places; the sum is 1.
 
     rows (N, k): derivatives of a measurement there by the unknowns, in comparable units; share (N,): of measurements
     made there without a choice. The D-optimal design minimises the volume of the unknowns' confidence ellipsoid. But it
-    makes nearly all measurements at few places, which is wrong where some of these are not what they seem. So as few of
-    them as possible are made by it, at most the share `most`: as many as make all of them `enough` of its efficiency,
-    the k-th root of the ratio of the information's determinants. Some rounds of the multiplicative algorithm come near
-    it (S. D. Silvey, D. M. Titterington, B. Torsney, Comm. Statist. Theory Methods A 7, 1978): the share of a place
-    grows by how much it tells beyond what all places tell.
+    makes nearly all measurements at few places, which is wrong where some of these are not what they seem. So none are
+    made by it where those without a choice are `enough` of its efficiency, the k-th root of the ratio of the
+    information's determinants; `most` of them where these are `poor`; between in proportion. Some rounds of the
+    multiplicative algorithm come near it (S. D. Silvey, D. M. Titterington, B. Torsney, Comm. Statist. Theory Methods
+    A 7, 1978): the share of a place grows by how much it tells beyond what all places tell.
     """
     even: Array = share / share.sum()
     best, k = even, rows.shape[1]
@@ -34,9 +33,6 @@ def design(rows: Array, share: Array, *, most: float = 0.6, enough: float = 0.6)
         best /= best.sum()
     by_chance, by_design = ((rows.T * each) @ rows for each in (even, best))
     anyway = _LEAST * float(np.trace(by_design)) / k * np.eye(k)
-    chosen = np.linspace(0, most, _PARTS + 1)
-    mixed = by_chance + chosen[:, None, None] * (by_design - by_chance) + anyway
-    efficiency = np.exp((np.linalg.slogdet(mixed)[1] - np.linalg.slogdet(by_design + anyway)[1]) / k)
-    efficiency[-1] = np.inf
-    few = chosen[np.argmax(efficiency >= enough)]
-    return np.asarray((1 - few) * even + few * best)
+    efficiency = np.exp((np.linalg.slogdet(by_chance + anyway)[1] - np.linalg.slogdet(by_design + anyway)[1]) / k)
+    chosen = most * np.clip((enough - efficiency) / (enough - poor), 0, 1)
+    return np.asarray((1 - chosen) * even + chosen * best)
