@@ -22,7 +22,6 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.native.profiles import pulled
 
 _SEARCHED = 400  # samples used, of all photos together
-_CHOSEN = 0.6  # share of them that lie where they tell the pose best, not evenly
 _SOFTNESS, _REACH = 0.6, 1.5  # width of the kernel and search range, relative to the possible error of the lines
 _SHRINKS = 0.5  # ratio from one round to the next
 _LAST = (3, 0.7)  # search range and width of the last round, px: the width of an edge
@@ -49,9 +48,9 @@ def attracted(sights: Sequence[Sight], start: Rigid, freedom: Freedom, *, search
 
 
 def telling_samples(sight: Sight, pose: Rigid, most: int) -> Sight:
-    """Return the sight with about `most` of its samples, three fifths of them where they determine the pose best.
+    """Return the sight with about `most` of its samples: as many evenly as determine the pose, else where they do best.
 
-    Of a long bar these are at its ends. pose: world_from_part near which the samples are used.
+    Of a long bar three fifths are at its ends. pose: world_from_part near which the samples are used.
     """
     n, p = len(sight.samples), sight.samples.p
     if n <= most:
@@ -61,7 +60,7 @@ def telling_samples(sight: Sight, pose: Rigid, most: int) -> Sight:
     radius = np.sqrt(np.einsum("ij,ij->", away, away) / n)
     row = np.nan_to_num(sight.project(pose).row)
     turned = (row[:, 3:] + row[:, :3] @ hat(middle)) / radius  # about the middle
-    share = most * design(np.concatenate([row[:, :3], turned], axis=1), np.ones(n), chosen=_CHOSEN)
+    share = most * design(np.concatenate([row[:, :3], turned], axis=1), np.ones(n))
     before = np.cumsum(np.minimum(share, 1.0))
     return sight.select(np.diff(np.floor(before + 0.5), prepend=0.0) > 0)
 

@@ -21,7 +21,7 @@ from cadcam.locate.views.drawing import PLACES, SIZE
 from cadcam.native.fields import PLACE
 from cadcam.whole import write_whole
 
-_VERSION = 3  # of the format of aspects: files of other versions have other names
+_VERSION = 4  # of the format of aspects: files of other versions have other names
 _NAMES = ("key", "distance", "length", "count", "places", "line", "telling")
 _MOST_BYTES = 256 * 2**20  # of all files together; the oldest are removed
 

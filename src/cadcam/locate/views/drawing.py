@@ -31,7 +31,6 @@ PLACES = 320  # samples of the visible edges of one view
 SIZE, FILLED = 400, 0.9  # picture size, px, and the share of it that the part fills: the scale `approach` works at
 _BATCH = 16  # pictures for which samples are chosen at once
 _SHORTEST = 0.004  # of the picture size: lines with a shorter visible length get no sample
-_CHOSEN = 0.6  # share of the telling samples that lie where they tell the pose best, not evenly
 _BEND_PX = 0.1  # tolerance to which a polyline may be simplified
 GOLDEN = (math.sqrt(5) - 1) / 2  # the fractional parts of its first n multiples are spread evenly, whatever n is
 _RANK = np.argsort(np.argsort(np.modf(np.arange(PLACES) * GOLDEN)[0]))  # any first n are spread evenly
@@ -105,7 +104,7 @@ class Drawer:
         return ShownEdges(places, numbers, telling, float(steps.length.sum()))
 
     def _design(self, steps: _Steps, depth: Array) -> Array:
-        """Return the share (N,) of samples that each piece gets, most of them by what it tells of the pose.
+        """Return the share (N,) of samples that each piece gets, by length and by what it tells of the pose.
 
         Nearly all of a long bar's lines run along it, and are the same wherever it is shifted to: only its ends, a
         fiftieth of them, tell where it is. depth (4,): as of `_shown`.
@@ -116,7 +115,7 @@ class Drawer:
         normal = np.cross(steps.b - steps.a, middle - eye)  # of the plane that a piece is seen in
         normal /= np.linalg.norm(normal, axis=1, keepdims=True) * np.linalg.norm(middle - eye, axis=1, keepdims=True)
         rows = np.concatenate([normal, np.cross((middle - self._centre) / self._radius, normal)], axis=1)
-        return design(np.nan_to_num(rows), steps.length, chosen=_CHOSEN)
+        return design(np.nan_to_num(rows), steps.length)
 
     def _numbers(self, steps: _Steps) -> Longs:
         """Return the number (N,) of the line that each piece is on: its chain or, after all chains, its contour."""
