@@ -77,7 +77,9 @@ def test_an_egl_that_does_not_answer_is_named_with_what_to_install(
     pytest.importorskip("moderngl", reason="needs the extra gl")
     monkeypatch.setenv("CADCAM_LIBEGL", "libNoSuchEGL.so")
     found = findings(cadcam("doctor", "--json"))["OpenGL"]
-    assert (found["there"], found["found"]) == (False, "libNoSuchEGL.so not loaded")
+    assert not found["there"]
+    # a machine without any OpenGL lacks another library first
+    assert found["found"] in ("libNoSuchEGL.so not loaded", "libOpenGL.so.0 not loaded")
     assert "apt install libegl1" in str(found["remedy"])
 
 

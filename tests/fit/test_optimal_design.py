@@ -45,7 +45,11 @@ def test_units_of_the_unknowns_change_little() -> None:
 
 def test_unknowns_that_no_measurement_tells_do_no_harm() -> None:
     rows = np.concatenate([PARABOLA, np.zeros((201, 2))], axis=1)
-    np.testing.assert_allclose(design(rows, EVEN, most=1.0, enough=10.0, poor=9.0), design(PARABOLA, EVEN, most=1.0, enough=10.0, poor=9.0), rtol=0.02)
+    np.testing.assert_allclose(
+        design(rows, EVEN, most=1.0, enough=10.0, poor=9.0),
+        design(PARABOLA, EVEN, most=1.0, enough=10.0, poor=9.0),
+        rtol=0.02,
+    )
     assert np.isfinite(design(np.zeros((5, 3)), np.ones(5), most=0.5)).all()
 
 

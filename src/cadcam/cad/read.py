@@ -155,10 +155,14 @@ def _bytes(path: Path) -> bytes:
 def _refuse_missing(path: Path) -> None:
     if path.is_dir():
         raise UnreadableFile(path, "is a folder", "name a file in it")
-    if not path.exists():
+    try:
+        path.stat()  # not exists(): from Python 3.14 on a name too long, say, is to that a file that does not exist
+    except (FileNotFoundError, NotADirectoryError):
         others = [p.name for p in path.parent.iterdir()] if path.parent.is_dir() else []
         near = get_close_matches(path.name, others, n=1)
-        raise UnreadableFile(path, "does not exist", f"did you mean {near[0]!r}?" if near else "check the name")
+        raise UnreadableFile(
+            path, "does not exist", f"did you mean {near[0]!r}?" if near else "check the name"
+        ) from None
 
 
 def _refuse_unknown(path: Path) -> None:
