@@ -10,7 +10,7 @@ import pytest
 from cadcam.arrays import Array
 from cadcam.errors import MissingCore
 from cadcam.image import match_covariance
-from cadcam.image.correlate import CorrelateOptions, Peaks, correlate
+from cadcam.image.correlate import Peaks, correlate
 from cadcam.image.template import Template
 from cadcam.image.undetermined import undetermined
 from cadcam.native import core
