@@ -87,8 +87,8 @@ class Peaks(Brief):
 
     q (N, 2) px: the template's centre; angle (N,) rad from the picture's x towards its y axis; scale (N,); score (N,)
     in [-1, 1]; covariance (N, 4, 4) of (x, y, angle, scale), from the grey levels that the template does not explain;
-    of what it does not show, as the place along an edge, that of anywhere in the range searched.
-    complete: whether no maximum of the coarse search was dropped that could have become a better first peak.
+    of what it does not show, as the place along an edge, that of anywhere searched. complete: whether no
+    maximum of the coarse search was dropped that could have become a better first peak.
     """
 
     q: Array
@@ -350,22 +350,19 @@ def _peaks(picture: Pyramid, template: Template, poses: Array, options: Correlat
     allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])
+    plane, points = picture.level(1), template.settling(options.motions)
+    range_of = _searched_over(picture, template, options)
     covariance = peak_covariances(
-        picture.level(1),
-        template.settling(options.motions),
-        poses,
-        score,
-        range_of=_searched_over(picture, template, options),
-        climb=lambda starts, steps: refined(starts, iterations=steps)[0],
+        plane, points, poses, score, range_of, lambda starts, steps: refined(starts, iterations=steps)[0]
     )
     return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance)
 
 
 def _searched_over(picture: Pyramid, template: Template, options: CorrelateOptions) -> Array:
     """Return over how many px in x and y, rad, and shares of the scale a template is looked for."""
-    step = template.step(template.coarsest())  # half of it beyond either end
-    turn = min(options.angles[1] - options.angles[0] + step, 2 * math.pi)
-    return np.array([*picture.size, turn, math.log(options.scales[1] / options.scales[0]) + step])
+    step = template.step(template.coarsest())
+    turn, growth = options.angles[1] - options.angles[0], math.log(options.scales[1] / options.scales[0])
+    return np.array([*picture.size, min(turn + step, 2 * math.pi), growth + step])
 
 
 def _within(poses: Array, template: Template, options: CorrelateOptions) -> Mask:

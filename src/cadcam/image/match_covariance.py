@@ -31,6 +31,10 @@ _CLEARLY = 6.0
 # Less, but as much as noise by itself, counts if climbs from so many px at the rim, where noise has other peaks, all
 # end within a quarter of it.
 _AT_LEAST, _AWAY = 1.0, (4.0, 8.0)
+_FAIRLY, _NEAR = (
+    3.0,
+    (2.0,),
+)  # what noise hardly reaches is looked into less far off: a thin line draws no climb from 4 px
 _CLIMB = ((8, 0.8), (40, 0.25))  # after so many steps, what share of the way may be left
 _HIGH = 0.8  # share of the best score from which peaks are looked into so; lower ones, mostly false, take most time
 _BY_NOISE = 8.0  # sd, of white noise, of a share of a motion that the noise of smoothed slopes (twice that) may feign
@@ -54,7 +58,8 @@ def peak_covariances(
             H, clear = _shown(picture, slopes, pose, points.count)
         known = clear > _CLEARLY
         for i in np.flatnonzero(~known & (clear > _AT_LEAST)) if looked_into else ():
-            known[i] = _returned_to(slopes, slopes.motions[:, i] / slopes.px[i], pose, range_of, climb)
+            from_px = _NEAR if clear[i] > _FAIRLY else _AWAY
+            known[i] = _returned_to(slopes, slopes.motions[:, i] / slopes.px[i], pose, range_of, climb, from_px)
         each.append(_covariance(slopes, _per_motion(pose, motions), H, known, of, range_of))
     return np.array(each).reshape(-1, 4, 4)
 
@@ -88,13 +93,18 @@ def _shown(picture: Picture, slopes: _Slopes, pose: Array, most: int) -> tuple[A
 
 
 def _returned_to(
-    slopes: _Slopes, per_px: Array, pose: Array, range_of: Array, climb: Callable[[Array, int], Array]
+    slopes: _Slopes,
+    per_px: Array,
+    pose: Array,
+    range_of: Array,
+    climb: Callable[[Array, int], Array],
+    from_px: tuple[float, ...],
 ) -> bool:
     """Return whether climbs from either side along a motion (m,), given for a px at the rim, return to a peak."""
     along = _per_motion(pose, len(per_px)) @ per_px
     most = 0.5 / float(np.linalg.norm(along / range_of))
     px = np.array([1.0, 1.0, pose[3] * slopes.rim, slopes.rim])
-    for away in (sign * min(far, most) for far in _AWAY for sign in (-1, 1)):
+    for away in (sign * min(far, most) for far in from_px for sign in (-1, 1)):
         there = pose + away * along
         for steps, share in _CLIMB:
             there = climb(there[None], steps)[0]
