@@ -31,12 +31,9 @@ _CLEARLY = 6.0
 # Less, but as much as noise by itself, counts if climbs from so many px at the rim, where noise has other peaks, all
 # end within a quarter of it.
 _AT_LEAST, _AWAY = 1.0, (4.0, 8.0)
-_FAIRLY, _NEAR = (
-    3.0,
-    (2.0,),
-)  # what noise hardly reaches is looked into less far off: a thin line draws no climb from 4 px
+_FAIRLY, _NEAR = 3.0, (2.0,)  # what noise hardly reaches, from less far off: a thin line draws no climb from 4 px
 _CLIMB = ((8, 0.8), (40, 0.25))  # after so many steps, what share of the way may be left
-_HIGH = 0.8  # share of the best score from which peaks are looked into so; lower ones, mostly false, take most time
+_HIGH = 0.98  # share of the best score from which peaks are looked into so: the first, and those that may be it
 _BY_NOISE = 8.0  # sd, of white noise, of a share of a motion that the noise of smoothed slopes (twice that) may feign
 _EXACT = 1e-12  # of what the best motion shows (squared): less is rounding
 
@@ -57,9 +54,8 @@ def peak_covariances(
         if looked_into and clear.min() <= _CLEARLY:
             H, clear = _shown(picture, slopes, pose, points.count)
         known = clear > _CLEARLY
-        for i in np.flatnonzero(~known & (clear > _AT_LEAST)) if looked_into else ():
-            from_px = _NEAR if clear[i] > _FAIRLY else _AWAY
-            known[i] = _returned_to(slopes, slopes.motions[:, i] / slopes.px[i], pose, range_of, climb, from_px)
+        if looked_into:
+            known |= _returned_to(slopes, pose, clear, range_of, climb)
         each.append(_covariance(slopes, _per_motion(pose, motions), H, known, of, range_of))
     return np.array(each).reshape(-1, 4, 4)
 
@@ -93,26 +89,28 @@ def _shown(picture: Picture, slopes: _Slopes, pose: Array, most: int) -> tuple[A
 
 
 def _returned_to(
-    slopes: _Slopes,
-    per_px: Array,
-    pose: Array,
-    range_of: Array,
-    climb: Callable[[Array, int], Array],
-    from_px: tuple[float, ...],
-) -> bool:
-    """Return whether climbs from either side along a motion (m,), given for a px at the rim, return to a peak."""
-    along = _per_motion(pose, len(per_px)) @ per_px
-    most = 0.5 / float(np.linalg.norm(along / range_of))
+    slopes: _Slopes, pose: Array, clear: Array, range_of: Array, climb: Callable[[Array, int], Array]
+) -> Mask:
+    """Return which motions (m,) that do not show clearly lead back to a peak by climbs from either side."""
+    motions = len(clear)
+    along = (_per_motion(pose, motions) @ (slopes.motions / slopes.px)).T  # (m, 4), of a px at the rim
+    most = 0.5 / np.linalg.norm(along / range_of, axis=1)
+    asked = np.flatnonzero((clear > _AT_LEAST) & (clear <= _CLEARLY))
+    tried = [(i, sign * far) for i in asked for far in (_NEAR if clear[i] > _FAIRLY else _AWAY) for sign in (-1, 1)]
+    back = np.isin(np.arange(motions), asked)
+    if not tried:
+        return back
+    motion, away = (np.array(column) for column in zip(*tried, strict=True))
+    away = np.clip(away, -most[motion], most[motion])
+    there = pose + away[:, None] * along[motion]
     px = np.array([1.0, 1.0, pose[3] * slopes.rim, slopes.rim])
-    for away in (sign * min(far, most) for far in from_px for sign in (-1, 1)):
-        there = pose + away * along
-        for steps, share in _CLIMB:
-            there = climb(there[None], steps)[0]
-            left = there - pose
-            left[2] = (left[2] + math.pi) % (2 * math.pi) - math.pi
-            if not np.linalg.norm(left * px) < share * pose[3] * abs(away):
-                return False
-    return True
+    for steps, share in _CLIMB:
+        left = back[motion]
+        motion, away, there = motion[left], away[left], climb(there[left], steps)
+        off = there - pose
+        off[:, 2] = (off[:, 2] + math.pi) % (2 * math.pi) - math.pi
+        back[motion[~(np.linalg.norm(off * px, axis=1) < share * pose[3] * np.abs(away))]] = False
+    return back
 
 
 def _covariance(slopes: _Slopes, per_motion: Array, H: Array, known: Mask, noise: float, range_of: Array) -> Array:
