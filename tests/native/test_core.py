@@ -6,6 +6,7 @@ import os
 import re
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -161,6 +162,29 @@ def fuzz(tmp_path: Path, scenes: int, core_objects: list[str], vectors: str, har
     done = subprocess.run([str(program), str(scenes)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr[-4000:]
     assert done.stdout.startswith(f"{scenes} scenes")
+
+
+LOADED_AGAIN = """
+import numpy as np
+from cadcam.native import core
+from cadcam.native.rays import NativeRays
+
+def cast():
+    rays = NativeRays(1e6 * np.eye(3), np.arange(3, dtype=np.int32)[None])
+    return rays.first_hit(np.zeros((1, 3)), np.full((1, 3), 3**-0.5), np.array([np.inf]))
+
+first = cast()
+core.library.cache_clear()
+for _ in range(100):
+    assert cast() == first == [0]
+print("freed")
+"""
+
+
+def test_what_a_library_made_is_freed_by_it_though_the_core_was_loaded_again() -> None:
+    """The other's function is not told that it takes a pointer, and cuts it to 32 bits."""
+    done = subprocess.run([sys.executable, "-c", LOADED_AGAIN], capture_output=True, text=True, timeout=60, check=False)
+    assert done.stdout == "freed\n", done.stderr
 
 
 @pytest.mark.parametrize("vectors", ["avx2", "baseline"])

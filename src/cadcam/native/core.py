@@ -10,7 +10,7 @@ import ctypes as c
 import sys
 import threading
 import weakref
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 
@@ -101,11 +101,11 @@ def choose_variant(level: int) -> str:
 class Handle:
     """An object of the core, freed with the last reference to it."""
 
-    def __init__(self, made: int | None, free: str, what: str) -> None:
+    def __init__(self, made: int | None, free: Callable[[int], None], what: str) -> None:
         if not made:
             raise NotEnoughMemory(f"there is not enough memory for {what}")
         self.address = made
-        weakref.finalize(self, getattr(library(), free), made)
+        weakref.finalize(self, free, made)  # that of the library which made it: another's may not know its arguments
 
 
 class NativeScene(Handle):
@@ -127,7 +127,7 @@ class NativeScene(Handle):
             raise BadValue("faces", f"of shape {faces.shape}", f"shape ({len(part)}, 3), one row a part and a colour")
         shape, look = addresses(vertices, faces), addresses(part, paint, colors)
         made = library().cc_scene_new(*shape, len(faces), *look, len(colors))
-        super().__init__(made, "cc_scene_free", f"a scene of {len(faces)} triangles")
+        super().__init__(made, library().cc_scene_free, f"a scene of {len(faces)} triangles")
 
     def hides(self, points: Array, eye: Array, tolerance: float) -> Mask:
         """Return which points (N, 3) mm faces hide from the eye (3,), faces in a plane within `tolerance` excepted."""
@@ -145,14 +145,14 @@ class NativeLens(Handle):
         height, width = points.shape[:2]
         self.size = (width, height)
         made = library().cc_lens_new(points.ctypes.data, width, height)
-        super().__init__(made, "cc_lens_free", f"a lens table of {width} x {height} px")
+        super().__init__(made, library().cc_lens_free, f"a lens table of {width} x {height} px")
 
 
 class Worker(Handle):
     """The scratch memory of one thread."""
 
     def __init__(self) -> None:
-        super().__init__(library().cc_worker_new(), "cc_worker_free", "a thread's scratch")
+        super().__init__(library().cc_worker_new(), library().cc_worker_free, "a thread's scratch")
 
 
 class RasterFrame(Handle):
@@ -161,7 +161,7 @@ class RasterFrame(Handle):
     def __init__(self, scene: NativeScene, request: Request) -> None:
         self._kept = (scene, request)  # the core holds pointers to them
         made = library().cc_frame_new(scene.address, c.byref(request))
-        super().__init__(made, "cc_frame_free", f"a picture of {request.width} x {request.height} px")
+        super().__init__(made, library().cc_frame_free, f"a picture of {request.width} x {request.height} px")
 
     def look(self) -> None:
         """Find the triangles that may be visible, until no share of them is left."""

@@ -30,7 +30,7 @@ class NativeRays(Handle):
     def __init__(self, vertices: Array, faces: Ids) -> None:
         vertices, faces = np.ascontiguousarray(vertices, np.float64), np.ascontiguousarray(faces, np.int32)
         made = _core().cc_rays_new(*addresses(vertices, faces), len(faces))
-        super().__init__(made, "cc_rays_free", f"a tree of {len(faces)} triangles")
+        super().__init__(made, _core().cc_rays_free, f"a tree of {len(faces)} triangles")
 
     def first_hit(self, origins: Array, directions: Array, reach: Array) -> Ids:
         """Return the first face (N,) that rays from origins along directions (N, 3) meet up to reach (N,), or -1."""
