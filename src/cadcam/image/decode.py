@@ -138,7 +138,7 @@ def _pillow_samples(image: Image.Image) -> tuple[npt.NDArray[Any], int, float | 
         mode = "RGBA"
     if image.format == "TIFF":
         stated = image.tag_v2.get(_BITS, (bits,))[0]  # type: ignore[attr-defined]  # of a TIFF
-        if bits == 8 and _SIGNED in image.tag_v2.get(_SAMPLE_FORMAT, ()):  # type: ignore[attr-defined]
+        if bits == 8 and _SIGNED in image.tag_v2.get(_SAMPLE_FORMAT, ()):  # type: ignore[attr-defined]  # of a TIFF
             raise ValueError("its 8-bit samples are signed")  # Pillow takes -1 for 255
         if bits == 16 and 8 < stated < 16:  # 12, packed: two samples in three bytes
             bits, white = stated, float((1 << stated) - 1)
