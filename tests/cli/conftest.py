@@ -36,3 +36,13 @@ def job(tmp_path: Path) -> Path:
     """Return a folder with the job's files."""
     make_job(tmp_path)
     return tmp_path
+
+
+@pytest.fixture
+def unread(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody reads the tables, as of `cadcam ... | head -3`: printing them fails."""
+
+    def gone(*_: object) -> None:
+        raise RuntimeError
+
+    monkeypatch.setattr("cadcam.report.table.show", gone)

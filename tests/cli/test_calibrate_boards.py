@@ -47,6 +47,12 @@ def test_pictures_become_a_camera_file_poses_and_pictures_of_what_was_found(
     assert read_picture(tmp_path / "found" / names[0]).shape == (360, 480, 3)
 
 
+@pytest.mark.usefixtures("unread")
+def test_the_camera_is_kept_even_if_nobody_reads_the_tables(cadcam: Cadcam, folder: Path, tmp_path: Path) -> None:
+    assert cadcam("calibrate", folder, "--board", CHESS, "--no-advice", "-o", tmp_path / "camera.json").code != 0
+    assert read_camera(tmp_path / "camera.json").estimate is not None
+
+
 def test_pictures_of_one_name_in_two_folders_keep_a_pose_each(cadcam: Cadcam, folder: Path, tmp_path: Path) -> None:
     places = [tmp_path / where / name for where in ("one", "two") for name in ("a.png", "b.png")]
     for place, picture in zip(places, sorted(folder.glob("*.png")), strict=True):

@@ -115,15 +115,8 @@ def test_of_many_distances_the_table_shows_the_worst_and_a_file_all(cadcam: Cadc
     assert [abs(d) / U for _, U, _, d in shown] == pytest.approx(ratios[:20], rel=0.02)
 
 
-def test_what_was_measured_is_kept_even_if_nobody_reads_the_tables(
-    cadcam: Cadcam, folder: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """As in `cadcam station measure ... --log FILE | head -3`: the reader goes away, the measurements stay."""
-
-    def gone(*_: object) -> None:
-        raise RuntimeError
-
-    monkeypatch.setattr("cadcam.cli.station.measuring.print_tables", gone)
+@pytest.mark.usefixtures("unread")
+def test_what_was_measured_is_kept_even_if_nobody_reads_the_tables(cadcam: Cadcam, folder: Path) -> None:
     ran = cadcam(*MEASURE, *BOTH, "--log", "unread.jsonl", "--store", "unread.sqlite", "--block", "B1")
     assert ran.code != 0
     assert len((folder / "unread.jsonl").read_text().splitlines()) == 12
@@ -155,12 +148,33 @@ def test_the_map_is_printed_and_drawn(cadcam: Cadcam, folder: Path) -> None:
     assert scales[0] != scales[1]  # the plot's scale is that of what the table says
 
 
-def test_a_known_mark_recalibrates(cadcam: Cadcam, folder: Path) -> None:
+@pytest.mark.usefixtures("unread")
+def test_what_was_calibrated_and_drawn_is_kept_even_if_nobody_reads_the_tables(cadcam: Cadcam, folder: Path) -> None:
+    pytest.importorskip("matplotlib")
+    assert cadcam(*CALIBRATE, "-o", "unread.json").code != 0
+    assert read_station(folder / "unread.json").camera == "6"
+    assert cadcam("station", "map", "unread.json", "--plot", "unread.svg").code != 0
+    assert (folder / "unread.svg").exists()
+    one = _one_mark(folder)
+    x, y = cadcam("station", "measure", *one, "--station-file", "station_6.json", "--json").json["measured"][0][
+        "point_mm"
+    ]
+    known = ("--known", f"{x!r},{y + 200!r}")
+    assert cadcam("station", "recalibrate", "station_6.json", *one, *known, "-o", "today.json").code != 0
+    assert read_station(folder / "today.json").camera == "6"
+
+
+def _one_mark(folder: Path) -> tuple[str, ...]:
+    """Return the options that give one mark, seen by camera 6."""
     pixels = (folder / "day_pixels.csv").read_text().splitlines()
     positions = {line.split(",")[0]: line for line in (folder / "day_positions.csv").read_text().splitlines()[1:]}
     row = next(line for line in pixels[1:] if positions[line.split(",")[1]].split(",")[1] == "6")
     (folder / "one.csv").write_text(f"{pixels[0]}\n{row}\n")
-    given = ("--pixels", "one.csv", "--positions", "day_positions.csv")
+    return ("--pixels", "one.csv", "--positions", "day_positions.csv")
+
+
+def test_a_known_mark_recalibrates(cadcam: Cadcam, folder: Path) -> None:
+    given = _one_mark(folder)
     x, y = cadcam("station", "measure", *given, "--station-file", "station_6.json", "--json").json["measured"][0][
         "point_mm"
     ]

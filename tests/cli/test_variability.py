@@ -106,6 +106,14 @@ def test_the_figures_are_written_and_named(cadcam: Cadcam, points: Path, tmp_pat
         assert np.ptp(picture) > 0.5
 
 
+@pytest.mark.usefixtures("unread")
+def test_the_figures_are_kept_even_if_nobody_reads_the_tables(cadcam: Cadcam, points: Path, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    none = ("--draws", "0", "--steps", "0")
+    assert cadcam("variability", points, "--size", "320x240", *none, "--plots", tmp_path / "figures").code != 0
+    assert len(list((tmp_path / "figures").iterdir())) == 2
+
+
 def test_first_order_alone_has_two_figures_of_any_kind(cadcam: Cadcam, points: Path, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
     words = ("--draws", "0", "--steps", "0", "--plots", tmp_path / "figures", "--format", "svg")

@@ -70,12 +70,14 @@ def run_boards(arguments: argparse.Namespace) -> None:
         calibration = calibrate_boards(found, bend=arguments.bend, **model)
         seen, views = coverage(calibration), next_views(calibration)
         nested = None if arguments.no_advice else nested_advice(calibration.fit)
+    written = _written(arguments, calibration)
     if arguments.json:
         advice = {} if nested is None else {"advice": [q.verdict for q in nested.questions]}
         print_json(boards_as_json(calibration, seen, views) | advice)
     else:
         print_tables(board_tables(calibration, seen, views, nested))
-    _write(arguments, calibration)
+    for line in written:
+        say(line)
 
 
 def board_model_as_asked(arguments: argparse.Namespace) -> dict[str, Any]:
@@ -133,23 +135,24 @@ def _write_found(folder: str, found: Sequence[BoardPicture], white: float | None
         write_picture(Path(folder) / f"{number:03d}_{Path(one.name).stem}_{state}.png", picture)
 
 
-def _write(arguments: argparse.Namespace, calibration: BoardCalibration) -> None:
-    """Write the files of -o, --pictures and --poses-out."""
+def _written(arguments: argparse.Namespace, calibration: BoardCalibration) -> list[str]:
+    """Write the files of -o, --pictures and --poses-out; return what was written, one line each."""
     from cadcam.calibrate.boards.coverage import coverage_picture
     from cadcam.files.camera import write_camera
     from cadcam.files.poses import write_poses
     from cadcam.image.picture import write_picture
 
-    estimate = calibration.estimate
+    estimate, said = calibration.estimate, []
     if arguments.output:
         write_camera(arguments.output, estimate.view(0))
-        say(f"wrote {arguments.output} (the pose in it is that of {estimate.views[0].source})")
+        said.append(f"wrote {arguments.output} (the pose in it is that of {estimate.views[0].source})")
     if arguments.pictures:
         write_picture(Path(arguments.pictures) / "coverage.png", coverage_picture(calibration))
-        say(f"wrote {len(calibration.pictures)} pictures and coverage.png into {arguments.pictures}")
+        said.append(f"wrote {len(calibration.pictures)} pictures and coverage.png into {arguments.pictures}")
     if arguments.poses_out:
         names = [Path(view.source).name for view in estimate.views]
         if len(set(names)) < len(names):  # pictures of one name in several folders
             names = list(estimate.names)
         write_poses(arguments.poses_out, {name: estimate.pose(j) for j, name in enumerate(names)})
-        say(f"wrote {arguments.poses_out}: {len(names)} poses")
+        said.append(f"wrote {arguments.poses_out}: {len(names)} poses")
+    return said

@@ -45,14 +45,14 @@ def calibrate(arguments: argparse.Namespace) -> None:
             positions.append(_position(arguments, find, survey, picture, shot))
             step()
     station = calibrate_gantry(camera, positions, repeatability=_repeatability(arguments.repeatability))
+    if arguments.output:
+        write_station(arguments.output, station)
     if arguments.json:
         print_json(station_as_json(station))
     else:
         tables = calibration_tables(station)
         print_tables(tables + (map_tables([p.name for p in positions], station.map()) if len(positions) > 1 else []))
-    if arguments.output:
-        write_station(arguments.output, station)
-        say_written(arguments.output)
+    say_written(arguments.output)
 
 
 def map_deviations(arguments: argparse.Namespace) -> None:
@@ -64,26 +64,28 @@ def map_deviations(arguments: argparse.Namespace) -> None:
     stations = read_stations(arguments.stations)
     if arguments.reference and len(stations) > 1:
         raise BadValue("--reference", f"given with {len(stations)} stations", "one: a position is of one station")
-    documents = []
-    for camera, station in stations.items():
-        names = [one.name for one in station.positions]
-        if arguments.reference and arguments.reference not in names:
-            raise UnknownName("position", arguments.reference, names)
-        reference = names.index(arguments.reference) if arguments.reference else None
-        seen = station.map(reference=reference)
-        documents.append(map_as_json(camera, names, seen))
-        if not arguments.json:
-            if len(stations) > 1:
-                print(f"camera {camera}\n")
-            print_tables(map_tables(names, seen) + ([pairs_table(names, seen.split)] if arguments.pairs else []))
-    if arguments.json:
-        print_json({"maps": documents})
+    names = {camera: [position.name for position in station.positions] for camera, station in stations.items()}
+    reference = None
+    if arguments.reference:
+        (positions,) = names.values()
+        if arguments.reference not in positions:
+            raise UnknownName("position", arguments.reference, positions)
+        reference = positions.index(arguments.reference)
+    maps = {camera: station.map(reference=reference) for camera, station in stations.items()}
     if arguments.plot:
         from cadcam.report.figures import write_figure
         from cadcam.report.station.plots import deviation_figure
 
         write_figure(arguments.plot, deviation_figure(stations, reference=reference))
-        say_written(arguments.plot)
+    if arguments.json:
+        print_json({"maps": [map_as_json(camera, names[camera], seen) for camera, seen in maps.items()]})
+    else:
+        for camera, seen in maps.items():
+            if len(maps) > 1:
+                print(f"camera {camera}\n")
+            pairs = [pairs_table(names[camera], seen.split)] if arguments.pairs else []
+            print_tables(map_tables(names[camera], seen) + pairs)
+    say_written(arguments.plot)
 
 
 def recalibrate(arguments: argparse.Namespace) -> None:
@@ -105,6 +107,8 @@ def recalibrate(arguments: argparse.Namespace) -> None:
         stated = f"{arguments.known!r}, {hypot(*off):.0f} mm from where the mark is measured"
         raise BadValue("--known", stated, "X,Y of this mark, in mm and in the axes of the survey")
     after = station.recalibrated(seen[0], known, sigma_mm=arguments.known_sigma)
+    if arguments.output:
+        write_station(arguments.output, after)
     if arguments.json:
         print_json(
             {"camera": station.camera, "mark": seen[0].name, "off_mm": off, "sigma_mm": before.sigma[0, :2].tolist()}
@@ -113,9 +117,7 @@ def recalibrate(arguments: argparse.Namespace) -> None:
         print_tables(sighting_tables(before, seen)[:1])
         done = "taken off everywhere" if arguments.output else "give -o FILE to take it off everywhere"
         print(f"off by {off[0]:+.2f}, {off[1]:+.2f} mm (x, y): {done}")
-    if arguments.output:
-        write_station(arguments.output, after)
-        say_written(arguments.output)
+    say_written(arguments.output)
 
 
 def report(arguments: argparse.Namespace) -> None:

@@ -132,12 +132,12 @@ def run(arguments: argparse.Namespace) -> None:
     studies = _studied(arguments, estimate)
     if studies.unmixed:
         say(f"Method B is left out: {studies.unmixed}")
+    written = _written(arguments, studies) if arguments.plots else []
     if arguments.json:
         print_json(_as_json(studies))
     else:
         print_tables(_tables(arguments, studies))
-    if arguments.plots:
-        say_written(*_written(arguments, studies))
+    say_written(*written)
 
 
 def _check(arguments: argparse.Namespace) -> None:
