@@ -33,6 +33,17 @@ def test_a_pgm_carries_its_shot_and_its_grey_values(tmp_path):
     assert header_shot(tmp_path / "plain.pgm") is None
 
 
+@pytest.mark.parametrize("camera", ["Süd", "Å 3", "南"])
+def test_a_camera_is_named_in_any_script(tmp_path, camera):
+    write_pgm(tmp_path / "p.pgm", GRAY, replace(SHOT, camera=camera))
+    assert read_shot(tmp_path / "p.pgm").camera == camera
+
+
+def test_headers_of_before_utf_8_are_read(tmp_path):
+    (tmp_path / "p.pgm").write_bytes("P5\n#Camera pos: 1 2\n# camera: Süd\n1 1\n255\n\0".encode("latin-1"))
+    assert read_shot(tmp_path / "p.pgm").camera == "Süd"
+
+
 def test_positions_keep_every_digit(tmp_path):
     shot = ShotPosition(1 / 3, 2e5 / 7)
     write_pgm(tmp_path / "p.pgm", GRAY, shot)

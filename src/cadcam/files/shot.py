@@ -106,7 +106,7 @@ def header_shot(picture: str | os.PathLike[str]) -> ShotPosition | None:
         raise UnreadableFile(path, error.strerror or str(error), "check the path") from error
     if data[:2] not in (b"P2", b"P3", b"P5", b"P6"):
         return None
-    text = "\n".join(_comments(data.decode("latin-1")))
+    text = _comments(data)
     found = _POSITION.search(text)
     if found is None:
         return None
@@ -207,17 +207,21 @@ def _time(path: str | os.PathLike[str], text: str) -> datetime:
     return time if time.tzinfo else time.replace(tzinfo=UTC)
 
 
-def _comments(text: str) -> list[str]:
-    """Return the comment lines of a PGM's header: those before its fourth number or word."""
+def _comments(header: bytes) -> str:
+    """Return the comment lines of a PGM's header, those before its fourth number or word; UTF-8, or Latin-1 of old."""
     out, words = [], 0
-    for line in text.splitlines():
-        before, hash_, after = line.partition("#")
+    for line in header.splitlines():
+        before, hash_, after = line.partition(b"#")
         words += len(before.split())
         if hash_:
-            out.append("#" + after)
+            out.append(b"#" + after)
         if words >= 4:
             break
-    return out
+    comments = b"\n".join(out)
+    try:
+        return comments.decode()
+    except UnicodeDecodeError:
+        return comments.decode("latin-1")
 
 
 def _row(file: TextFile, number: int, row: Mapping[str, str]) -> ShotPosition:
