@@ -22,8 +22,10 @@ def test_which_lens_for_two_metres_at_six_on_half_an_inch(cadcam: Cadcam) -> Non
 
 
 def test_an_f_number_without_pixels_says_what_is_missing(cadcam: Cadcam) -> None:
-    ran = cadcam("lens", "--sensor-size", "1/2", "--field-width", 2000, "--focus", 6000, "--f-number", 8)
-    assert "not known without the sensor's pixels" in ran.out
+    words = ("lens", "--sensor-size", "1/2", "--field-width", 2000, "--focus", 6000, "--f-number", 8)
+    assert "not known without the sensor's pixels" in cadcam(*words).out
+    said = cadcam(*words, "--json").json
+    assert (said["f_number"], "sharp_mm" in said) == (8, False)
 
 
 def test_nine_tenths_of_a_chip_need_their_pixels(cadcam: Cadcam) -> None:

@@ -37,18 +37,14 @@ def lens_table(optics: Optics) -> Table:
     if sensor.pixels is not None:
         mm = optics.mm_per_pixel
         rows.append(("pixel on the object", f"{mm[0]:.4g} x {mm[1]:.4g} mm"))
-    if optics.f_number is not None and sensor.pixels is not None:
-        near, far = optics.depth_of_field()
-        rows += [
-            ("opening", f"f/{optics.f_number:g}, {optics.aperture_mm:.3g} mm wide"),
-            ("sharp to a pixel", f"from {near:.5g} mm to {_distance(far)}"),
-            ("diffraction", f"Airy disc of {optics.diffraction_px():.3g} px"),
-        ]
-    elif optics.f_number is not None:
-        rows += [
-            ("opening", f"f/{optics.f_number:g}, {optics.aperture_mm:.3g} mm wide"),
-            ("sharp to a pixel", "not known without the sensor's pixels"),
-        ]
+    if optics.f_number is not None:
+        rows.append(("opening", f"f/{optics.f_number:g}, {optics.aperture_mm:.3g} mm wide"))
+        if sensor.pixels is None:
+            rows.append(("sharp to a pixel", "not known without the sensor's pixels"))
+        else:
+            near, far = optics.depth_of_field()
+            rows.append(("sharp to a pixel", f"from {near:.5g} mm to {_distance(far)}"))
+            rows.append(("diffraction", f"Airy disc of {optics.diffraction_px():.3g} px"))
     return Table(
         f"{optics.focal_mm:.4g} mm lens at {optics.distance_mm:.5g} mm",
         ("what", "value"),
@@ -72,13 +68,11 @@ def lens_as_json(optics: Optics) -> dict[str, Any]:
     }
     if sensor.pixels is not None:
         out["pixels"], out["mm_per_pixel"] = list(sensor.pixels), list(optics.mm_per_pixel)
-    if optics.f_number is not None and sensor.pixels is not None:
-        near, far = optics.depth_of_field()
-        out |= {
-            "f_number": optics.f_number,
-            "sharp_mm": [near, or_null(far)],
-            "airy_disc_px": optics.diffraction_px(),
-        }
+    if optics.f_number is not None:
+        out["f_number"] = optics.f_number
+        if sensor.pixels is not None:
+            near, far = optics.depth_of_field()
+            out["sharp_mm"], out["airy_disc_px"] = [near, or_null(far)], optics.diffraction_px()
     return out
 
 
