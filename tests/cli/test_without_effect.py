@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from cadcam.files.camera import write_camera
+
+from .job import CAMERA as CAMERA_ALONE
 from .job import Ran
 
 CAMERA = ("--camera", "camera.json")
@@ -42,6 +45,8 @@ CASES = [
     (("measure", "pixels.csv", *CAMERA, "--motion-sigma", "1,1"), "--motion-sigma"),
     (("measure", "pixels.csv", *CAMERA, "--joint"), "--joint"),
     (("decompose", "camera.json", "--rows", "uv"), "--rows"),
+    (("decompose", "P.txt", "--rows", "xy", "--near", "200"), "--near"),
+    (("decompose", "internals.json", "--far", "9000"), "--far"),
     (("convert", "camera.json", "-", "--fit"), "--fit"),
     (("convert", "camera.json", "-", "--pixel-pitch", "5"), "--pixel-pitch"),
     (("convert", "camera.json", "-", "--unit", "m"), "--unit"),
@@ -63,6 +68,8 @@ def test_an_option_that_would_change_nothing_is_refused(
     cadcam: Callable[..., Ran], job: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], option: str
 ) -> None:
     monkeypatch.chdir(job)
+    Path("P.txt").write_text("400 0 160 0\n0 400 120 0\n0 0 1 500\n")
+    write_camera("internals.json", CAMERA_ALONE)
     before = sorted(job.iterdir())
     ran = cadcam(*command)
     assert (ran.code, ran.out) == (2, "")

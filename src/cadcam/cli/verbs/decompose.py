@@ -56,6 +56,10 @@ def run(arguments: argparse.Namespace) -> None:
     """Print tables or JSON."""
     known = _read(arguments)
     sized = arguments.size is not None or _is_camera_file(arguments.file)
+    if not sized:
+        refuse(arguments, "--near", "--far", why="without --size", expected="both: OpenGL's values need the picture")
+    if known.camera_from_world is None:
+        refuse(arguments, "--near", "--far", why="for a camera without a pose", expected="a camera file with its pose")
     if arguments.json:
         print_json(_document(known, arguments, sized=sized))
     else:
