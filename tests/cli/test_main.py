@@ -167,6 +167,8 @@ def test_an_unknown_option_points_to_the_help_that_lists_the_known_ones(
         (["overlay", "a.png", "a.stl", "--shaded", "1.5"], "'1.5' is not an opacity from 0 (nothing) to 1 (opaque); "),
         (["lens", "--focal", "16mm"], "'16mm' is not a number; give it alone, in the unit that the help names"),
         (["lens", "--focal", "3,5"], "'3,5' is not a number; write a decimal point, not a comma"),
+        (["measure", "a.csv", "--between", "A"], "'A' is not two names with a comma between, such as A,B"),
+        (["station", "measure", "--station-file", "s.json", "--between", "A,B,C"], "'A,B,C' is not two names with a"),
         (["verify", "a.png", "a.stl", "--alarms", "1%"], "'1%' is not a share between 0 and 1, such as 0.01 for 1 %"),
     ],
 )

@@ -209,7 +209,6 @@ WRONG = {
     ),
     "plane": (["--moved", "away=left:motion.txt", "--plane", "0,0,1"], "NX,NY,NZ,D"),
     "output": (["-o", "points.xyz"], ".csv"),
-    "distance": (["--moved", "away=left:motion.txt", "--between", "A"], "two point names"),
     "unknown point": (["--moved", "away=left:motion.txt", "--between", "A,Z"], "unknown point 'Z'"),
 }
 

@@ -243,6 +243,14 @@ def names(text: str) -> tuple[str, ...]:
     return tuple(name.strip() for name in text.split(",") if name.strip())
 
 
+def pair(text: str) -> tuple[str, str]:
+    """Return the two names in a text such as A,B."""
+    given = names(text)
+    if len(given) != 2:
+        raise argparse.ArgumentTypeError(f"{text!r} is not two names with a comma between, such as A,B")
+    return given[0], given[1]
+
+
 def real(text: str) -> float:
     """Return the number in a text: 0, or between 1e-12 and 1e9 in size."""
     try:

@@ -68,9 +68,6 @@ def _measured(arguments: argparse.Namespace) -> _Measured:
     seen, shots = sightings(arguments, stations)
     _refuse_twice(seen)
     marks = measure.measure_marks(stations, seen, rule=arguments.rule, extrapolate=arguments.extrapolate)
-    for pair in arguments.between:
-        if len(pair) != 2:
-            raise BadValue("--between", ",".join(pair), "two mark names such as A,B")
     drawn = read_drawing(arguments.drawing) if arguments.drawing else {}
     return _Measured(marks, seen, [shot.time for shot in shots], stations, drawn, arguments.block or "")
 
@@ -83,15 +80,14 @@ def _refuse_twice(seen: Sequence[Sighting]) -> None:
 
 
 def _against_drawing(
-    measured: _Measured, of: Sequence[Sequence[str]]
+    measured: _Measured, of: Sequence[tuple[str, str]]
 ) -> tuple[tuple[DistanceCheck, ...], DifferenceTrend | None]:
     """Return the distances between pairs of marks, of all by default, and the trend of those without a common mark."""
     from cadcam.station.drawing import check_distances, independent, trend
 
     if not measured.drawn:
         return (), None
-    pairs = [(pair[0], pair[1]) for pair in of] or None
-    checks = check_distances(measured.marks, measured.drawn, pairs)
+    checks = check_distances(measured.marks, measured.drawn, of or None)
     apart = independent(checks)
     return checks, trend([c.difference for c in apart], [c.drawn for c in apart]) if len(apart) >= 3 else None
 

@@ -6,7 +6,7 @@ import argparse
 import math
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import Verbs, add_json, names, numbers, real, refuse, verb
+from cadcam.cli.arguments import Verbs, add_json, names, numbers, pair, real, refuse, verb
 from cadcam.cli.cameras import CameraFiles
 from cadcam.cli.output import check_target, print_json, print_tables, say, say_written
 from cadcam.errors import BadValue, UnknownName
@@ -125,7 +125,7 @@ def _add_point_options(parser: argparse.ArgumentParser) -> None:
     group.add_argument(
         "--between",
         action="append",
-        type=names,
+        type=pair,
         default=[],
         metavar="A,B",
         help="distance between two points; may be repeated",
@@ -169,21 +169,17 @@ def run(arguments: argparse.Namespace) -> None:
     say_written(arguments.output)
 
 
-def _distances(measured: Measurement, pairs: Sequence[Sequence[str]]) -> list[dict[str, Any]]:
-    lengths = measured.distances([(one, other) for one, other in pairs])
+def _distances(measured: Measurement, pairs: Sequence[tuple[str, str]]) -> list[dict[str, Any]]:
     return [
-        {"of": list(pair), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width}
-        for pair, d in zip(pairs, lengths, strict=True)
+        {"of": list(ends), "value": d.value, "sigma": d.sigma, "half_width_95": d.half_width}
+        for ends, d in zip(pairs, measured.distances(pairs), strict=True)
     ]
 
 
 def _check_options(arguments: argparse.Namespace) -> None:
-    """Refuse uncertainties of absent inputs, results that only JSON holds if none is written, and unknown distances."""
+    """Refuse uncertainties of absent inputs, and results that only JSON holds if none is written."""
     if arguments.sigma is not None and not arguments.sigma > 0:
         raise BadValue("--sigma", arguments.sigma, "a positive number of px")
-    for pair in arguments.between:
-        if len(pair) != 2:
-            raise BadValue("--between", ",".join(pair), "two point names such as A,B")
     if not (arguments.moved or arguments.placed):
         moved = "--moved or --placed beside it: nothing else was moved"
         refuse(arguments, "--motion-sigma", why="without a motion", expected=moved)

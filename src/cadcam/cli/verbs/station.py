@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 
-from cadcam.cli.arguments import Run, Verbs, add_jobs, add_json, job, names, real, seed, verb, whole
+from cadcam.cli.arguments import Run, Verbs, add_jobs, add_json, job, names, pair, real, seed, verb, whole
 from cadcam.cli.station import jobs as station_jobs
 from cadcam.cli.station import measuring
 from cadcam.cli.station import simulate as station_simulate
@@ -137,7 +137,7 @@ def _add_measure(jobs: Verbs) -> None:
     parser.add_argument(
         "--between",
         action="append",
-        type=names,
+        type=pair,
         default=[],
         metavar="A,B",
         help="only the distance between these two marks; may be repeated",
