@@ -22,12 +22,11 @@ from cadcam.arrays import Array, Brief
 from cadcam.camera.measurement import Measurement
 from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import as_json, or_null
-from cadcam.files.points import header_line, pixel_columns
-from cadcam.files.text import TextFile, lines_of_cells, number_in, read_text, rows_of_cells
+from cadcam.files.points import NAME_COLUMNS, header_line, pixel_columns
+from cadcam.files.text import TextFile, check_cells, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
-_NAMES = ("name", "id", "point", "label")
 _VIEWS = ("view", "camera", "viewpoint")
 
 
@@ -51,14 +50,12 @@ def read_pixels(path: str | os.PathLike[str], *, columns: Sequence[str] | None =
     lines = list(lines_of_cells(file))
     header = header_line(file, lines)
     x, y = pixel_columns(file, header, columns)
-    name, view = _column(file, header, _NAMES, "the point"), _column(file, header, _VIEWS, "the view that saw it")
+    name, view = _column(file, header, NAME_COLUMNS, "the point"), _column(file, header, _VIEWS, "the view that saw it")
     if len(lines) < 2:
         raise UnreadableFile(path, "has a header but no pixels", "add one line for each point that a view saw")
     seen: dict[tuple[str, str], tuple[int, list[float]]] = {}
     for line in lines[1:]:
-        if len(line.cells) != len(header):
-            counts = f"line {line.number} has {len(line.cells)} cells, the header {len(header)} ({', '.join(header)})"
-            raise UnreadableFile(path, counts, "give one cell for each column; decimals are written with a point")
+        check_cells(file, line, header)
         key = line.cells[name], line.cells[view]
         if not all(key):
             raise UnreadableFile(path, f"line {line.number} names no point or no view", "name both on every line")

@@ -25,12 +25,21 @@ from cadcam.arrays import Array
 from cadcam.cad.units import MM, unit_name
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
-from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text, rows_of_cells
+from cadcam.files.text import (
+    Line,
+    TextFile,
+    check_cells,
+    is_number,
+    lines_of_cells,
+    number_in,
+    read_text,
+    rows_of_cells,
+)
 from cadcam.kinds import expect, expect_known, expect_path
 from cadcam.whole import write_whole
 
 _WORLD = re.compile(r"([XYZxyz])(?:[_ ]?[\[(]?([A-Za-z]+)[\])]?)?")
-_NAME_COLUMNS = ("name", "id", "point", "label")
+NAME_COLUMNS = ("name", "id", "point", "label")
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +119,7 @@ def _layout(file: TextFile, header: tuple[str, ...], unit: str | None, columns: 
     pixel = pixel_columns(file, header, columns)
     world, mm = _world_columns(file, header, unit, taken=pixel)
     lower = [h.lower() for h in header]
-    name = next((lower.index(n) for n in _NAME_COLUMNS if n in lower), -1)
+    name = next((lower.index(n) for n in NAME_COLUMNS if n in lower), -1)
     sigma = lower.index("sigma_px") if "sigma_px" in lower else -1
     strange = next((h for i, h in enumerate(header) if lower[i].startswith("sigma") and i != sigma), None)
     if strange is not None:
@@ -212,10 +221,7 @@ def _chosen_pair(
 
 def _numbers(file: TextFile, layout: _Layout, line: Line) -> list[float]:
     """Return X, Y, Z in the file's unit and x, y in px."""
-    if len(line.cells) != len(layout.header):
-        counts = f"line {line.number} has {len(line.cells)} cells, the header {len(layout.header)}"
-        remedy = "give one cell for each column; decimals are written with a point, not a comma"
-        raise UnreadableFile(file.path, f"{counts} ({', '.join(layout.header)})", remedy)
+    check_cells(file, line, layout.header)
     where = (*layout.world, *layout.pixel)
     return [number_in(file, line.number, f"column {layout.header[i]}", line.cells[i]) for i in where]
 

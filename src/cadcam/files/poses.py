@@ -11,7 +11,7 @@ import numpy as np
 from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.jsontext import parsed
 from cadcam.files.matrix import POSES, pose_in, read_pose, same_way, stated
-from cadcam.files.text import Line, TextFile, lines_of_cells, number_in, read_text, rows_of_cells
+from cadcam.files.text import Line, TextFile, check_cells, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect, expect_path
@@ -81,10 +81,7 @@ def _in_text(file: TextFile) -> Iterator[tuple[str, Rigid]]:
     lines = lines_of_cells(file)
     columns = _columns(file, next(lines, Line(1, ())))
     for i, line in enumerate(lines):
-        if len(line.cells) != len(columns):
-            raise UnreadableFile(
-                file.path, f"line {line.number} has {len(line.cells)} cells", f"there are {len(columns)} columns"
-            )
+        check_cells(file, line, columns)
         cell = dict(zip(columns, line.cells, strict=True))
         numbers = np.array([number_in(file, line.number, c, cell[c]) for c in _NUMBERS])
         try:

@@ -34,7 +34,7 @@ import numpy.typing as npt
 from cadcam.errors import BadValue, UnreadableFile
 from cadcam.files.jsontext import parsed
 from cadcam.files.points import header_line
-from cadcam.files.text import TextFile, lines_of_cells, number_in, read_text, rows_of_cells
+from cadcam.files.text import TextFile, check_cells, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.image.picture import to_gray
 from cadcam.whole import write_whole
 
@@ -144,8 +144,7 @@ def read_positions(path: str | os.PathLike[str]) -> dict[str, ShotPosition]:
             raise UnreadableFile(path, f"has no column {name}", f"name the columns {', '.join(_COLUMNS)}")
     out: dict[str, ShotPosition] = {}
     for line in lines[1:]:
-        if len(line.cells) != len(header):
-            raise UnreadableFile(path, f"line {line.number} has {len(line.cells)} cells, the header {len(header)}")
+        check_cells(file, line, header)
         row = dict(zip(header, line.cells, strict=True))
         name = Path(row["picture"]).name
         if name in out:

@@ -132,6 +132,14 @@ def lines_of_cells(file: TextFile) -> Iterator[Line]:
             yield Line(number, tuple(c.strip() for c in cells))
 
 
+def check_cells(file: TextFile, line: Line, columns: Sequence[str]) -> None:
+    """Raise `UnreadableFile` naming the line unless it has a cell for each column."""
+    if len(line.cells) != len(columns):
+        counts = f"line {line.number} has {len(line.cells)} cells, the header {len(columns)} ({', '.join(columns)})"
+        remedy = "give one cell for each column; decimals are written with a point, not a comma"
+        raise UnreadableFile(file.path, counts, remedy)
+
+
 def rows_of_cells(header: Sequence[str], rows: Iterable[Sequence[str]]) -> bytes:
     """Return a header and rows, each starting with a name, as the CSV that `lines_of_cells` reads back.
 
