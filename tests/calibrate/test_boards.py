@@ -200,7 +200,10 @@ def test_coverage_counts_every_point_and_measures_the_tilts(calibration: BoardCa
     turned = np.array([(-turn[1], turn[0]) for turn, _, _ in VIEWS])  # turns about x, y, z together nearly add
     assert np.abs(seen.tilt_deg - turned).max() < 7
     assert seen.distance_mm == pytest.approx([np.hypot(d, np.hypot(*a)) for _, d, a in VIEWS], rel=2e-3)
-    assert coverage_picture(calibration).shape == (360, 480, 3)
+    picture = coverage_picture(calibration)
+    assert picture.shape == (360, 480, 3)
+    assert picture[0] == pytest.approx(picture[0, ::-1], abs=1e-6)  # its thirds: no point is in the top row
+    assert picture[:, 0] == pytest.approx(picture[::-1, 0], abs=1e-6)
 
 
 def test_what_the_views_lack_is_said() -> None:

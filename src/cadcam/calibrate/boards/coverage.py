@@ -154,7 +154,8 @@ def coverage_picture(calibration: BoardCalibration) -> Picture:
     out = np.ones((height, width, 3), dtype=np.float32)
     thick = max(width, height) / 640
     for k in range(1, 3):
-        lines = [[[k * width / 3, 0], [k * width / 3, height]], [[0, k * height / 3], [width, k * height / 3]]]
+        x, y = k * width / 3 - 0.5, k * height / 3 - 0.5
+        lines = [[[x, -0.5], [x, height - 0.5]], [[-0.5, y], [width - 0.5, y]]]
         out = draw_polylines(out, lines, color=(0.8, 0.8, 0.8), width=thick)
     for j, view in enumerate(estimate.views):
         color = _HUES[j % len(_HUES)]
