@@ -115,11 +115,6 @@ class CameraEstimate(Fitted):
         return set(self.free) <= set(EXTERNALS)
 
     @property
-    def stated_px(self) -> float | None:
-        """Return the observations' sigma_px."""
-        return self.observations.sigma_px
-
-    @property
     def rms_px(self) -> float:
         """Return the root mean square of one pixel coordinate, sqrt(sum(dU^2 + dV^2)/(2N)): thesis_residual/sqrt(2)."""
         return float(np.sqrt(self.sum_of_squares / (2 * len(self.observations))))

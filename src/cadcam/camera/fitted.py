@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -14,9 +15,11 @@ _CHANCE = 1e-3  # probability that any good view is named
 
 
 class Fitted(ABC):
-    """A result of least squares on image coordinates; subclasses give residuals, unknowns and stated noise."""
+    """A result of least squares on image coordinates; subclasses give residuals, unknowns and observations."""
 
     __slots__ = ()
+
+    observations: Any  # those of the subclass
 
     @property
     @abstractmethod
@@ -29,9 +32,10 @@ class Fitted(ABC):
         """Return the number of estimated parameters."""
 
     @property
-    @abstractmethod
     def stated_px(self) -> float | None:
         """Return the noise of one image coordinate as stated with the observations, px."""
+        stated: float | None = self.observations.sigma_px
+        return stated
 
     @property
     def sum_of_squares(self) -> float:
@@ -61,6 +65,11 @@ class Fitted(ABC):
         """
         noise = self.sigma0 if self.stated_px is None else self.stated_px
         return np.inf if noise is None else noise
+
+    @property
+    def noise_dof(self) -> float:
+        """Return the degrees of freedom behind the noise: inf where it was stated."""
+        return float(self.dof) if self.stated_px is None else np.inf
 
 
 def scaled(cofactor: Array, noise: float) -> Array:

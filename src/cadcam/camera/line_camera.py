@@ -205,11 +205,6 @@ class LineEstimate(Fitted, Brief):
         return 5
 
     @property
-    def stated_px(self) -> float | None:
-        """Return the observations' sigma_px."""
-        return self.observations.sigma_px
-
-    @property
     def covariance(self) -> Array:
         """Return the covariance (5, 5) of x, y (mm), alpha (rad), focal, U0 (px); inf where the noise is unknown."""
         return scaled(self.cofactor, self.noise_px)

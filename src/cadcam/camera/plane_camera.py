@@ -151,11 +151,6 @@ class PlaneEstimate(Fitted, Brief):
         return 8
 
     @property
-    def stated_px(self) -> float | None:
-        """Return the observations' sigma_px."""
-        return self.observations.sigma_px
-
-    @property
     def covariance(self) -> Array:
         """Return the covariance (9, 9) of the matrix' entries, row by row; inf where the noise is unknown."""
         return scaled(self.cofactor, self.noise_px)

@@ -182,7 +182,7 @@ class Viewpoint(Brief):
         with_internals[_POSE] = 0.0
         with_internals[_POSE, _EXTERNAL:] = -np.linalg.lstsq(J[:, _POSE], J[:, _EXTERNAL:], rcond=None)[0]
         alone = np.eye(J.shape[1])
-        found = (ErrorSource(f"points that located {name}", _covariance_of(name, pose), pose, _dof(pose)), alone)
+        found = (ErrorSource(f"points that located {name}", _covariance_of(name, pose), pose, pose.noise_dof), alone)
         errors = (*_calibration(name, estimate, with_internals), found)
         return _of(name, estimate, pose.camera_from_world, sigma_px, errors)
 
@@ -244,7 +244,7 @@ def _of(
     if sigma_px is not None:
         return Viewpoint(name, estimate.camera, pose, sigma_px, errors)
     return Viewpoint(
-        name, estimate.camera, pose, estimate.noise_px, errors, noise_from=estimate, noise_dof=_dof(estimate)
+        name, estimate.camera, pose, estimate.noise_px, errors, noise_from=estimate, noise_dof=estimate.noise_dof
     )
 
 
@@ -253,12 +253,7 @@ def _calibration(name: str, estimate: CameraEstimate, effect: Array) -> tuple[tu
     covariance = _covariance_of(name, estimate)
     if estimate.errors:
         return tuple((source, effect @ D) for source, D in estimate.errors)
-    return ((ErrorSource("calibration", covariance, estimate, _dof(estimate)), effect),)
-
-
-def _dof(estimate: CameraEstimate) -> float:
-    """Return the degrees of freedom of the noise behind an estimate's covariance: inf where it was stated."""
-    return np.inf if estimate.observations.sigma_px is not None else float(estimate.dof)
+    return ((ErrorSource("calibration", covariance, estimate, estimate.noise_dof), effect),)
 
 
 def _covariance_of(name: str, estimate: CameraEstimate) -> Array:

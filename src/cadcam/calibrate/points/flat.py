@@ -99,7 +99,7 @@ def measure_on_plane(
     _, px_by_point, px_by_entry = estimate.camera.project_with_jacobians(p[kept])
     point_by_px = np.eye(3)[:, :2] @ np.linalg.inv(px_by_point)  # in space: no height over the plane
     covariance = noise_px**2 * point_by_px @ np.swapaxes(point_by_px, -1, -2)
-    dof = float(estimate.dof) if estimate.stated_px is None else np.inf
+    dof = estimate.noise_dof
     noise = PixelNoise(covariance, estimate, dof) if sigma_px is None else PixelNoise(covariance, None, np.inf)
     nothing = np.full(int(kept.sum()), np.nan)
     return Measurement(
@@ -129,7 +129,7 @@ def _pixel_noise(estimate: PlaneEstimate, sigma_px: float | None) -> float:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _PlaneProblem:
-    """States are matrices of norm 1 in normalised coordinates of plane and picture."""
+    """States are matrices from plane (mm) to picture (px), of norm 1."""
 
     p: Array
     q: Array
