@@ -25,7 +25,7 @@ from cadcam.files.jsontext import Place, as_json_pieces, json_line, parsed, pars
 from cadcam.files.pose_estimate import pose_estimate_as_json, pose_estimate_at
 from cadcam.files.text import lines_of_text, read_text, spreadsheet_rows
 from cadcam.kinds import expect_each, expect_path
-from cadcam.record.record import UNITS, Deviation, Finding, Record, Source
+from cadcam.record.record import LIMITS, PLACE, ROTATION, UNITS, Deviation, Finding, Record, Source
 from cadcam.record.selection import Selection, batches
 from cadcam.whole import utf8, write_whole
 
@@ -33,9 +33,8 @@ FORMAT, VERSION = "cadcam records", 1
 SUFFIXES = (".csv", ".json", ".jsonl")
 _TEXTS = ("id", "part", "serial", "station", "verdict", "reason", "software")
 _FINDING = ("feature", "kind", "verdict", "reason")
-_LIMITS = ("deviation", "expanded_uncertainty", "lower", "upper")
 _MAX_BYTES = 1_000_000_000
-_POSE = ("x_mm", "y_mm", "z_mm", *(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3)))
+_POSE = (*PLACE, *ROTATION)
 _SIGMAS = ("sigma_x_mm", "sigma_y_mm", "sigma_z_mm", "sigma_rx_deg", "sigma_ry_deg", "sigma_rz_deg")
 
 
@@ -146,7 +145,7 @@ def as_csv(records: Sequence[Record] | Selection) -> Iterator[str]:
 
 
 def _columns(roles: Sequence[str]) -> list[str]:
-    limits = [f"{name}_{unit}" for unit in UNITS for name in _LIMITS]
+    limits = [f"{name}_{unit}" for unit in UNITS for name in LIMITS]
     deviation = ["feature", "kind", *limits, "k", "feature_verdict", "feature_reason"]
     head = ["time_utc", "part", "serial", "station", "verdict", "reason", "quality"]
     return [*head, *deviation, *_POSE, *_SIGMAS, *(f"{role}_sha256" for role in roles), "software", "id"]
@@ -176,7 +175,7 @@ def _finding_row(finding: Finding) -> dict[str, Any]:
 
 
 def _deviation_as_json(deviation: Deviation) -> dict[str, Any]:
-    limits = {f"{name}_{deviation.unit}": getattr(deviation, name) for name in _LIMITS}
+    limits = {f"{name}_{deviation.unit}": getattr(deviation, name) for name in LIMITS}
     return {"feature": deviation.feature, "kind": deviation.kind, **limits, "k": deviation.k} | {
         "verdict": deviation.verdict
     }

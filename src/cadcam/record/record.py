@@ -18,6 +18,9 @@ from cadcam.whole import plain
 
 VERDICTS = ("PASS", "FAIL", "UNDECIDED")
 UNITS = ("mm", "deg")
+LIMITS = ("deviation", "expanded_uncertainty", "lower", "upper")  # what is in the unit of a deviation
+PLACE = ("x_mm", "y_mm", "z_mm")  # of the part in the world, as columns name it
+ROTATION = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
 

@@ -11,8 +11,7 @@ import numpy as np
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.files.jsontext import or_null
 from cadcam.geometry.rigid import Rigid
-from cadcam.record.record import UNITS, Deviation, Finding, Record, Source
-from cadcam.record.schema import LIMITS, PLACE, ROTATION
+from cadcam.record.record import LIMITS, PLACE, ROTATION, UNITS, Deviation, Finding, Record, Source
 
 Row = dict[str, Any]
 _PLAIN = ("id", "part", "serial", "station", "verdict", "reason", "quality", "software")

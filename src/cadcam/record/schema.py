@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from sqlalchemy import JSON, Column, DateTime, Double, ForeignKey, Index, Integer, MetaData, Table, Text
 
+from cadcam.record.record import LIMITS, PLACE, ROTATION, UNITS
+
 VERSION = 2  # 1 had no findings, and no index by serial
 
 tables = MetaData()
 
 store = Table("cadcam_store", tables, Column("version", Integer, nullable=False), Column("software", Text))
-
-PLACE = ("x_mm", "y_mm", "z_mm")
-ROTATION = tuple(f"r{i}{j}" for i in (1, 2, 3) for j in (1, 2, 3))
-LIMITS = ("deviation", "expanded_uncertainty", "lower", "upper")
 
 # world_from_part is the rotation r11 ... r33 and the translation x y z; null where the part was not found
 measurement = Table(
@@ -52,7 +50,7 @@ deviation = Table(
     Column("kind", Text, nullable=False),
     Column("verdict", Text, nullable=False),
     Column("k", Double, nullable=False),
-    *(Column(f"{name}_{unit}", Double) for unit in ("mm", "deg") for name in LIMITS),
+    *(Column(f"{name}_{unit}", Double) for unit in UNITS for name in LIMITS),
     Index("deviation_by_feature", "feature"),
 )
 
