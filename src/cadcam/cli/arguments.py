@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import re
 import shutil
 import textwrap
@@ -283,10 +284,7 @@ def span(text: str) -> tuple[float, float]:
 
 def share(text: str) -> float:
     """Return the share in a text: a number between 0 and 1, neither of them."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
+    value = _float(text)
     if not 0 < value < 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not a share between 0 and 1, such as 0.01 for 1 %")
     return value
@@ -294,13 +292,18 @@ def share(text: str) -> float:
 
 def opacity(text: str) -> float:
     """Return the opacity in a text: a number from 0 to 1."""
-    try:
-        value = float(text)
-    except ValueError:
-        value = -1.0
+    value = _float(text)
     if not 0 <= value <= 1:
         raise argparse.ArgumentTypeError(f"{text!r} is not an opacity from 0 (nothing) to 1 (opaque)")
     return value
+
+
+def _float(text: str) -> float:
+    """Return the number in a text; nan, which no range holds, where it is none."""
+    try:
+        return float(text)
+    except ValueError:
+        return math.nan
 
 
 def whole(text: str) -> int:
