@@ -4,7 +4,7 @@ A lens maps a point p = (x, y, z) of the camera frame to m = (mx, my), dimension
 to pixels. m is in the *distorted* normalised plane: for the ideal lens m = (x, y)/z. Every lens gives NaN for z <= 0
 and outside its valid radius, where its own curve turns back and one image point would have two directions.
 
-All lenses pass the same conformance tests (tests/camera/test_lens.py); a new one is a new row there.
+All lenses pass the same tests (tests/camera/test_lens.py); a new one is a new row of tests/camera/cameras.py.
 """
 
 from cadcam.camera.lens.axial import AxialLens
