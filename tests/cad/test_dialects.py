@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from cadcam.cad.read import read_model
+from cadcam.errors import UnreadableFile
 
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\n"
 
@@ -19,6 +20,23 @@ def test_comments_end_lines_of_an_obj_but_belong_to_its_names(tmp_path: Path) ->
     mesh = read_model(tmp_path / "a.obj")
     assert mesh.part_names == ("plate #2",)
     assert mesh.n_faces == 1
+
+
+def test_a_comment_of_an_obj_that_ends_in_a_backslash_takes_no_vertex_with_it(tmp_path: Path) -> None:
+    """It was joined with the next line, as other lines are."""
+    (tmp_path / "a.obj").write_text("# of C:\\parts\\\n" + TRIANGLE + "f 1 \\\n2 3\n")
+    assert read_model(tmp_path / "a.obj").vertices.tolist() == [[0, 0, 0], [1, 0, 0], [0, 1, 0]]
+
+
+def test_a_continued_line_of_an_obj_is_one_line_of_the_file_more(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(TRIANGLE + "f 1 \\\n2 3\nf 1 two 3\n")
+    with pytest.raises(UnreadableFile, match="line 6: face '1 two 3'"):
+        read_model(tmp_path / "a.obj")
+
+
+def test_a_tab_before_the_name_of_an_obj_group_is_a_blank(tmp_path: Path) -> None:
+    (tmp_path / "a.obj").write_text(TRIANGLE + "g\tleft side\nf 1 2 3\no\n\ng  right\nf 3 2 1\n")
+    assert read_model(tmp_path / "a.obj").part_names == ("left side", "right")
 
 
 @pytest.mark.parametrize("names", ["a.mtl b.mtl", "b.mtl", "with blanks.mtl", "none.mtl b.mtl"])

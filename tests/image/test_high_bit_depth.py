@@ -148,3 +148,33 @@ def test_signed_bytes_are_refused(tmp_path: Path) -> None:
     tifffile.imwrite(tmp_path / "a.tif", np.array([[-1, 100]], np.int8))
     with pytest.raises(UnreadableFile, match="8-bit samples are signed"):
         read_picture(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize(("values", "kind"), [(GRAY, 2), (RGB, 3)], ids=["grey", "colour"])
+def test_plain_text_pgm_and_ppm_keep_every_step_and_their_white(
+    tmp_path: Path, values: npt.NDArray[np.float64], kind: int
+) -> None:
+    """Pillow takes plain PPM to 8 bits, and plain PGM of 12 bits to 16."""
+    steps = np.rint(values * 4095).astype(int)
+    body = " ".join(map(str, steps.ravel().tolist())).replace(" ", "\r\n", 5)
+    path = tmp_path / "a.ppm"
+    path.write_text(f"P{kind}\n# of a camera\n10 7\n4095\n# its samples\n{body}\n", newline="")
+    picture, info = read_picture_with_info(path)
+    assert np.array_equal(picture, np.float32(steps) / np.float32(4095))
+    assert (info.bits, info.white, info.used_bits) == (16, 4095, 12)
+    assert np.array_equal(read_picture(path, full_scale=8190), np.float32(steps) / np.float32(8190))
+
+
+@pytest.mark.parametrize(
+    ("samples", "words"),
+    [
+        ("0 4095", "cut off"),
+        ("0 1 x 3", "cannot be decoded|cut off"),
+        ("0 1 -2 3", "from -2 to 3"),
+        ("0 5000 1 2", "outside 0 to 4095"),
+    ],
+)
+def test_plain_samples_that_are_none_are_refused(tmp_path: Path, samples: str, words: str) -> None:
+    (tmp_path / "a.pgm").write_text(f"P2 2 2 4095 {samples}")
+    with pytest.raises(UnreadableFile, match=words):
+        read_picture(tmp_path / "a.pgm")

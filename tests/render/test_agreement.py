@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
 from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts import calibration_bench, machined_bracket, ship_block
@@ -133,6 +134,18 @@ def test_smooth_coverage_is_the_share_of_samples_that_brute_force_finds(kind: st
     share = (face >= 0).reshape(camera.height, n, camera.width, n).mean(axis=(1, 3))
     assert np.mean(np.abs(view.coverage - share) > 1e-6) <= (0 if kind == "raster" else 1e-3)
     assert 0 < np.mean((share > 0) & (share < 1)) < 0.1
+
+
+@pytest.mark.parametrize("kind", RENDERERS)
+def test_a_pixel_at_the_rim_of_a_lens_has_samples_if_its_centre_sees(kind: str) -> None:
+    """From within a box all is seen up to the rim; a ring of one pixel along it was background."""
+    fisheye = Camera.from_focal((90, 70), 15.0, cx=43.7, lens=Fisheye())
+    corners = np.indices((2, 2, 2)).reshape(3, -1).T * 5 - (1.0, 2.0, 3.0)
+    box = Mesh.single(corners, ConvexHull(corners).simplices)
+    view = opened(scene_of(box), kind).render(fisheye, Rigid(), look=Look(supersampling=3))
+    assert 0.1 < view.mask.mean() < 0.5
+    assert view.coverage[view.mask].min() > (0 if kind == "gl" else 1 - FLOAT)
+    assert view.coverage[~view.mask].max() < 1
 
 
 @pytest.mark.parametrize("name", CAMERAS)

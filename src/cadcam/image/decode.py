@@ -142,8 +142,6 @@ def _pillow_samples(image: Image.Image) -> tuple[npt.NDArray[Any], int, float | 
             raise ValueError("its 8-bit samples are signed")  # Pillow takes -1 for 255
         if bits == 16 and 8 < stated < 16:  # 12, packed: two samples in three bytes
             bits, white = stated, float((1 << stated) - 1)
-    if image.mode == "I" and image.format == "PPM":
-        white = 65535.0  # Pillow has already scaled a plain PGM from its largest value
     return np.asarray(image if image.mode == mode else image.convert(mode)), bits, white
 
 

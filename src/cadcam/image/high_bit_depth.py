@@ -22,7 +22,9 @@ Samples: TypeAlias = npt.NDArray[Any]
 _PNG = b"\x89PNG\r\n\x1a\n"
 _PNG_CHANNELS = {0: slice(1), 2: slice(3), 4: slice(0, 4, 3), 6: slice(4)}  # colour type -> which of RGBA
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
-_PPM = re.compile(rb"P([56])(?:\s+(?:#[^\n]*\n\s*)*(\d+))(?:\s+(?:#[^\n]*\n\s*)*(\d+))(?:\s+(?:#[^\n]*\n\s*)*(\d+))\s")
+_PPM = re.compile(
+    rb"P([2356])(?:\s+(?:#[^\n]*\n\s*)*(\d+))(?:\s+(?:#[^\n]*\n\s*)*(\d+))(?:\s+(?:#[^\n]*\n\s*)*(\d+))\s"
+)
 _CUT = "cut off or damaged"
 _ZERO_IS_WHITE, _ZERO_IS_BLACK, _RGB = 0, 1, 2  # TIFF 6.0, PhotometricInterpretation
 _PREMULTIPLIED, _ALPHA = 1, 2  # ... and ExtraSamples; any other says nothing of transparency
@@ -46,7 +48,7 @@ def deep_size(data: bytes) -> tuple[int, int] | None:
         width, height = struct.unpack_from(">II", data, 16)
         return width, height
     if header := _ppm_header(data):
-        return header[1], header[2]
+        return header.width, header.height
     return _tiff_size(data) if data[:4] in _TIFF else None
 
 
@@ -99,24 +101,41 @@ def _png_orientation(data: bytes) -> int:
         return int(image.getexif().get(274, 1))
 
 
-def _ppm_header(data: bytes) -> tuple[int, int, int, int, int] | None:
-    """Return (channels, width, height, largest value, first byte) of a binary PGM or PPM of 16-bit samples."""
+class _PpmHeader(NamedTuple):
+    plain: bool  # samples as text
+    channels: int
+    width: int
+    height: int
+    largest: int
+    start: int  # first byte of the samples
+
+
+def _ppm_header(data: bytes) -> _PpmHeader | None:
+    """Return the header of a PGM or PPM of 16-bit samples, None for any other file."""
     found = _PPM.match(data[:4096])
     if found is None or not 255 < int(found[4]) < 65536:
         return None
-    return 1 if found[1] == b"5" else 3, int(found[2]), int(found[3]), int(found[4]), found.end()
+    kind = int(found[1])
+    width, height, largest = (int(found[k]) for k in (2, 3, 4))
+    return _PpmHeader(kind < 5, 1 if kind in (2, 5) else 3, width, height, largest, found.end())
 
 
 def _read_ppm(data: bytes) -> Deep:
     header = _ppm_header(data)
     if header is None:
         raise ValueError("not a 16-bit PGM or PPM")
-    channels, width, height, largest, start = header
-    need = width * height * channels
-    if (len(data) - start) // 2 < need:
+    need = header.width * header.height * header.channels
+    if header.plain:
+        text = re.sub(rb"#[^\r\n]*", b"", data[header.start :])
+        samples: Samples = np.fromstring(text, np.int64, sep=" ")[:need]  # told how many, it invents those missing
+    else:
+        samples = np.frombuffer(data[header.start : header.start + 2 * need], ">u2")
+    if len(samples) < need:
         raise ValueError("its pixel data are cut off")
-    samples = np.frombuffer(data, ">u2", need, start)
-    return Deep(samples.reshape(height, width, channels), float(largest), 1)
+    if not 0 <= int(samples.min()) <= int(samples.max()) < 65536:
+        raise ValueError(f"its samples go from {samples.min()} to {samples.max()}, which are not 16 bits")
+    shape = (header.height, header.width, header.channels)
+    return Deep(samples.astype(np.uint16).reshape(shape), float(header.largest), 1)
 
 
 def _tiff_page(data: bytes) -> Any:

@@ -84,9 +84,23 @@ def plane_points(camera: Camera, rows: slice = slice(None)) -> Array:
 
 
 def slopes(field: Array) -> tuple[Array, Array]:
-    """Return the change of a field (H, W, C) per px along x and along y, each (H, W, C); 0 along a single px."""
-    per_y, per_x = (np.gradient(field, axis=k) if field.shape[k] > 1 else np.zeros_like(field) for k in (0, 1))
-    return per_x, per_y
+    """Return the change of a field (H, W, C) per px along x and along y, each (H, W, C); 0 along a single px.
+
+    At the rim of a lens, where a neighbour is NaN, it is the change towards the other one.
+    """
+    return _slope(field, 1), _slope(field, 0)
+
+
+def _slope(field: Array, axis: int) -> Array:
+    if field.shape[axis] == 1:
+        return np.zeros_like(field)
+    slope = np.asarray(np.gradient(field, axis=axis))
+    rim = np.isnan(slope) & np.isfinite(field)
+    if rim.any():
+        step = np.diff(field, axis=axis)
+        behind, ahead = (np.insert(step, k, np.nan, axis=axis)[rim] for k in (0, field.shape[axis] - 1))
+        slope[rim] = np.nan_to_num(np.where(np.isnan(ahead), behind, ahead))
+    return slope
 
 
 def subdivided(points: Array, n: int) -> Array:

@@ -167,7 +167,7 @@ class GltfDocument:
                     what = f"node {names[-1]!r} places its mesh many times ({_INSTANCED})"
                     raise UnreadableFile(self.path, what, "export it with a node for each")
                 if "mesh" in node:
-                    mesh = self.json["meshes"][node["mesh"]]
+                    mesh = self._entry("meshes", node["mesh"])
                     primitives = [p for raw in mesh["primitives"] if (p := self._primitive(raw)) is not None]
                     if primitives:
                         yield Shape(names, world, str(mesh.get("name", "")), primitives)
@@ -178,7 +178,6 @@ class GltfDocument:
 
     def _nodes(self) -> Iterator[tuple[dict[str, Any], Array, tuple[str, ...]]]:
         """Yield the nodes of the tree, each with its pose in the world, its own name and those above it."""
-        nodes = self.json.get("nodes", [])
         stack: list[tuple[int, Array, tuple[str, ...]]] = [(root, np.eye(4), ()) for root in reversed(self._roots())]
         visited: set[int] = set()
         while stack:
@@ -186,7 +185,7 @@ class GltfDocument:
             if number in visited:
                 raise UnreadableFile(self.path, f"node {number} stands twice in the tree", _AGAIN)
             visited.add(number)
-            node = nodes[number]
+            node = self._entry("nodes", number)
             world = world @ _placement(node)
             names = (*names, str(node.get("name", "")))
             stack.extend((child, world, names) for child in reversed(node.get("children", [])))
@@ -194,10 +193,10 @@ class GltfDocument:
 
     def _roots(self) -> list[int]:
         """Return the nodes of the default scene, or those that no other node has as a child."""
-        scenes, nodes = self.json.get("scenes", []), self.json.get("nodes", [])
-        if scenes:
-            roots: list[int] = scenes[self.json.get("scene", 0)].get("nodes", [])
+        if self.json.get("scenes"):
+            roots: list[int] = self._entry("scenes", self.json.get("scene", 0)).get("nodes", [])
             return roots
+        nodes = self.json.get("nodes", [])
         below = {child for node in nodes for child in node.get("children", [])}
         return [i for i in range(len(nodes)) if i not in below]
 
@@ -207,8 +206,9 @@ class GltfDocument:
             return None
         points = self._vectors(raw["attributes"]["POSITION"])
         index = self._accessor(raw["indices"]).ravel().astype(np.int64) if "indices" in raw else np.arange(len(points))
-        if index.size and int(index.max()) >= len(points):
-            at = int(np.argmax(index >= len(points)))
+        missing = (index < 0) | (index >= len(points))
+        if missing.any():
+            at = int(np.argmax(missing))
             raise UnreadableFile(
                 self.path,
                 f"accessor {raw['indices']}, entry {at} refers to vertex {int(index[at])} of {len(points)}",
@@ -226,7 +226,7 @@ class GltfDocument:
     def _colors(self, raw: dict[str, Any], triangles: npt.NDArray[np.int64], n_points: int) -> Array:
         """Return the sRGB of each triangle of a primitive, NaN where neither material nor vertices have a colour."""
         material = raw.get("material")
-        surface = {} if material is None else self.json["materials"][material].get("pbrMetallicRoughness", {})
+        surface = {} if material is None else self._entry("materials", material).get("pbrMetallicRoughness", {})
         factor, number = surface.get("baseColorFactor"), raw["attributes"].get("COLOR_0")
         if factor is None and number is None:
             return np.full((len(triangles), 3), np.nan)
@@ -248,31 +248,49 @@ class GltfDocument:
         return rows.astype(np.float64)
 
     def _accessor(self, number: int) -> npt.NDArray[Any]:
-        accessor = self.json["accessors"][number]
-        if "sparse" in accessor or "bufferView" not in accessor:
-            what = "is sparse" if "sparse" in accessor else "has no data"
-            raise UnreadableFile(self.path, f"accessor {number} {what}", "export it without sparse accessors")
+        """Return the rows (count, width) of an accessor, sparse ones with their replacements."""
+        accessor = self._entry("accessors", number)
+        if "bufferView" not in accessor:
+            raise UnreadableFile(self.path, f"accessor {number} has no data", _AGAIN)
         kind, width = np.dtype(_TYPE[accessor["componentType"]]), _WIDTH[accessor["type"]]
-        count = int(accessor["count"])
-        view = self.json["bufferViews"][accessor["bufferView"]]
-        data = self._buffer(view["buffer"])
-        stride = int(view.get("byteStride", kind.itemsize * width))
-        begin = int(view.get("byteOffset", 0)) + int(accessor.get("byteOffset", 0))
-        need = begin + (stride * (count - 1) + kind.itemsize * width if count else 0)
-        if min(count, begin) < 0 or stride < kind.itemsize * width or need > len(data):
-            raise UnreadableFile(
-                self.path,
-                f"accessor {number} claims {count} entries up to byte {need} of a buffer of {len(data)}: truncated",
-                _AGAIN,
-            )
-        rows = np.ndarray((count, width), kind, data, begin, (stride, kind.itemsize))
+        rows = self._rows(number, accessor, int(accessor["count"]), kind, width)
+        if sparse := accessor.get("sparse"):
+            count, places = int(sparse["count"]), sparse["indices"]
+            at = self._rows(number, places, count, np.dtype(_TYPE[places["componentType"]]), 1)[:, 0]
+            if at.size and not 0 <= int(at.min()) <= int(at.max()) < len(rows):
+                what = f"accessor {number} replaces entries {at.min()} to {at.max()} of {len(rows)}"
+                raise UnreadableFile(self.path, what, _AGAIN)
+            rows = rows.copy()
+            rows[at] = self._rows(number, sparse["values"], count, kind, width)
         if accessor.get("normalized") and kind.kind in "iu":
             return np.maximum(rows / np.iinfo(kind).max, -1.0)
         return rows
 
+    def _rows(
+        self, number: int, place: dict[str, Any], count: int, kind: np.dtype[Any], width: int
+    ) -> npt.NDArray[Any]:
+        """Return rows (count, width) of accessor `number` from the view that `place` names, none beyond its end."""
+        view = self._entry("bufferViews", place["bufferView"])
+        data = self._buffer(view["buffer"])
+        stride = int(view.get("byteStride", kind.itemsize * width))
+        offset, inner = int(view.get("byteOffset", 0)), int(place.get("byteOffset", 0))
+        end = min(len(data), offset + int(view.get("byteLength", len(data))))
+        need = offset + inner + (stride * (count - 1) + kind.itemsize * width if count else 0)
+        if min(count, offset, inner) < 0 or stride < kind.itemsize * width or need > end:
+            what = f"accessor {number} claims {count} entries up to byte {need} of a buffer view that ends at {end}"
+            raise UnreadableFile(self.path, f"{what}: truncated", _AGAIN)
+        return np.ndarray((count, width), kind, data, offset + inner, (stride, kind.itemsize))
+
+    def _entry(self, kind: str, number: int) -> dict[str, Any]:
+        """Return one of the file's objects; a negative number would be counted from the end."""
+        if number < 0:
+            raise IndexError(f"{kind} {number}")
+        entry: dict[str, Any] = self.json[kind][number]
+        return entry
+
     def _buffer(self, number: int) -> bytes:
         if number not in self.buffers:
-            uri = self.json["buffers"][number].get("uri")
+            uri = self._entry("buffers", number).get("uri")
             if uri is None:
                 if self.binary is None:
                     raise UnreadableFile(self.path, "has no binary chunk: truncated", _AGAIN)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -71,8 +72,7 @@ def _sorted_out(data: bytes) -> _ObjLines:
     found = _ObjLines()
     label = ["", "", ""]
     owner = -1
-    for number, raw in enumerate(data.replace(b"\\\r\n", b"  ").replace(b"\\\n", b" ").splitlines(), 1):
-        line = raw.lstrip()
+    for number, line in _whole_lines(data):
         key = line[:2]
         if key in (b"v ", b"v\t"):
             found.vertices.append(line[2:].partition(b"#")[0])  # of names a # is part
@@ -91,10 +91,27 @@ def _sorted_out(data: bytes) -> _ObjLines:
     return found
 
 
+def _whole_lines(data: bytes) -> Iterator[tuple[int, bytes]]:
+    r"""Yield each line and its number, joined with the next where it ends in a backslash, unless it is a comment.
+
+    The path of a folder in a comment, `# C:\parts\`, would take the first vertex with it.
+    """
+    begun, first = b"", 0
+    for number, raw in enumerate(data.splitlines(), 1):
+        line = (begun + raw).lstrip()
+        if line.endswith(b"\\") and not line.startswith(b"#"):
+            begun, first = line[:-1] + b" ", first or number
+            continue
+        yield first or number, line
+        begun, first = b"", 0
+    if begun:
+        yield first, begun
+
+
 def _relabelled(line: bytes, label: list[str], found: _ObjLines, owner: int) -> int:
     """Process a line that names something; return -1 where the faces that follow belong elsewhere."""
-    word, _, rest = line.partition(b" ")
-    value = rest.decode("utf-8", "replace").strip()
+    word, *rest = line.split(None, 1) or [b""]
+    value = b"".join(rest).decode("utf-8", "replace")
     if word == b"mtllib":
         found.libraries.append(value)
     for k, name in enumerate((b"o", b"g", b"usemtl")):
