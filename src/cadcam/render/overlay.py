@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -18,14 +17,14 @@ from cadcam.image.draw import draw_polylines
 from cadcam.image.edges import EdgePoints, canny, distance_to_edges
 from cadcam.image.picture import checked, equalized, to_gray, to_rgb
 from cadcam.image.svg import SvgLayer, write_svg
-from cadcam.kinds import expect, expect_number, expect_numbers, expect_path, expect_positive
+from cadcam.kinds import FrozenMap, expect, expect_number, expect_numbers, expect_path, expect_positive
 from cadcam.render.lines.wireframe import Polylines, Wireframe
 from cadcam.render.view import View
 
 Color = tuple[float, float, float]
 
 # Strong on grey metal, and distinct for people with any colour vision: hues of Okabe and Ito (2008), saturated.
-KIND_COLORS: Mapping[EdgeKind, Color] = MappingProxyType(
+KIND_COLORS: Mapping[EdgeKind, Color] = FrozenMap(
     {
         EdgeKind.CREASE: (0.00, 0.85, 0.35),
         EdgeKind.BREP: (0.00, 0.85, 0.35),
@@ -71,6 +70,7 @@ class LineStyle:
         if self.color_by not in ("kind", "part", "one"):
             raise BadValue("color_by", repr(self.color_by), "'kind', 'part' or 'one'")
         expect(self.kinds, "kinds", Mapping)
+        object.__setattr__(self, "kinds", FrozenMap(self.kinds))
 
 
 PLAIN_STYLE = LineStyle()
