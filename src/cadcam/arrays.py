@@ -45,6 +45,8 @@ def frozen(
         given = np.asarray(values)
         if given.dtype.kind == "c":  # numpy would drop the imaginary parts
             raise BadValue(what, "complex", f"real numbers of shape {_text(shape, batched)}")
+        if np.ma.is_masked(values):  # numpy would give what is under the mask
+            raise BadValue(what, "masked in places", "every number: leave out what is masked")
         if given.dtype == dtype:
             array = np.array(given)
         else:

@@ -138,8 +138,8 @@ def expect_number(value: object, what: str, expected: str = "a number") -> None:
     if isinstance(value, float):
         return
     if not isinstance(value, int):  # at once: to ask for a protocol takes fifty times as long
-        real = isinstance(value, SupportsFloat) and not isinstance(value, (str, complex))
-        if not real or getattr(value, "shape", ()) != ():
+        real = isinstance(value, SupportsFloat) and not isinstance(value, complex)
+        if not real or getattr(value, "shape", None) != ():  # a Decimal has none: floats do not calculate with it
             raise BadValue(what, said(value), expected)
     try:
         float(value)  # type: ignore[arg-type]  # it is a number, or an array () of anything
@@ -246,6 +246,8 @@ def expect_path(path: object, what: str = "path") -> None:
     """Raise `BadValue` naming `what` unless it is the name of a file or folder: a str or a pathlib.Path."""
     if not isinstance(path, (str, os.PathLike)):
         raise BadValue(what, said(path), "the name of a file, a str or a pathlib.Path")
+    if "\0" in str(path):
+        raise BadValue(what, said(path), "a name without NUL, which no system takes")
 
 
 def said(value: Any) -> str:

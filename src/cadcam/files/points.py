@@ -26,7 +26,7 @@ from cadcam.cad.units import MM, unit_name
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text, rows_of_cells
-from cadcam.kinds import expect, expect_known, expect_path
+from cadcam.kinds import expect, expect_known, expect_names, expect_path
 from cadcam.whole import write_whole
 
 _WORLD = re.compile(r"([XYZxyz])(?:[_ ]?[\[(]?([A-Za-z]+)[\])]?)?")
@@ -63,7 +63,7 @@ def read_points(
     lines = list(lines_of_cells(file))
     if header is None:
         header, lines = header_line(file, lines), lines[1:]
-    layout = _layout(file, tuple(header), unit, columns)
+    layout = _layout(file, expect_names(header, "header"), unit, columns)
     if not lines:
         raise UnreadableFile(path, "has a header but no points", "add one line for each point")
     table = np.array([_numbers(file, layout, line) for line in lines])
@@ -201,7 +201,7 @@ def _pixel_pairs(header: tuple[str, ...]) -> dict[tuple[str, str], tuple[int, in
 def _chosen_pair(
     pairs: dict[tuple[str, str], tuple[int, int]], header: tuple[str, ...], columns: Sequence[str]
 ) -> tuple[int, int]:
-    for name in columns:
+    for name in expect_names(columns, "columns"):
         expect_known(name, "column", header)
     for pair, indices in pairs.items():
         if set(pair) == set(columns):

@@ -130,7 +130,7 @@ def _shown(viewpoints: Sequence[Viewpoint], q: Array, seen: Mask | None) -> Mask
     """Return which viewpoint sees which point (V, N), imaged at q (V, N, 2): as stated, or wherever it can."""
     if seen is None:
         return np.stack([view.camera.sees(at) for view, at in zip(viewpoints, q, strict=True)])
-    visible = np.asarray(seen, bool)
+    visible = frozen(seen, "seen", (None, None), bool)
     if visible.shape != q.shape[:2]:
         raise BadValue("seen", f"of shape {visible.shape}", f"({q.shape[0]} viewpoints, {q.shape[1]} points)")
     return np.asarray(visible & np.isfinite(q).all(axis=-1))
