@@ -78,6 +78,11 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda _: cadcam.robot_poses([1, 2, 3, 4, 5, 6], convention="kuka", unit=1),
         "unit is 1; expected a str",
     ),
+    "a depth": (
+        lambda _: cadcam.LineOptions(near_mm=float("nan")),
+        "near_mm is nan; expected a length in mm, at least",
+    ),
+    "a thickness": (lambda _: cadcam.LineOptions(coincident_mm=-1), "coincident_mm is -1; expected a length in mm, at"),
     "allowed losses": (
         lambda to: cadcam.write_cameras(to / "c.yaml", CAMERA, format_name="opencv", allow_loss="lens"),
         r"allow_loss is the text 'lens'; expected a list of names: \['lens'\]",

@@ -90,9 +90,8 @@ def template(scene: Scene, *, seen: Iterable[str] = (), chain: int | None = None
     part = chosen[-1] if chosen else names[-1]
     if len(chosen) == 1 and chain is None:
         chain = _longest_chain(scene, part)
-    alone = len(chosen) == 1 and chain is not None
-    if alone:
-        Selection(part, (chain,)).check(scene)
+    alone = (chain,) if len(chosen) == 1 and chain is not None else ()
+    Selection(part, alone).check(scene)
     lines = [
         "# Tolerances for `cadcam verify`: lengths in mm, angles in degrees, in the part's own axes.",
         "k: 2                    # coverage factor of U = k sigma",
@@ -102,7 +101,7 @@ def template(scene: Scene, *, seen: Iterable[str] = (), chain: int | None = None
         "features:               # what is judged: move it here from the datum, and set its limits",
         "  rename me:",
         f"    part: {_quoted(part)}",
-        *([f"    chains: [{chain}]", *_OF_EDGES] if alone else _OF_A_PART),
+        *([f"    chains: {list(alone)}", *_OF_EDGES] if alone else _OF_A_PART),
     ]
     lines += [f"# not in view: {name}" for name in names if name not in chosen]
     return "\n".join(lines) + "\n"

@@ -198,6 +198,7 @@ class Tolerances(Brief):
     def __post_init__(self) -> None:
         object.__setattr__(self, "features", expect_each(self.features, "features", Feature))
         object.__setattr__(self, "datum", expect_each(self.datum, "datum", Selection))
+        expect(self.notes, "notes", Mapping)
         object.__setattr__(self, "notes", FrozenMap(self.notes))
         names = [f.name for f in self.features]
         twice = next((n for n in names if names.count(n) > 1), None)
