@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from decimal import Decimal
 
 import numpy as np
 import pytest
@@ -15,8 +14,7 @@ from cadcam.kinds import expect_count, expect_number, expect_numbers, expect_pos
 def test_numbers_are_pythons_and_numpys_and_nothing_else() -> None:
     for number in (1, 1.5, np.float32(2), np.int64(3), np.array(4.0), float("nan"), True):
         expect_number(number, "x")
-    none = ("1", None, [1], np.zeros(1), object(), np.array("1x"), np.array(None), 1j, np.complex128(1), Decimal(1))
-    for other in (*none, 10**400):
+    for other in ("1", None, [1], np.zeros(1), object(), np.array("1x"), np.array(None), 1j, np.complex128(1), 10**400):
         with pytest.raises(BadValue, match=r"^x is .*; expected a number$"):
             expect_number(other, "x")
 

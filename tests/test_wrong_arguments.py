@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from decimal import Decimal
 from pathlib import Path
 
 import numpy as np
@@ -59,10 +58,6 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "a fixed value": (
         lambda _: cadcam.calibrate_camera(POINTS, (80, 60), fixed={"skew": None}),
         "fixed skew is None; expected a number",
-    ),
-    "a Decimal": (
-        lambda _: cadcam.feature_edges(SCENE.mesh, crease_angle_deg=Decimal(30)),
-        "crease_angle_deg is a Decimal; expected",
     ),
     "a focal length": (
         lambda _: cadcam.solve_optics(OPTICS, focal_mm=np.ones(2), distance_mm=900.0),

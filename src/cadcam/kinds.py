@@ -138,8 +138,8 @@ def expect_number(value: object, what: str, expected: str = "a number") -> None:
     if isinstance(value, float):
         return
     if not isinstance(value, int):  # at once: to ask for a protocol takes fifty times as long
-        real = isinstance(value, SupportsFloat) and not isinstance(value, complex)
-        if not real or getattr(value, "shape", None) != ():  # a Decimal has none: floats do not calculate with it
+        real = isinstance(value, SupportsFloat) and not isinstance(value, (str, complex))
+        if not real or getattr(value, "shape", ()) != ():
             raise BadValue(what, said(value), expected)
     try:
         float(value)  # type: ignore[arg-type]  # it is a number, or an array () of anything
