@@ -77,6 +77,7 @@ def test_the_quantile_is_that_of_numpy(rng: np.random.Generator) -> None:
         (np.array([1.0, 2.5, 1 / 3]), "[1.    , 2.5   , 0.3333]"),
         (np.zeros((4, 3), np.float32), "(4, 3) float32"),
         (np.eye(2), "(2, 2) float64"),
+        (np.array(2.5), "2.5"),
         (1 / 3, "0.333333"),
         ((1, 2), "(1, 2)"),
         (("x" * 90,) * 7, "7 of str"),

@@ -426,5 +426,10 @@ def __getattr__(name: str) -> Any:
     return import_module(f"cadcam.{name}") if home == __name__ else getattr(import_module(home), name)
 
 
+def load_ipython_extension(shell: Any) -> None:
+    """Let results show themselves in a notebook, as tables and pictures: what `%load_ext cadcam` calls."""
+    import_module("cadcam.report.notebook").show_results(shell)
+
+
 def __dir__() -> list[str]:
     return sorted(__all__)

@@ -45,6 +45,8 @@ def frozen(
         given = np.asarray(values)
         if given.dtype.kind == "c":  # numpy would drop the imaginary parts
             raise BadValue(what, "complex", f"real numbers of shape {_text(shape, batched)}")
+        if np.ma.is_masked(values):  # numpy would give what is under the mask
+            raise BadValue(what, "masked in places", "every number: leave out what is masked")
         if given.dtype == dtype:
             array = np.array(given)
         else:
@@ -82,7 +84,7 @@ class Brief:
 def brief(value: object) -> str:
     """Return a value's repr, or what it is where that is long: arrays of more than six numbers, lists, other values."""
     if isinstance(value, np.ndarray):
-        small = value.size <= _TOLD and value.ndim == 1
+        small = value.size <= _TOLD and value.ndim <= 1
         return np.array2string(value, precision=4, separator=", ") if small else f"{value.shape} {value.dtype}"
     if isinstance(value, (float, np.floating)):
         return f"{value:.6g}"

@@ -39,7 +39,9 @@ class BadValue(CadcamError):
 
     def __init__(self, what: str, value: object, expected: str) -> None:
         super().__init__(f"{what} is {value}; expected {expected}")
-        self.what, self.value, self.expected = what, value, expected
+        self.what: str = what
+        self.value: object = value
+        self.expected: str = expected
 
 
 class UnreadableFile(CadcamError):
@@ -47,7 +49,9 @@ class UnreadableFile(CadcamError):
 
     def __init__(self, path: str | PathLike[str], reason: str, remedy: str = "") -> None:
         super().__init__(f"{path}: {reason}" + (f"; {remedy}" if remedy else ""))
-        self.path, self.reason, self.remedy = path, reason, remedy
+        self.path: str | PathLike[str] = path
+        self.reason: str = reason
+        self.remedy: str = remedy
 
 
 class UnwritableFile(CadcamError):
@@ -55,7 +59,9 @@ class UnwritableFile(CadcamError):
 
     def __init__(self, path: str | PathLike[str], reason: str, remedy: str = "") -> None:
         super().__init__(f"{path}: cannot be written: {reason}" + (f"; {remedy}" if remedy else ""))
-        self.path, self.reason, self.remedy = path, reason, remedy
+        self.path: str | PathLike[str] = path
+        self.reason: str = reason
+        self.remedy: str = remedy
 
 
 class UnknownName(CadcamError):
@@ -67,7 +73,9 @@ class UnknownName(CadcamError):
         near = [n for n in names if n.casefold() == name.casefold()] or get_close_matches(name, names, n=1)
         hint = f"; did you mean {near[0]!r}?" if near else ""
         super().__init__(f"unknown {kind} {name!r}{hint} (known: {listed(names, _LISTED) or 'none'})")
-        self.kind, self.name, self.known = kind, name, tuple(names)
+        self.kind: str = kind
+        self.name: str = name
+        self.known: tuple[str, ...] = tuple(names)
 
 
 class TooFewPoints(CadcamError):
@@ -76,7 +84,11 @@ class TooFewPoints(CadcamError):
     def __init__(self, task: str, have: int, need: int, *, of: str = "points", why: str = "") -> None:
         message = f"{task} needs at least {need} {of if need > 1 else of.removesuffix('s')}; {have} given"
         super().__init__(message + (f": {why}" if why else ""))
-        self.task, self.have, self.need, self.of, self.why = task, have, need, of, why
+        self.task: str = task
+        self.have: int = have
+        self.need: int = need
+        self.of: str = of
+        self.why: str = why
 
 
 class DegenerateGeometry(CadcamError):
@@ -93,7 +105,8 @@ class DegenerateMotions(DegenerateGeometry):
         self, message: str, slides: tuple[tuple[float, ...], ...], turns: tuple[tuple[float, ...], ...]
     ) -> None:
         super().__init__(message)
-        self.slides, self.turns = slides, turns
+        self.slides: tuple[tuple[float, ...], ...] = slides
+        self.turns: tuple[tuple[float, ...], ...] = turns
 
 
 class MirroredPoints(DegenerateGeometry):
@@ -118,7 +131,8 @@ class SizeMismatch(CadcamError):
     def __init__(self, what: str, size: tuple[int, int], expected: tuple[int, int], remedy: str = "") -> None:
         said = f"{what} is {size[0]} x {size[1]} px but the camera is {expected[0]} x {expected[1]} px"
         super().__init__(f"{said}; {remedy or _for_size(size, expected)}")
-        self.size, self.expected = size, expected
+        self.size: tuple[int, int] = size
+        self.expected: tuple[int, int] = expected
 
 
 def _for_size(size: tuple[int, int], expected: tuple[int, int]) -> str:
@@ -147,7 +161,8 @@ class NoOrder(CadcamError):
 
     def __init__(self, message: str, explained: int, chance: float) -> None:
         super().__init__(message)
-        self.explained, self.chance = explained, chance
+        self.explained: int = explained
+        self.chance: float = chance
 
 
 class NothingInView(CadcamError):
@@ -159,7 +174,7 @@ class UnseenFeatures(CadcamError):
 
     def __init__(self, message: str, names: tuple[str, ...]) -> None:
         super().__init__(message)
-        self.names = names
+        self.names: tuple[str, ...] = names
 
 
 class NoBoard(CadcamError):
@@ -170,7 +185,9 @@ class NoBoard(CadcamError):
 
     def __init__(self, board: str, reason: str, seen: tuple[int, int] | None = None) -> None:
         super().__init__(f"no {board} found: {reason}")
-        self.board, self.reason, self.seen = board, reason, seen
+        self.board: str = board
+        self.reason: str = reason
+        self.seen: tuple[int, int] | None = seen
 
 
 class TooFewMarks(CadcamError):
@@ -179,7 +196,9 @@ class TooFewMarks(CadcamError):
     def __init__(self, mark: str, found: int, expected: int) -> None:
         seen = "none was" if found == 0 else f"only {found} {'was' if found == 1 else 'were'}"
         super().__init__(f"{seen} found of {expected} marks {mark}; give their radius, another method or a lower score")
-        self.mark, self.found, self.expected = mark, found, expected
+        self.mark: str = mark
+        self.found: int = found
+        self.expected: int = expected
 
 
 class MissingOpenGL(CadcamError):
@@ -192,7 +211,7 @@ class MissingOpenGL(CadcamError):
 
     def __init__(self, why: str) -> None:
         super().__init__(f"the renderer 'gl' is not available: {why}; use the renderer 'auto', or {self.REMEDY}")
-        self.why = why
+        self.why: str = why
 
 
 class MissingExtra(CadcamError):
@@ -200,7 +219,9 @@ class MissingExtra(CadcamError):
 
     def __init__(self, feature: str, extra: str, package: str) -> None:
         super().__init__(f'{feature} needs an optional package: pip install "cadcam[{extra}]", or {package} by itself')
-        self.feature, self.extra, self.package = feature, extra, package
+        self.feature: str = feature
+        self.extra: str = extra
+        self.package: str = package
 
 
 class MissingCore(CadcamError):
@@ -213,7 +234,7 @@ class MissingCore(CadcamError):
             f"{what} is not available: {why}; {instead} cadcam where a C compiler (CC, cc, gcc, clang) or a network to "
             "fetch one (the ziglang wheel) is at hand"
         )
-        self.why = why
+        self.why: str = why
 
 
 class NotEnoughMemory(CadcamError):
@@ -232,7 +253,8 @@ class UnreachableCluster(CadcamError):
             f"no work can be done at {address!r}: {reason}; give the address that the cluster's scheduler prints, "
             "such as tcp://10.0.0.1:8786"
         )
-        self.address, self.reason = address, reason
+        self.address: str = address
+        self.reason: str = reason
 
 
 class UnusableStore(CadcamError):
@@ -240,4 +262,6 @@ class UnusableStore(CadcamError):
 
     def __init__(self, where: str, reason: str, remedy: str = "") -> None:
         super().__init__(f"store {where}: {reason}" + (f"; {remedy}" if remedy else ""))
-        self.where, self.reason, self.remedy = where, reason, remedy
+        self.where: str = where
+        self.reason: str = reason
+        self.remedy: str = remedy

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 import os
 import re
-from collections.abc import Collection, Iterable, Mapping, Sized
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sized
 from dataclasses import fields
 from functools import cache
 from typing import TYPE_CHECKING, Any, SupportsFloat, TypeVar
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
 _Value = TypeVar("_Value")
+_Key = TypeVar("_Key")
 
 # an annotation of one number or of several: "float", "int | None", "tuple[float, float]"
 _NUMBERS = re.compile(
@@ -96,6 +97,30 @@ _WAYS: Mapping[tuple[str, str], str] = {
     ("str", "ViewRange"): "such as cadcam.ViewRange.above()",
     ("type", "Lens"): "an instance, such as cadcam.BrownConrady()",
 }
+
+
+class FrozenMap(Mapping[_Key, _Value]):
+    """A read-only copy of a mapping that, unlike `MappingProxyType`, travels to other processes and has a hash."""
+
+    __slots__ = ("_of",)
+
+    def __init__(self, of: Mapping[_Key, _Value] | Iterable[tuple[_Key, _Value]] = ()) -> None:
+        self._of = dict(of)
+
+    def __getitem__(self, key: _Key) -> _Value:
+        return self._of[key]
+
+    def __iter__(self) -> Iterator[_Key]:
+        return iter(self._of)
+
+    def __len__(self) -> int:
+        return len(self._of)
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self._of.items()))
+
+    def __repr__(self) -> str:
+        return repr(self._of)
 
 
 def expect(value: object, what: str, *kinds: type, optional: bool = False) -> None:
@@ -221,6 +246,8 @@ def expect_path(path: object, what: str = "path") -> None:
     """Raise `BadValue` naming `what` unless it is the name of a file or folder: a str or a pathlib.Path."""
     if not isinstance(path, (str, os.PathLike)):
         raise BadValue(what, said(path), "the name of a file, a str or a pathlib.Path")
+    if "\0" in str(path):
+        raise BadValue(what, said(path), "a name without NUL, which no system takes")
 
 
 def said(value: Any) -> str:

@@ -235,3 +235,11 @@ def test_a_template_turned_as_the_picture_has_it_stands_out_more(rng: np.random.
     turned = correlate(picture, Template(patch), options=CorrelateOptions(angles=(-0.5, 0.5), least_score=0.2))
     assert turned.score[0] > unturned.score[0] + 0.1
     assert turned.gap[0] > unturned.gap[0] + 0.1
+
+
+def test_peaks_are_told_by_the_best() -> None:
+    gray = np.random.default_rng(5).uniform(size=(60, 80))
+    peaks = correlate(gray, Template(gray[10:41, 20:51]), options=CorrelateOptions(angles=(0.0, 0.0), count=2))
+    assert repr(peaks).startswith(f"Peaks({len(peaks)}, the best: score 1.000 at (35.00, 25.00) px, turned by ")
+    empty = np.zeros((0, 2)), *[np.zeros(0)] * 3, np.zeros((0, 4, 4))
+    assert repr(type(peaks)(*empty)) == "Peaks(none)"

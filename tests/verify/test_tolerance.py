@@ -157,6 +157,15 @@ def test_the_template_is_a_valid_file(tmp_path: Path) -> None:
     assert [d.part for d in found.datum] == ["plate", "rib 2"]
 
 
+def test_a_template_is_of_parts_and_edges_that_there_are() -> None:
+    with pytest.raises(UnknownName, match="unknown part 'plat'; did you mean 'plate'"):
+        template(part().scene, seen=("rib 2", "plat"))
+    with pytest.raises(BadValue, match=r"^seen is the text 'plate'; expected a list of names: \['plate'\]$"):
+        template(part().scene, seen="plate")
+    with pytest.raises(BadValue, match=r"^chain of 'plate' is 99999; expected one of "):
+        template(part().scene, seen=["plate"], chain=99999)
+
+
 def test_a_name_full_of_signs_means_only_itself() -> None:
     selection = whole_parts(part().scene).features[1].selection
     assert selection.bodies(part().scene).tolist() == [False, True, False, False, False]

@@ -17,14 +17,16 @@ class TriangleTree:
     """Boxes over runs of triangles that are neighbours in space and, as far as possible, of one body."""
 
     def __init__(self, mesh: Mesh, body: Longs) -> None:
-        self.corners = mesh.vertices[mesh.faces]
+        self.corners: Array = mesh.vertices[mesh.faces]
         low, high = self.corners.min(axis=1), self.corners.max(axis=1)
         self.body = body
-        self.order = np.lexsort((_morton((low + high) / 2), body))
+        self.order: npt.NDArray[np.intp] = np.lexsort((_morton((low + high) / 2), body))
         depth = max(int(np.ceil(np.log2(max(len(low) / _LEAF, 1)))), 0)
         n = _LEAF << depth
-        self.levels = _levels(_padded(low[self.order], n, np.inf), _padded(high[self.order], n, -np.inf))
-        self.owners = _owners(_padded(body[self.order], n, -1), len(self.levels))
+        self.levels: list[tuple[Array, Array]] = _levels(
+            _padded(low[self.order], n, np.inf), _padded(high[self.order], n, -np.inf)
+        )
+        self.owners: list[Longs] = _owners(_padded(body[self.order], n, -1), len(self.levels))
 
     def touching(self, points: Array, tolerance: float, *, apart_from: Longs) -> tuple[Longs, Longs]:
         """Return pairs (point, face): faces within `tolerance` of each point (N, 3), of another body than its own."""

@@ -24,7 +24,7 @@ from cadcam.cad.mend import Repairs, mend
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.units import MM, unit_name
 from cadcam.errors import BadValue, DegenerateGeometry, UnreadableFile
-from cadcam.kinds import expect_path
+from cadcam.kinds import expect_path, expect_positive
 
 _READERS: dict[str, Callable[[Path, bytes], Model]] = {
     ".stl": read_stl,
@@ -103,6 +103,8 @@ def read_model_with_report(
     """Return what `read_model` returns, and the report of it."""
     expect_path(path)
     wanted = None if unit is None else unit_name(unit)
+    if chordal_tolerance_mm is not None:
+        expect_positive(chordal_tolerance_mm, "chordal_tolerance_mm", "a positive length in mm")
     path = Path(path)
     data = _bytes(path)
     suffix = path.suffix.lower()

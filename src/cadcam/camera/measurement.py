@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from types import MappingProxyType
 
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Ids, Longs, frozen
 from cadcam.camera.error_source import ErrorSource
 from cadcam.errors import BadValue
-from cadcam.kinds import expect_known
+from cadcam.kinds import FrozenMap, expect_known
 
 PIXELS = "pixels"
 _NORMAL = 1e9  # degrees of freedom from which Student's distribution is taken as normal
@@ -81,7 +80,7 @@ class Measurement:
         for name in ("chi2", "gap", "gap_sigma", "angle"):
             object.__setattr__(self, name, frozen(getattr(self, name), name, (n,), finite=False))
         object.__setattr__(self, "dof", frozen(self.dof, "dof", (n,), np.int32))
-        object.__setattr__(self, "refused", MappingProxyType(dict(self.refused)))
+        object.__setattr__(self, "refused", FrozenMap(self.refused))
 
     def __len__(self) -> int:
         return len(self.names)

@@ -12,7 +12,7 @@ from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import checked_size
 from cadcam.camera.extended_pinhole import pixels_from_uv, uv_from_pixels
 from cadcam.errors import BadValue
-from cadcam.kinds import said
+from cadcam.kinds import expect_positive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,9 +39,8 @@ class Observations:
             raise BadValue("number of world points, pixels, names", (len(p), len(q), len(names)), "one number for all")
         _refuse_not_finite(p, names, "XYZ")
         _refuse_not_finite(q, names, ("column", "row"))
-        one = isinstance(self.sigma_px, (int, float, np.number)) and np.isfinite(self.sigma_px) and self.sigma_px > 0
-        if self.sigma_px is not None and not one:
-            raise BadValue("sigma_px", said(self.sigma_px), "a positive number of pixels, or None: one for all points")
+        if self.sigma_px is not None:
+            expect_positive(self.sigma_px, "sigma_px", "a positive number of pixels, or None: one for all points")
         object.__setattr__(self, "p_world", p)
         object.__setattr__(self, "q", q)
         object.__setattr__(self, "names", names)

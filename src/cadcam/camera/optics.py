@@ -15,7 +15,7 @@ from math import atan, degrees, inf, isfinite
 from cadcam.camera.camera import Camera
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_number, expect_numbers
+from cadcam.kinds import expect, expect_numbers, expect_positive
 
 WAVELENGTH_UM = 0.55  # green, the middle of a monochrome sensor's range
 AIRY_SIGMA = 0.42  # of wavelength times f-number: the Gaussian nearest to the Airy disc's core
@@ -195,7 +195,7 @@ def solve_optics(
     if len(known) != 2:
         raise BadValue("what is known", ", ".join(known) or "nothing", "two of focal_mm, distance_mm, width_mm")
     for name in known:
-        _positive(name, given[name] or 0.0, "mm")
+        _positive(name, given[name], "mm")
     w = sensor.size_mm[0]
     if focal_mm is None:
         assert distance_mm is not None
@@ -235,7 +235,5 @@ def lens_class(angle_deg: float) -> str:
     return "wide angle" if angle_deg > WIDE_DEG else "normal"
 
 
-def _positive(what: str, value: float, unit: str) -> None:
-    expect_number(value, what)
-    if not (isfinite(value) and value > 0):
-        raise BadValue(what, f"{value:g}", f"a positive number, {unit}")
+def _positive(what: str, value: object, unit: str) -> None:
+    expect_positive(value, what, f"a positive number, {unit}")

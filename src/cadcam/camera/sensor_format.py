@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from math import hypot
 
 from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect_numbers
+from cadcam.kinds import expect, expect_numbers
 
 EFFECTIVE = 0.9  # thesis 5.1
 
@@ -101,6 +101,7 @@ CHIPS: dict[str, SensorFormat] = {
 
 def sensor_format(name: str) -> SensorFormat:
     """Return a sensor by its format ("1/2"), its chip ("IMX264"), or its size in mm ("5.94x3.96")."""
+    expect(name, "sensor", str)
     key = name.strip().removesuffix('"').lower()
     known = {k.lower(): s for k, s in {**FORMATS, **CHIPS}.items()}
     if key in known:

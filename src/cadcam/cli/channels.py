@@ -62,7 +62,8 @@ class RenderedFrames:
         look: Look = PLAIN,
     ) -> None:
         self._renderer = open_renderer(scene, arguments.renderer, threads=arguments.threads)
-        self._channels, self._look, self.write = channels, look, save
+        self._channels, self._look = channels, look
+        self.write: Callable[[str, View], Said] = save
 
     def frames(self, camera: Camera, poses: Iterable[Rigid]) -> Iterator[View]:
         """Yield the views: a single one on all cores, several of them on one core each."""

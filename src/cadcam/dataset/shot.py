@@ -59,7 +59,10 @@ class ShotSampler:
     """Draws the random shots of a plan; what does not depend on the view is computed once."""
 
     def __init__(self, plan: DatasetPlan, scene: Scene, props: tuple[Prop, ...]) -> None:
-        self.plan, self.props = plan, props
+        self.plan: DatasetPlan = plan
+        self.props: tuple[Prop, ...] = props
+        self.middle: Array
+        self.radius: float
         self.middle, self.radius = middle_and_radius(scene.mesh)
         self._jitters = plan.focal_jitter > 0 or plan.center_jitter_px > 0
 

@@ -35,7 +35,7 @@ from cadcam.files.text import (
     read_text,
     rows_of_cells,
 )
-from cadcam.kinds import expect, expect_known, expect_path
+from cadcam.kinds import expect, expect_known, expect_names, expect_path
 from cadcam.whole import write_whole
 
 _WORLD = re.compile(r"([XYZxyz])(?:[_ ]?[\[(]?([A-Za-z]+)[\])]?)?")
@@ -72,7 +72,7 @@ def read_points(
     lines = list(lines_of_cells(file))
     if header is None:
         header, lines = header_line(file, lines), lines[1:]
-    layout = _layout(file, tuple(header), unit, columns)
+    layout = _layout(file, expect_names(header, "header"), unit, columns)
     if not lines:
         raise UnreadableFile(path, "has a header but no points", "add one line for each point")
     table = np.array([_numbers(file, layout, line) for line in lines])
@@ -210,7 +210,7 @@ def _pixel_pairs(header: tuple[str, ...]) -> dict[tuple[str, str], tuple[int, in
 def _chosen_pair(
     pairs: dict[tuple[str, str], tuple[int, int]], header: tuple[str, ...], columns: Sequence[str]
 ) -> tuple[int, int]:
-    for name in columns:
+    for name in expect_names(columns, "columns"):
         expect_known(name, "column", header)
     for pair, indices in pairs.items():
         if set(pair) == set(columns):

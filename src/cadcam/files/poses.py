@@ -13,7 +13,7 @@ from cadcam.files.jsontext import parsed
 from cadcam.files.matrix import POSES, pose_in, read_pose, same_way, stated
 from cadcam.files.text import Line, TextFile, check_cells, lines_of_cells, number_in, read_text, rows_of_cells
 from cadcam.geometry import rotation as so3
-from cadcam.geometry.rigid import Rigid
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
@@ -37,6 +37,7 @@ def read_poses(path: str | os.PathLike[str]) -> dict[str, Rigid]:
     A folder: each .txt, .json or .csv file in it is a pose file as for `read_pose`, its name that of the pose.
     Raises `UnreadableFile` naming line or key.
     """
+    expect_path(path)
     if Path(path).is_dir():
         named = [(file.stem, read_pose(file)) for file in _files_in(Path(path))]
     else:
@@ -56,6 +57,8 @@ def write_poses(path: str | os.PathLike[str], poses: Mapping[str, Rigid]) -> Non
     """Write camera_from_world (mm) by name as the text that `read_poses` reads, every bit of the numbers kept."""
     expect_path(path)
     expect(poses, "poses", Mapping)
+    for name, pose in poses.items():
+        expect_motion(pose, f"pose {name!r}")
     rows = (
         [name, *(repr(float(v)) for v in (*pose.rotation.ravel(), *pose.translation))] for name, pose in poses.items()
     )

@@ -52,6 +52,7 @@ class Convention:
         return np.concatenate([t, self.cells(poses.rotation)], axis=-1)
 
     def _mm(self, unit: str | None) -> float:
+        expect(unit, "unit", str, optional=True)
         if not (unit or self.unit):
             raise BadValue("unit of the robot's positions", "not stated", "mm, m ...: this convention does not say")
         return MM[unit_name(unit or self.unit)]

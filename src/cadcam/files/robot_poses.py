@@ -29,7 +29,7 @@ from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.robot_conventions import CONVENTIONS
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect_known
+from cadcam.kinds import expect, expect_known, expect_path
 
 _SUFFIXES = (".txt", ".csv", ".json", ".yaml", ".yml")
 _NAME_COLUMNS = ("name", "id", "pose", "image", "label")
@@ -63,6 +63,7 @@ class RobotNumbers(Brief):
     def poses(self, convention: str, *, unit: str | None = None) -> Rigid:
         """Return base_from_flange (n), mm, of a convention; `UnreadableFile` where the file does not match it."""
         expect_known(convention, "robot pose convention", CONVENTIONS)
+        expect(unit, "unit", str, optional=True)
         rule, numbers = CONVENTIONS[convention], self.numbers
         if self.columns and set(rule.columns) == set(self.columns):
             numbers = numbers[:, [self.columns.index(c) for c in rule.columns]]
@@ -104,6 +105,8 @@ def read_robot_poses(
 
 def read_robot_numbers(*paths: str | os.PathLike[str]) -> RobotNumbers:
     """Return the poses of a file, a folder, or several files of one pose each, as numbers, before any convention."""
+    for one in paths:
+        expect_path(one)
     if len(paths) > 1:
         return _one_each([Path(p) for p in paths], os.fspath(paths[0]))
     path = Path(paths[0])

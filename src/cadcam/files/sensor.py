@@ -21,6 +21,7 @@ from cadcam.files.jsontext import Place, as_json, parsed
 from cadcam.files.text import read_text
 from cadcam.image.sensor.presets import PRESETS, preset
 from cadcam.image.sensor.sensor import EFFECTS, Sensor
+from cadcam.kinds import expect, expect_path
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam sensor", 1
@@ -38,6 +39,8 @@ def read_sensor(path: str | os.PathLike[str]) -> Sensor:
 
 def named_sensor(name: str) -> Sensor:
     """Return the preset of this name, or else the sensor in the file of this name."""
+    expect_path(name, "sensor")
+    name = os.fspath(name)
     if name in PRESETS:
         return PRESETS[name]
     if not Path(name).exists() and not Path(name).suffix:
@@ -53,6 +56,8 @@ def named_sensor(name: str) -> Sensor:
 
 def write_sensor(path: str | os.PathLike[str], sensor: Sensor) -> None:
     """Write a sensor, whole or not at all; floats keep every bit."""
+    expect_path(path)
+    expect(sensor, "sensor", Sensor)
     write_whole(path, as_json(sensor_as_json(sensor)))
 
 

@@ -33,7 +33,9 @@ class NotMixed(NotConverged):
             f"{R_HAT_USELESS:g} the limit; effective sample size {effective:.0f}); take more steps, or fix a parameter "
             "that the points hardly determine"
         )
-        self.name, self.r_hat, self.effective = name, r_hat, effective
+        self.name: str = name
+        self.r_hat: float = r_hat
+        self.effective: float = effective
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from typing import NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Brief, Ids, Mask, Picture, frozen
+from cadcam.arrays import Array, Ids, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.match_covariance import peak_covariances
 from cadcam.image.pyramid import Pyramid
@@ -82,7 +82,7 @@ ANY_ANGLE = CorrelateOptions()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Peaks(Brief):
+class Peaks:
     """Peaks of the normalised correlation, best first.
 
     q (N, 2) px: the template's centre; angle (N,) rad from the picture's x towards its y axis; scale (N,); score (N,)
@@ -106,6 +106,13 @@ class Peaks(Brief):
 
     def __len__(self) -> int:
         return len(self.score)
+
+    def __repr__(self) -> str:
+        if not len(self):
+            return "Peaks(none)"
+        x, y = self.q[0]
+        best = f"score {self.score[0]:.3f} at ({x:.2f}, {y:.2f}) px, turned by {np.degrees(self.angle[0]):.2f} deg"
+        return f"Peaks({len(self)}, the best: {best}, scale {self.scale[0]:.4g})"
 
     @property
     def gap(self) -> Array:

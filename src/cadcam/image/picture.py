@@ -20,7 +20,7 @@ from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.image.decode import Decoded, finished, first_pixel, stored
 from cadcam.image.suffixes import FORMS
-from cadcam.kinds import expect_path, expect_positive, said
+from cadcam.kinds import expect_count, expect_path, expect_positive, said
 from cadcam.whole import write_whole
 
 MAX_PIXELS = 500_000_000
@@ -125,6 +125,7 @@ def encoded(
         values = _with_alpha(values, alpha, form)
     if bits not in (8, 16) or (bits == 16 and (values.ndim == 3 or form != "PNG")):
         raise BadValue("bits", bits, "8, or 16 for a grey PNG")
+    expect_count(quality, "quality", most=100)
     if form == "JPEG" and max(values.shape[:2]) > _LONGEST_JPEG:
         raise BadValue("picture", f"of shape {values.shape}", f"at most {_LONGEST_JPEG} px a side in a JPEG; use PNG")
     white, dtype = (255.0, np.uint8) if bits == 8 else (65535.0, np.uint16)
@@ -172,6 +173,8 @@ def checked(picture: npt.ArrayLike) -> Picture:
     none needs more than 14 bits are refused, as white may be 1023, 4095 or 16383. Floats may exceed 1, as bright light
     does; those that can only be such numbers made floats are refused.
     """
+    if np.ma.is_masked(picture):  # numpy would give what is under the mask
+        raise BadValue("picture", "masked in places", "every pixel: picture.filled(0) has a value for those masked")
     try:
         given = np.asarray(picture)
         if given.dtype.kind not in "biuf":
@@ -191,6 +194,8 @@ def checked(picture: npt.ArrayLike) -> Picture:
     if brightest > (1 if given.dtype.kind in "iu" else _BRIGHTEST):
         white = "255, or give uint8" if brightest <= 255 else "255, 4095 (12 bits) or 65535, whichever is its white"
         raise BadValue("picture", f"as bright as {brightest:g}", f"values in [0, 1]: divide by {white}")
+    if darkest < 0 and given.dtype.kind == "i":
+        raise BadValue("picture", f"of whole numbers down to {darkest:g}", "0 or more: unsigned ones, as cameras give")
     return values
 
 

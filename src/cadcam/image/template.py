@@ -54,7 +54,7 @@ class Template:
         self._worst: dict[int, float] = {}
         self._between: dict[int, float] = {}
         self._coarsest = 0  # unknown yet
-        self.round_radius = self._round_radius()
+        self.round_radius: float = self._round_radius()
 
     def __repr__(self) -> str:
         counted = "" if self.mask.all() else f", {self.mask.mean():.0%} of them count"

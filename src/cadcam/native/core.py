@@ -143,7 +143,7 @@ class NativeLens(Handle):
     def __init__(self, points: Array) -> None:
         points = np.ascontiguousarray(points, np.float64)
         height, width = points.shape[:2]
-        self.size = (width, height)
+        self.size: tuple[int, int] = (width, height)
         made = library().cc_lens_new(points.ctypes.data, width, height)
         super().__init__(made, library().cc_lens_free, f"a lens table of {width} x {height} px")
 

@@ -62,7 +62,7 @@ class DepthView:
     ) -> None:
         self._kept = np.ascontiguousarray(depth, np.float32), np.ascontiguousarray(normal, np.float32)
         height, width = depth.shape
-        self.request = _DepthView(*addresses(*self._kept), *pixel, slack, steepest, width, height)
+        self.request: c.Structure = _DepthView(*addresses(*self._kept), *pixel, slack, steepest, width, height)
 
     def points(self, p: Array, q: Array) -> Mask:
         """Return which points (n,) are visible: p (n, 3) mm in the camera frame, q (n, 2) px."""

@@ -8,12 +8,12 @@ from cadcam.record.record import LIMITS, PLACE, ROTATION, UNITS
 
 VERSION = 2  # 1 had no findings, and no index by serial
 
-tables = MetaData()
+tables: MetaData = MetaData()
 
-store = Table("cadcam_store", tables, Column("version", Integer, nullable=False), Column("software", Text))
+store: Table = Table("cadcam_store", tables, Column("version", Integer, nullable=False), Column("software", Text))
 
 # world_from_part is the rotation r11 ... r33 and the translation x y z; null where the part was not found
-measurement = Table(
+measurement: Table = Table(
     "measurement",
     tables,
     Column("id", Text, primary_key=True),
@@ -42,7 +42,7 @@ def _belongs() -> tuple[Column[str], Column[int]]:
 
 
 # lengths are in the columns _mm, angles in those _deg, the others are null
-deviation = Table(
+deviation: Table = Table(
     "deviation",
     tables,
     *_belongs(),
@@ -55,7 +55,7 @@ deviation = Table(
 )
 
 # what was judged without a number
-finding = Table(
+finding: Table = Table(
     "finding",
     tables,
     *_belongs(),
@@ -66,9 +66,9 @@ finding = Table(
     Index("finding_by_feature", "feature"),
 )
 
-JUDGED = (deviation, finding)
+JUDGED: tuple[Table, ...] = (deviation, finding)
 
-source = Table(
+source: Table = Table(
     "source",
     tables,
     *_belongs(),

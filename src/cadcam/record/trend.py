@@ -11,7 +11,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief
 from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect_each
+from cadcam.kinds import expect, expect_each
 from cadcam.record.record import Deviation, Finding, Record
 
 
@@ -87,6 +87,7 @@ def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -
     and angles would be mixed.
     """
     records = expect_each(records, "records", Record)
+    expect(feature, "feature", str)
     all_judged = [(r, one) for r in records for one in _judged(r)]
     named = [(r, one) for r, one in all_judged if one.feature == feature]
     if not named:

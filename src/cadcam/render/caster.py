@@ -26,7 +26,7 @@ class Caster:
             raise DegenerateGeometry("a mesh without faces cannot be rendered")
         low, high = mesh.bounds
         self.center: Array = (low + high) / 2 if center is None else center
-        self.radius = float(np.linalg.norm(high - low)) / 2
+        self.radius: float = float(np.linalg.norm(high - low)) / 2
         self._rays = _rays(mesh.vertices - self.center, mesh.faces)
 
     def first_hit(self, origins: Array, directions: Array, reach: Array) -> Ids:

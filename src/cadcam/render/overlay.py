@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -18,14 +17,14 @@ from cadcam.image.draw import draw_polylines
 from cadcam.image.edges import EdgePoints, canny, distance_to_edges
 from cadcam.image.picture import checked, equalized, to_gray, to_rgb
 from cadcam.image.svg import SvgLayer, write_svg
-from cadcam.kinds import expect, expect_number, expect_numbers, expect_path, expect_positive
+from cadcam.kinds import FrozenMap, expect, expect_count, expect_number, expect_numbers, expect_path, expect_positive
 from cadcam.render.lines.wireframe import Polylines, Wireframe
 from cadcam.render.view import View
 
 Color = tuple[float, float, float]
 
 # Strong on grey metal, and distinct for people with any colour vision: hues of Okabe and Ito (2008), saturated.
-KIND_COLORS: Mapping[EdgeKind, Color] = MappingProxyType(
+KIND_COLORS: Mapping[EdgeKind, Color] = FrozenMap(
     {
         EdgeKind.CREASE: (0.00, 0.85, 0.35),
         EdgeKind.BREP: (0.00, 0.85, 0.35),
@@ -71,6 +70,7 @@ class LineStyle:
         if self.color_by not in ("kind", "part", "one"):
             raise BadValue("color_by", repr(self.color_by), "'kind', 'part' or 'one'")
         expect(self.kinds, "kinds", Mapping)
+        object.__setattr__(self, "kinds", FrozenMap(self.kinds))
 
 
 PLAIN_STYLE = LineStyle()
@@ -103,6 +103,7 @@ def write_overlay_svg(
     expect_path(path)
     expect(wireframe, "wireframe", Wireframe)
     expect(style, "style", LineStyle)
+    expect(title, "title", str)
     embedded = None if photo is None else fitting(photo, wireframe.camera)
     write_svg(path, wireframe.camera.size, list(_layers(wireframe, style)), photo=embedded, title=title)
 
@@ -145,12 +146,13 @@ def side_by_side(*pictures: npt.ArrayLike, gap: int = 8) -> Picture:
     """Return pictures of one height next to each other, with a white gap of `gap` px; (H, W', 3)."""
     if not pictures:
         raise BadValue("number of pictures", 0, "at least one")
+    expect_count(gap, "gap", least=0)
     colour = [to_rgb(p) for p in pictures]
     height = colour[0].shape[0]
     for picture in colour:
         if picture.shape[0] != height:
             raise BadValue("picture height", picture.shape[0], f"{height} px, that of the first picture")
-    bar = np.ones((height, gap, 3), np.float32)
+    bar = np.ones((height, int(gap), 3), np.float32)
     pieces = [piece for picture in colour for piece in (bar, picture)]
     return np.concatenate(pieces[1:], axis=1)
 

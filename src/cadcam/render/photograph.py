@@ -50,6 +50,9 @@ class Photographer:
         self._reflectance = scene.colors[scene.paint]
         self._caster: Caster | None = None
 
+    def __getstate__(self) -> dict[str, object]:
+        return {**self.__dict__, "_caster": None}  # a copy, in another process, say, makes its own
+
     def __repr__(self) -> str:
         return f"Photographer({self._scene!r}, by {type(self._renderer).__name__})"
 

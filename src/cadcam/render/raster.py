@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from concurrent.futures import Future
+from functools import partial
 from queue import SimpleQueue
 from typing import Any, NamedTuple
 
@@ -72,6 +73,10 @@ class RasterRenderer:
         self._workers = Workers()
         self._buffers = Buffers()
         self._lenses: dict[tuple[Any, ...], NativeLens] = {}
+
+    def __reduce__(self) -> tuple[Callable[[Scene], RasterRenderer], tuple[Scene]]:
+        solid = self._solid is not None
+        return partial(type(self), threads=self._threads, backs=not solid, solid=solid), (self._scene,)
 
     def __repr__(self) -> str:
         return f"RasterRenderer({self._scene!r}, {self._threads} threads)"

@@ -41,6 +41,9 @@ class RayRenderer:
         self._anchor = scene.mesh.vertices[scene.mesh.faces[:, 0]]
         self._rays: dict[tuple[Any, ...], Array] = {}
 
+    def __reduce__(self) -> tuple[type[RayRenderer], tuple[Scene]]:
+        return type(self), (self._scene,)
+
     def __repr__(self) -> str:
         return f"RayRenderer({self._scene!r})"
 

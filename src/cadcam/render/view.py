@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import Flag, auto
-from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -18,7 +17,7 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.picture import to_gray
-from cadcam.kinds import expect, expect_number, expect_numbers
+from cadcam.kinds import FrozenMap, expect, expect_number, expect_numbers
 
 # Muted, and distinct for people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
 PALETTE = np.array(
@@ -173,7 +172,7 @@ class View:
     def __post_init__(self) -> None:
         for layer in self.layers.values():
             layer.setflags(write=False)  # made for this view by a renderer: no copy of what may be large
-        object.__setattr__(self, "layers", MappingProxyType(dict(self.layers)))
+        object.__setattr__(self, "layers", FrozenMap(self.layers))
 
     @property
     def image(self) -> Picture:

@@ -36,20 +36,35 @@ def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
     The sigmas are those without what no photo can determine, which has a row of its own.
     """
     camera_from_part = photo.camera_from_world @ pose.world_from_part
-    known = pose.determined
-    sigma = np.sqrt(np.diag(known.covariance))
     rows = [("part's origin in the camera, mm", _three(camera_from_part.translation, 3))]
     rows += [("rotation vector, camera from part, deg", _three(np.degrees(so3.log(camera_from_part.rotation)), 3))]
     if np.abs(photo.camera_from_world.matrix - np.eye(4)).max() > 0:
         rows.append(("part's origin in the world, mm", _three(pose.world_from_part.translation, 3)))
-    rows += [
+    rows += [*_sigmas(pose), ("weakest", weakest(pose, radius_mm=radius_mm)), *_undetermined(pose)]
+    return Table("Pose", ("", ""), tuple(rows), ("",))
+
+
+def world_table(pose: PoseEstimate) -> Table:
+    """Return the pose of the part in the world, and its uncertainty, as `pose_table`."""
+    part = pose.world_from_part
+    rows = [("part's origin in the world, mm", _three(part.translation, 3))]
+    rows += [("rotation vector, world from part, deg", _three(np.degrees(so3.log(part.rotation)), 3))]
+    return Table("Pose", ("", ""), (*rows, *_sigmas(pose), *_undetermined(pose)), ("",))
+
+
+def _sigmas(pose: PoseEstimate) -> list[tuple[str, str]]:
+    known = pose.determined
+    sigma = np.sqrt(np.diag(known.covariance))
+    return [
         ("sigma along the part's x, y, z, mm", ", ".join(map(significant, sigma[:3]))),
         ("sigma of turns about them, deg", ", ".join(map(significant, np.degrees(sigma[3:])))),
         *_by_photo(known),
-        ("weakest", weakest(pose, radius_mm=radius_mm)),
     ]
-    rows += [("not determined", f"{words}: so turned, it looks the same")] if (words := pose.undetermined_words) else []
-    return Table("Pose", ("", ""), tuple(rows), ("",))
+
+
+def _undetermined(pose: PoseEstimate) -> list[tuple[str, str]]:
+    words = pose.undetermined_words
+    return [("not determined", f"{words}: so turned, it looks the same")] if words else []
 
 
 def _by_photo(pose: PoseEstimate) -> list[tuple[str, str]]:

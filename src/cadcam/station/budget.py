@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from types import MappingProxyType
 
 import numpy as np
 
 from cadcam.camera.measurement import PIXELS, Measurement
-from cadcam.kinds import expect_positive
+from cadcam.kinds import FrozenMap, expect_positive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,7 +20,7 @@ class Budget:
     def __post_init__(self) -> None:
         for cause, value in self.contributions.items():
             expect_positive(value, f"contribution of {cause!r}", "mm, from 0 on", zero=True)
-        object.__setattr__(self, "contributions", MappingProxyType(dict(self.contributions)))
+        object.__setattr__(self, "contributions", FrozenMap(self.contributions))
 
     @property
     def total(self) -> float:

@@ -8,6 +8,7 @@ import numpy as np
 
 from cadcam.camera.lens import Lens
 from cadcam.errors import BadValue, UnknownName
+from cadcam.kinds import expect_number
 
 
 def estimated_names(
@@ -20,6 +21,7 @@ def estimated_names(
     for name, value in fixed.items():
         if name not in of:
             raise UnknownName(f"{what} to fix", name, of)
+        expect_number(value, f"fixed {name}")
         if not np.isfinite(value):
             raise BadValue(f"fixed {name}", value, "a finite number")
         if name in ("focal", "aspect") and value <= 0:

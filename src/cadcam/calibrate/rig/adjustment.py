@@ -24,7 +24,7 @@ from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each
+from cadcam.kinds import expect, expect_each, expect_names
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-16)
 _LEAST_NOISE = 1e-6  # px, of a camera by itself: pixels that fit exactly do not get infinite weight
@@ -79,6 +79,7 @@ def calibrate_rig(
     """
     expect(cameras, "cameras", Mapping)
     expect_each(cameras.values(), "cameras", RigCamera)
+    frames = expect_names(frames, "frames")
     _refuse_unlike(cameras, frames)
     _refuse_the_same_twice(cameras)
     count = len(next(iter(cameras.values())).views)

@@ -245,8 +245,8 @@ def noise_of(estimate: CameraEstimate, sigma_px: float | None, sigma_mm: float =
 def blocks(draws: int) -> Iterator[int]:
     """Yield the number of draws of each block; `BadValue` for too few draws."""
     expect_count(draws, "number of draws", least=2, expected="2 at least; 2000 know a sigma to 1.6 %")
-    for begin in range(0, draws, BLOCK):
-        yield min(BLOCK, draws - begin)
+    for begin in range(0, int(draws), BLOCK):
+        yield min(BLOCK, int(draws) - begin)
 
 
 def independent(

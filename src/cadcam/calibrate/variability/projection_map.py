@@ -48,7 +48,7 @@ def projection_map(
         raise BadValue("surface", "a depth and a plane", "one of them")
     expect_count(nodes, "nodes", least=2)
     camera = estimate.camera
-    h, w = (max(2, round(nodes * n / max(camera.size))) for n in (camera.height, camera.width))
+    h, w = (max(2, round(int(nodes) * n / max(camera.size))) for n in (camera.height, camera.width))
     x, y = np.linspace(-0.5, camera.width - 0.5, w), np.linspace(-0.5, camera.height - 0.5, h)
     rays = camera.unproject(np.stack(np.meshgrid(x, y), axis=-1))
     if plane is None:
@@ -61,7 +61,7 @@ def projection_map(
 
 def _at_depth(estimate: CameraEstimate, rays: Array, depth_mm: float | None) -> tuple[Array, str]:
     p = estimate.camera_from_world @ estimate.observations.p_world
-    depth = float(p[:, 2].mean()) if depth_mm is None else depth_mm
+    depth = p[:, 2].mean() if depth_mm is None else depth_mm
     expect_positive(depth, "depth_mm", "a positive distance along the optical axis")
     return rays * (depth / rays[..., 2:]), f"at {depth:.4g} mm along the optical axis"
 

@@ -26,7 +26,7 @@ class RefusedLoss(CadcamError):
             f"{title} cannot hold all of this camera: {'; '.join(str(loss) for loss in losses)}; accept it with "
             f"--allow-loss {names} (allow_loss={tuple(names.split(','))}){fit}"
         )
-        self.losses = tuple(losses)
+        self.losses: tuple[ConversionLoss, ...] = tuple(losses)
 
 
 def prepared(named: NamedCamera, form: Holder, *, fit: bool) -> tuple[NamedCamera, list[ConversionLoss]]:

@@ -9,7 +9,7 @@ Source: opencv `samples/cpp/calibration.cpp`, `doc/tutorials/calib3d/camera_cali
 from __future__ import annotations
 
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -179,7 +179,7 @@ def _as_xml(values: dict[str, Any]) -> str:
     return "\n".join([*lines, "</opencv_storage>", ""])
 
 
-OPENCV_LENSES = {
+OPENCV_LENSES: Mapping[str, tuple[str, ...]] = {
     "ideal": (),
     "brown-conrady": tuple(BrownConrady().parameters),
     "tilted-brown-conrady": tuple(TiltedBrownConrady().parameters),

@@ -13,14 +13,14 @@ from typing import TypeVar
 import numpy as np
 
 from cadcam.cad.units import MM, unit_name
-from cadcam.camera.camera import Camera
+from cadcam.camera.camera import Camera, checked_size
 from cadcam.camera.difference import largest_difference
 from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.files.foreign.losses import prepared, refuse
 from cadcam.files.foreign.model import ConversionLoss, Foreign, Format, NamedCamera, WriteOptions
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.geometry.rigid import Rigid, expect_motion
-from cadcam.kinds import expect, expect_known, expect_positive
+from cadcam.kinds import expect, expect_known, expect_names, expect_path, expect_positive
 from cadcam.whole import write_whole
 
 # name: module and the format in it; in the order in which a file is tested for them
@@ -111,12 +111,15 @@ def read_cameras(
     format_name: one of `NAMES`, else recognised from the content. size: the picture's, for formats that have none.
     unit: of the file's lengths where its format has none; mm by default, with a note. Raises `UnreadableFile`.
     """
+    expect_path(path)
+    if size is not None:
+        size = checked_size(size)
     source = ForeignFile(os.fspath(path), size=size, mm=_mm(unit))
     _refuse_missing(source)
     form = format_of(source) if format_name is None else format_named(format_name)
     _refuse_unit(form, unit)
     found = _read(form, source)
-    if size is not None and any(named.camera.size != tuple(size) for named in found.cameras):
+    if size is not None and any(named.camera.size != size for named in found.cameras):
         raise BadValue("size", size, f"none, or that in the file: {found.cameras[0].camera.size}")
     posed = any(named.camera_from_world is not None for named in found.cameras)
     if form.unit is None and unit is None and posed:
@@ -144,6 +147,8 @@ def write_cameras(
     the format has none of its own (mm). pixel_mm: the pixel pitch, where the format requires a sensor in mm. The files
     are read back before they are written to disk.
     """
+    expect_path(path)
+    allow_loss = expect_names(allow_loss, "allow_loss")
     expect(cameras, "cameras", Camera, NamedCamera, Foreign)
     expect_motion(camera_from_world, "camera_from_world", optional=True)
     if pixel_mm is not None:

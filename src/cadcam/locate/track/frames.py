@@ -67,8 +67,8 @@ class Frames:
         check_full_scale(full_scale)
         if len(sources) != len(viewpoints) or not sources:
             raise BadValue("number of sources", len(sources), f"one for each of {len(viewpoints)} cameras")
-        self.sources = tuple(os.fspath(source) for source in sources)
-        self.viewpoints = tuple(viewpoints)
+        self.sources: tuple[str, ...] = tuple(os.fspath(source) for source in sources)
+        self.viewpoints: tuple[Viewpoint, ...] = tuple(viewpoints)
         self._full_scale = full_scale
         self._files = [None if _is_video(source) else picture_files(source) for source in self.sources]
         counts = {s: len(files) for s, files in zip(self.sources, self._files, strict=True) if files is not None}
@@ -76,7 +76,7 @@ class Frames:
             said = ", ".join(f"{source} {count}" for source, count in counts.items())
             raise BadValue("numbers of pictures", said, "as many of each camera: the n-th of all were taken together")
         _check_together([files for files in self._files if files is not None])
-        self.count = next(iter(counts.values()), None) or video.count_frames(self.sources[0])
+        self.count: int | None = next(iter(counts.values()), None) or video.count_frames(self.sources[0])
 
     @cached_property
     def full_scales(self) -> tuple[FullScale | None, ...]:

@@ -116,7 +116,7 @@ class TrackLog:
         *,
         filtered: bool,
     ) -> None:
-        self.path = os.fspath(path)
+        self.path: str = os.fspath(path)
         self.entries = entries
         self._filtered = filtered
         self._file = file

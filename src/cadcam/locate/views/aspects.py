@@ -56,8 +56,8 @@ class Aspects:
     def __init__(self, scene: Scene) -> None:
         low, high = scene.mesh.bounds
         self.centre: Array = (low + high) / 2
-        self.radius = float(np.linalg.norm(high - low) / 2)
-        self.net = sphere_net(DIRECTIONS)
+        self.radius: float = float(np.linalg.norm(high - low) / 2)
+        self.net: Array = sphere_net(DIRECTIONS)
         self._scene = scene
         self._made: dict[tuple[int, int], Aspect] = {}
 

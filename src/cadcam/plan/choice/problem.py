@@ -55,6 +55,8 @@ class SelectionProblem:
         self._each, self._base, self._k, self._basis = each, base, k, basis
         rank = basis.any(axis=-2).sum(axis=-1)
         self._groups = [(r, np.flatnonzero(rank == r)) for r in (1, 2, 3)]
+        self.candidates: int
+        self.targets: int
         self.candidates, _, self.targets = each.shape
 
     def hardest(self, chosen: Sequence[int]) -> SelectionProblem:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 
@@ -16,7 +15,7 @@ from cadcam.camera.optics import Optics
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect_count, expect_positive
+from cadcam.kinds import FrozenMap, expect_count, expect_positive
 from cadcam.plan.scene.feature import LayoutFeature
 from cadcam.plan.uncertainty.finding import Finder
 
@@ -210,7 +209,7 @@ class LayoutScene(Brief):
         for what in ("poses", "cameras"):
             if not getattr(self, what):
                 raise BadValue(f"{what} of the scene", "none", "at least one")
-            object.__setattr__(self, what, MappingProxyType(dict(getattr(self, what))))
+            object.__setattr__(self, what, FrozenMap(getattr(self, what)))
         for what in ("mounts", "features"):
             things = getattr(self, what)
             names = [t.name for t in things]

@@ -22,7 +22,7 @@ class Surroundings:
     def __init__(self, part: Mesh, obstacles: Mesh | None) -> None:
         self._part = _Body(part)
         self._obstacles = None if obstacles is None or not obstacles.n_faces else _Body(obstacles)
-        self.tolerance_mm = _TOLERANCE * float(np.linalg.norm(part.size_mm))
+        self.tolerance_mm: float = _TOLERANCE * float(np.linalg.norm(part.size_mm))
 
     def hidden(self, R: Array, t: Array, eye: Array, pose: npt.NDArray[np.int64], p: Array) -> Mask:
         """Return which part points p (n, 3) are hidden in poses (n,), indices of world_from_part R (P, 3, 3), t (P, 3).

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from types import MappingProxyType
 
 import numpy as np
 
@@ -19,7 +18,7 @@ from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
-from cadcam.kinds import expect, expect_each, expect_positive
+from cadcam.kinds import FrozenMap, expect, expect_each, expect_positive
 from cadcam.plan.uncertainty.evidence import Evidence, symmetric, together
 
 HEIGHT = "height of the plane"
@@ -42,7 +41,7 @@ class Prediction(Brief):
         n = len(self.points)
         object.__setattr__(self, "points", frozen(self.points, "points", (None, 3)))
         object.__setattr__(self, "covariance", frozen(self.covariance, "covariance", (n, 3, 3), finite=False))
-        object.__setattr__(self, "by_cause", MappingProxyType(dict(self.by_cause)))
+        object.__setattr__(self, "by_cause", FrozenMap(self.by_cause))
         object.__setattr__(self, "cameras", frozen(self.cameras, "cameras", (n,), np.int32))
 
     def __len__(self) -> int:
@@ -131,7 +130,7 @@ def _shown(viewpoints: Sequence[Viewpoint], q: Array, seen: Mask | None) -> Mask
     """Return which viewpoint sees which point (V, N), imaged at q (V, N, 2): as stated, or wherever it can."""
     if seen is None:
         return np.stack([view.camera.sees(at) for view, at in zip(viewpoints, q, strict=True)])
-    visible = np.asarray(seen, bool)
+    visible = frozen(seen, "seen", (None, None), bool)
     if visible.shape != q.shape[:2]:
         raise BadValue("seen", f"of shape {visible.shape}", f"({q.shape[0]} viewpoints, {q.shape[1]} points)")
     return np.asarray(visible & np.isfinite(q).all(axis=-1))

@@ -14,7 +14,8 @@ Colours are those of the faces, as for all renderers; a `Mesh` carries no textur
 from __future__ import annotations
 
 import weakref
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from functools import partial
 
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, DegenerateGeometry
@@ -38,11 +39,14 @@ class GlRenderer:
     def __init__(self, scene: Scene, *, device: int | str | None = None) -> None:
         if not scene.mesh.n_faces:
             raise DegenerateGeometry("a mesh without faces cannot be rendered")
-        self._scene = scene
+        self._scene, self._device = scene, device
         self._thread = open_gl(device)
         self._buffers = Buffers()
         self._gpu = self._thread.submit(lambda: GpuScene(self._thread, scene)).result()
         self._end = weakref.finalize(self, self._thread.discarded.append, self._gpu)
+
+    def __reduce__(self) -> tuple[Callable[[Scene], GlRenderer], tuple[Scene]]:
+        return partial(type(self), device=self._device), (self._scene,)
 
     def __repr__(self) -> str:
         return f"GlRenderer({self._scene!r}, on {self.info.renderer})"

@@ -25,7 +25,8 @@ class MovedFaces(OccludingFaces):
         moved = (mesh.vertices != was.vertices).any(axis=1)[mesh.faces[:, 0]]
         self._still, self._mesh = still, mesh
         self._moved = np.isin(np.arange(len(mesh.part_names)), mesh.part[moved])
-        self.normals, self._first = still.normals.copy(), mesh.vertices[mesh.faces[:, 0]]
+        self.normals: Array = still.normals.copy()
+        self._first = mesh.vertices[mesh.faces[:, 0]]
         if moved.any():
             self.normals[moved] = mesh.select(moved).face_normals
         low, high = after.bounds

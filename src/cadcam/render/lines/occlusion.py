@@ -26,7 +26,7 @@ class OccludingFaces:
     def __init__(self, mesh: Mesh, caster: Caster) -> None:
         self._caster = caster
         self._mesh = mesh
-        self.normals = mesh.face_normals
+        self.normals: Array = mesh.face_normals
         self._first = mesh.vertices[mesh.faces[:, 0]]
 
     def height(self, faces: Ids | Longs, points: Array) -> Array:

@@ -110,7 +110,8 @@ class SeenEdges:
 
     def __init__(self, scene: Scene, drawable: Drawable | None = None) -> None:
         mesh = scene.mesh
-        self.scene, self._drawable = scene, drawable or drawable_edges(scene)
+        self.scene: Scene = scene
+        self._drawable = drawable or drawable_edges(scene)
         low, high = mesh.bounds
         self._near = _NEAR * float(np.linalg.norm(high - low))
         every = self._drawable

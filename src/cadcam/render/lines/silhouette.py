@@ -6,7 +6,7 @@ from copy import copy
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.edges import edge_table
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable
@@ -20,14 +20,15 @@ class Topology:
     """The edges of a mesh with what does not depend on the view."""
 
     def __init__(self, mesh: Mesh) -> None:
-        self.mesh, self.bounds = mesh, mesh.bounds
-        self.table = edge_table(mesh)
-        self.pair = np.maximum(self.table.faces, 0)  # (E, 2): at a boundary the second is any face
-        self.solid = solid_parts(mesh, self.table)
-        self.two = self.table.count == 2
-        self.owner = mesh.part[self.table.faces[:, 0]]
-        self.boxes = part_boxes(mesh)
-        self.flipped = _flipped(mesh, self.table)
+        self.mesh: Mesh = mesh
+        self.bounds: Array = mesh.bounds
+        self.table: EdgeTable = edge_table(mesh)
+        self.pair: Longs = np.maximum(self.table.faces, 0)  # (E, 2): at a boundary the second is any face
+        self.solid: Mask = solid_parts(mesh, self.table)
+        self.two: Mask = self.table.count == 2
+        self.owner: Ids = mesh.part[self.table.faces[:, 0]]
+        self.boxes: tuple[Array, Array] = part_boxes(mesh)
+        self.flipped: Mask = _flipped(mesh, self.table)
 
     def moved(self, mesh: Mesh) -> Topology:
         """Return that of the same mesh with its parts moved as wholes: what meets at an edge, and how, stays."""

@@ -8,9 +8,8 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Ids, Longs, Mask, frozen
 from cadcam.camera.camera import Camera
-from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect_numbers
+from cadcam.kinds import expect_numbers, expect_positive
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,10 +31,11 @@ class LineOptions:
 
     def __post_init__(self) -> None:
         expect_numbers(self)
-        if not self.chord_px > 0:
-            raise BadValue("chord_px", self.chord_px, "a positive number of px")
-        if not self.margin_px >= 0:
-            raise BadValue("margin_px", self.margin_px, "a number of px, at least 0")
+        expect_positive(self.chord_px, "chord_px", "a positive number of px")
+        expect_positive(self.margin_px, "margin_px", "a number of px, at least 0", zero=True)
+        for name in ("near_mm", "coincident_mm"):
+            if getattr(self, name) is not None:
+                expect_positive(getattr(self, name), name, "a length in mm, at least 0, or None", zero=True)
 
 
 PLAIN_LINES = LineOptions()

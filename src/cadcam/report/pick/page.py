@@ -25,7 +25,7 @@ from cadcam.cad.corners import corner_vertices, rim_centers
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue
 from cadcam.image.picture import checked, encoded
-from cadcam.kinds import expect, expect_path
+from cadcam.kinds import expect, expect_names, expect_path, said
 from cadcam.render.view import Scene
 from cadcam.report.page import page, section
 from cadcam.whole import utf8, write_whole
@@ -64,6 +64,8 @@ def write_pick_page(
     expect_path(path)
     expect(scene, "scene", Scene)
     expect(picked, "picked", Observations, optional=True)
+    if len(expect_names(names, "names")) != 2:
+        raise BadValue("names", said(names), "two: of the photo and of the model")
     picture = checked(photo)
     offer = _Offer.of(scene, picked, picture)
     write_whole(path, utf8(_page(picture, scene, offer, names)))

@@ -26,7 +26,7 @@ A part may be a pattern (`longitudinal *`); what stands beside it narrows the ch
 from __future__ import annotations
 
 import os
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from functools import partial
 from typing import Any
 
@@ -37,6 +37,7 @@ from cadcam.errors import UnknownName
 from cadcam.files.jsontext import Place, shortened
 from cadcam.files.text import read_text
 from cadcam.files.yamltext import parsed_yaml
+from cadcam.kinds import expect_known, expect_names
 from cadcam.render.view import Scene
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances
 
@@ -76,17 +77,21 @@ def read_tolerances(path: str | os.PathLike[str]) -> Tolerances:
     return place.build(lambda: Tolerances(features, datum, file.path, file.sha256))
 
 
-def template(scene: Scene, *, seen: tuple[str, ...] = (), chain: int | None = None) -> str:
+def template(scene: Scene, *, seen: Iterable[str] = (), chain: int | None = None) -> str:
     """Return a file to start from: every part of the scene, the `seen` ones first (others as comments).
 
     Of a single part, which has to be the datum, an edge is judged: that of this `chain`, by default its longest.
+    Raises `UnknownName` for what is seen but no part, `BadValue` for a chain that the part does not have.
     """
-    names = scene.mesh.part_names
+    names, seen = scene.mesh.part_names, expect_names(seen, "seen")
+    for name in seen:
+        expect_known(name, "part", names)
     chosen = [n for n in names if n in seen] if seen else list(names)
     part = chosen[-1] if chosen else names[-1]
     if len(chosen) == 1 and chain is None:
         chain = _longest_chain(scene, part)
-    alone = len(chosen) == 1 and chain is not None
+    alone = (chain,) if len(chosen) == 1 and chain is not None else ()
+    Selection(part, alone).check(scene)
     lines = [
         "# Tolerances for `cadcam verify`: lengths in mm, angles in degrees, in the part's own axes.",
         "k: 2                    # coverage factor of U = k sigma",
@@ -96,7 +101,7 @@ def template(scene: Scene, *, seen: tuple[str, ...] = (), chain: int | None = No
         "features:               # what is judged: move it here from the datum, and set its limits",
         "  rename me:",
         f"    part: {_quoted(part)}",
-        *([f"    chains: [{chain}]", *_OF_EDGES] if alone else _OF_A_PART),
+        *([f"    chains: {list(alone)}", *_OF_EDGES] if alone else _OF_A_PART),
     ]
     lines += [f"# not in view: {name}" for name in names if name not in chosen]
     return "\n".join(lines) + "\n"

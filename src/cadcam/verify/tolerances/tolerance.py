@@ -10,7 +10,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from enum import Enum
 from fnmatch import fnmatchcase
-from types import MappingProxyType
 
 import numpy as np
 import numpy.typing as npt
@@ -18,7 +17,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
-from cadcam.kinds import expect, expect_each, expect_numbers
+from cadcam.kinds import FrozenMap, expect, expect_each, expect_numbers
 from cadcam.render.view import Scene
 
 LARGEST_K = 30.0  # sigmas: beyond them numbers hold no probability
@@ -194,11 +193,13 @@ class Tolerances(Brief):
     datum: tuple[Selection, ...] = ()
     source: str = ""
     sha256: str = ""
-    notes: Mapping[str, str] = field(default_factory=lambda: MappingProxyType({}))
+    notes: Mapping[str, str] = field(default_factory=FrozenMap)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "features", expect_each(self.features, "features", Feature))
         object.__setattr__(self, "datum", expect_each(self.datum, "datum", Selection))
+        expect(self.notes, "notes", Mapping)
+        object.__setattr__(self, "notes", FrozenMap(self.notes))
         names = [f.name for f in self.features]
         twice = next((n for n in names if names.count(n) > 1), None)
         if twice is not None:

@@ -1,0 +1,111 @@
+"""A script's mistakes are told at the function that it calls: what was given, and what is expected."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import cadcam
+from cadcam.arrays import frozen
+from cadcam.cad.parts.shape import box
+
+CAMERA = cadcam.Camera.from_focal((80, 60), 90.0)
+SCENE = cadcam.Scene.of(box((0, 0, 0), (300, 200, 100), name="box"))
+POSE = cadcam.Rigid.look_at((700, -500, 600), (150, 100, 50))
+P = np.random.default_rng(3).uniform(-200, 200, (12, 3))
+POINTS = cadcam.Observations(P, CAMERA.project(cadcam.Rigid.look_at((0, -900, 400), (0, 0, 0)) @ P))
+ESTIMATE = cadcam.PoseEstimate(POSE, np.eye(6))
+GRAY = np.linspace(0.1, 0.9, 4800).reshape(60, 80)
+VIEWPOINT = cadcam.Viewpoint.exact("left", CAMERA, POSE, sigma_px=0.1)
+OPTICS = cadcam.SensorFormat("own", (8.0, 6.0))
+MASKED = np.ma.masked_less(GRAY, 0.2)
+
+WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
+    "a path of None": (lambda _: cadcam.write_cameras(None, CAMERA), "path is None; expected the name of a file"),
+    "a path of bytes": (lambda _: cadcam.read_cameras(b"x.yaml"), "path is a bytes; expected the name of a file"),
+    "poses from None": (lambda _: cadcam.read_poses(None), "path is None; expected the name of a file"),
+    "robot poses from None": (lambda _: cadcam.read_robot_poses(None, convention="kuka"), "path is None"),
+    "a name with NUL": (lambda _: cadcam.read_model("a\0.ply"), "path is the text .*; expected a name without NUL"),
+    "a store with NUL": (lambda _: cadcam.open_store("a\0.db"), "store is the text .*; expected a name without NUL"),
+    "a sensor's name": (lambda _: cadcam.named_sensor(None), "sensor is None; expected the name of a file"),
+    "a sensor's size": (lambda _: cadcam.sensor_format(7), "sensor is 7; expected a str"),
+    "no sensor": (lambda to: cadcam.write_sensor(to / "s.json", CAMERA), "sensor is a Camera; expected a Sensor"),
+    "poses that are none": (lambda to: cadcam.write_poses(to / "p.csv", {"a": 1}), "pose 'a' is 1; expected a Rigid"),
+    "viewpoints": (
+        lambda to: cadcam.write_part_pose(to / "p.json", ESTIMATE, viewpoints="left"),
+        "viewpoints is the text 'left'; expected a list, each a Viewpoint",
+    ),
+    "a model's path": (
+        lambda to: cadcam.write_part_pose(to / "p.json", ESTIMATE, model="part.step"),
+        "model is the text 'part.step'; expected a Mapping",
+    ),
+    "one name of two": (
+        lambda to: cadcam.write_pick_page(to / "p.html", GRAY, SCENE, names=("photo",)),
+        "names is a tuple of 1; expected two",
+    ),
+    "a quality": (
+        lambda to: cadcam.write_picture(to / "p.jpg", GRAY, quality="high"),
+        "quality is the text 'high'; expected a whole number from 1 to 100",
+    ),
+    "a title": (
+        lambda to: cadcam.write_overlay_svg(to / "o.svg", cadcam.visible_wireframe(SCENE, CAMERA, POSE), title=7),
+        "title is 7; expected a str",
+    ),
+    "a gap": (lambda _: cadcam.side_by_side(GRAY, gap=-1), "gap is -1; expected a whole number of at least 0"),
+    "a fixed value": (
+        lambda _: cadcam.calibrate_camera(POINTS, (80, 60), fixed={"skew": None}),
+        "fixed skew is None; expected a number",
+    ),
+    "a focal length": (
+        lambda _: cadcam.solve_optics(OPTICS, focal_mm=np.ones(2), distance_mm=900.0),
+        r"focal_mm is an array of shape \(2,\); expected a positive number, mm",
+    ),
+    "sigma_px": (lambda _: cadcam.Observations(P, P[:, :2], sigma_px="0.1"), "sigma_px is the text '0.1'; expected a"),
+    "what is seen": (
+        lambda _: cadcam.predict_points([VIEWPOINT] * 2, np.zeros((2, 3)), seen=[[True, False], [True]]),
+        "seen is .*; expected numbers of shape",
+    ),
+    "a colour alone": (lambda _: cadcam.repaint(SCENE, None), "chosen is None; expected pairs such as"),
+    "a unit": (
+        lambda _: cadcam.robot_poses([1, 2, 3, 4, 5, 6], convention="kuka", unit=1),
+        "unit is 1; expected a str",
+    ),
+    "a depth": (
+        lambda _: cadcam.LineOptions(near_mm=float("nan")),
+        "near_mm is nan; expected a length in mm, at least",
+    ),
+    "a thickness": (lambda _: cadcam.LineOptions(coincident_mm=-1), "coincident_mm is -1; expected a length in mm, at"),
+    "allowed losses": (
+        lambda to: cadcam.write_cameras(to / "c.yaml", CAMERA, format_name="opencv", allow_loss="lens"),
+        r"allow_loss is the text 'lens'; expected a list of names: \['lens'\]",
+    ),
+    "a masked picture": (lambda _: cadcam.Photo.of(MASKED, CAMERA), "picture is masked in places; expected every"),
+    "masked points": (lambda _: cadcam.Observations(np.ma.masked_less(P, 0), P[:, :2]), "world points is masked in"),
+    "a difference": (
+        lambda _: cadcam.to_gray((GRAY * 300).astype(np.int16) - 300),
+        "picture is of whole numbers down to -270; expected 0 or more",
+    ),
+}
+
+
+@pytest.mark.parametrize("wrong", WRONG)
+def test_a_wrong_argument_is_named(wrong: str, tmp_path: Path) -> None:
+    call, words = WRONG[wrong]
+    with pytest.raises(cadcam.CadcamError, match=f"^{words}"):
+        call(tmp_path)
+
+
+def test_numbers_of_any_size_of_numpys_do(rng: np.random.Generator) -> None:
+    """Counts and numbers of few bits are calculated with as Python's, which do not overflow."""
+    estimate = cadcam.calibrate_camera(POINTS, (80, 60), fixed={"skew": np.int8(0)})
+    assert cadcam.projection_map(estimate, nodes=np.int8(60)).x.shape == (60,)
+    drawn = cadcam.monte_carlo_variability(estimate, rng=rng, draws=np.float32(5), sigma_px=0.1)
+    assert drawn.draws.shape[1] == 5
+
+
+def test_what_a_mask_leaves_is_taken() -> None:
+    """Without a masked place a masked array is an array."""
+    np.testing.assert_array_equal(frozen(np.ma.masked_array(P), "points", (None, 3)), P)
