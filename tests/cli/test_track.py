@@ -19,6 +19,7 @@ from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.locate.track.log import read_track_log
+from cadcam.locate.views.drawing import Drawer
 
 from .job import Ran
 from .locating import CAMERA, MIDDLE, MODELS, POSE, seen, write_start
@@ -213,3 +214,20 @@ def test_the_log_s_lines_are_json_for_other_programs(cadcam: Cadcam, here: Path)
     lines = [json.loads(line) for line in (here / "track.jsonl").read_text().splitlines()]
     keys = {"frame", "files", "sha256", "white", "found", "quality", "how", "reason", "pose", "filtered"}
     assert set(lines[1]) == keys
+
+
+def test_views_of_the_part_are_kept_between_runs(cadcam: Cadcam, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A film without a start begins where another run, or `locate`, has left off: nothing is drawn again."""
+    monkeypatch.setenv("CADCAM_CACHE", str(here / "kept"))
+    for shot in sorted((here / "shots").iterdir())[2:]:
+        shot.unlink()
+    views = ("--seen-from", "0.45,-0.73,0.51:15", "--roll", "20", "--distance", "270,330", "--json")
+    search = (*TRACK[:5], *views, "-o", "track.jsonl", "--overwrite")
+    assert cadcam(*search).json["found"] == 2
+    first = read_track_log("track.jsonl")
+    (kept,) = (here / "kept").glob("*.npz")
+    monkeypatch.setattr(Drawer, "draw", lambda *_: pytest.fail("made again"))
+    assert cadcam(*search).json["found"] == 2
+    for one, other in zip(first, read_track_log("track.jsonl"), strict=True):
+        assert np.array_equal(one["pose"].world_from_part.matrix, other["pose"].world_from_part.matrix)
+    assert kept.exists()

@@ -7,6 +7,7 @@ import pytest
 
 from cadcam.arrays import Array
 from cadcam.verify.edges.shifts import _grid, all_round, best_shift, grown, support
+from cadcam.verify.edges.sightlines import pieces
 
 NORMALS = np.stack([np.cos(t := np.arange(24) * 2 * np.pi / 24), np.sin(t)], axis=1)
 REACH = 8.0
@@ -48,10 +49,11 @@ def test_what_other_lines_explain_makes_no_rim_larger(rng: np.random.Generator) 
 
 
 def test_only_what_faces_several_ways_tells_its_size() -> None:
-    assert all_round(NORMALS)
-    assert all_round(NORMALS[:14])
-    assert not all_round(NORMALS[:8])
-    assert not all_round(np.tile([[0.6, 0.8]], (24, 1)))
+    straight = np.tile([[0.6, 0.8]], (24, 1))
+    edges = NORMALS, NORMALS[:14], NORMALS[:8], straight
+    number = np.repeat([7, 2, 5, 3], [len(normal) for normal in edges])
+    assert all_round(number, np.concatenate(edges)).tolist() == [2, 7]
+    assert all_round(np.full(24, 1), straight).tolist() == []
 
 
 def test_amid_its_nodes_the_grid_keeps_seven_eighths_of_the_support(rng: np.random.Generator) -> None:
@@ -64,3 +66,17 @@ def test_amid_its_nodes_the_grid_keeps_seven_eighths_of_the_support(rng: np.rand
         found = (normal @ shift)[:, None]
         shares.append(support(found, normal, grid).max() / len(normal))
     assert min(shares) >= 7 / 8
+
+
+def test_each_edge_is_split_by_itself(rng: np.random.Generator) -> None:
+    """Places in any order: pieces of one edge are those it has alone, numbered after those of edges before it."""
+    edge = rng.permutation(np.repeat([4, 0, 9], [24, 14, 5]))
+    normal = np.zeros((len(edge), 2))
+    for e, own in ((4, NORMALS), (0, NORMALS[:14]), (9, NORMALS[:5])):
+        normal[edge == e] = own
+    first, together = 0, pieces(edge, normal)
+    for e in (0, 4, 9):
+        alone = pieces(edge[edge == e], normal[edge == e])
+        assert np.array_equal(together[edge == e], first + alone)
+        first += int(alone.max()) + 1
+    assert first == len(np.unique(together)) > 3

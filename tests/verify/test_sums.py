@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cadcam.geometry.rigid import Rigid
@@ -13,17 +15,18 @@ from .scene import part, photo, plate
 
 
 def test_a_fit_to_some_places_is_that_of_a_measurement_of_these(rng: np.random.Generator) -> None:
-    """All edges but a body's, or every other place on them: sums known before are those of the places, to rounding."""
+    """All edges but a body's, every other place on them, or another body alone: fits that share what each edge adds."""
     survey = surveyed(part(), [photo(plate(), rng)], Rigid(), whole_parts(part().scene), reach_px=8.0)
     every = np.ones(len(survey.lines), bool)
     measured = MeasuredEdges.of(survey, every, every, np.zeros(3), np.eye(6))
-    n = len(measured.body)
-    for datum in (measured.body != 3, (measured.body != 3) & (np.arange(n) % 2 > 0)):
-        fitted = measured.fitted_to(datum)
+    body, refits = measured.body, measured.refits()
+    for datum in (body != 3, (body != 3) & (np.arange(len(body)) % 2 > 0), body == 1):
+        fitted = measured.fitted_to(datum, refits)
         anew = fitted.adjustment.sums_of(datum)
-        known = fitted.adjustment.sums
-        assert known is not None
-        for name in ("plain", "crossed", "of_lines", "log_noise"):
-            one, other = getattr(known, name), getattr(anew, name)
-            np.testing.assert_allclose(one, other, rtol=1e-10, atol=1e-10 * np.abs(other).max())
-        assert fitted.tau_px > 0
+        assert fitted.tau_px == anew.common_error(measured.own_noise.tau, usual=0.01) > 0
+        alone = replace(fitted.adjustment, known=None)
+        for without in (None, fitted.lines.edge == fitted.lines.edge[datum].min()):
+            pose, again = fitted.adjustment.pose(without=without), alone.pose(without=without)
+            for name in ("xi", "covariance", "by_cause"):
+                one, other = getattr(pose, name), getattr(again, name)
+                np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-8 * np.abs(other).max(initial=0.0))

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from cadcam.arrays import Picture
     from cadcam.cad.mesh import Mesh
+    from cadcam.camera.camera import Camera
     from cadcam.camera.viewpoint import Viewpoint
     from cadcam.geometry.rigid import Rigid
     from cadcam.locate.freedom import Freedom
@@ -59,6 +60,8 @@ seen from: any            from all sides (default), where the part is 0.2 to 1.2
           above, above:60   from the side of the model's +z, up to 80 or 60 degrees from that axis
           X,Y,Z:30        from the direction X,Y,Z of the model (from its middle to the camera), up to 30 degrees off
           A narrower range is faster and surer.
+          The first search of a model draws its views (seconds) and keeps them in the cache folder: CADCAM_CACHE, else
+          ~/.cache/cadcam; CADCAM_CACHE=off keeps nothing.
 """
 
 
@@ -112,19 +115,26 @@ def views_as_asked(arguments: argparse.Namespace, *starts: str) -> ViewRange:
 
 
 @contextmanager
-def prepared(part: Part, photos: Sequence[Photo], views: ViewRange) -> Iterator[None]:
-    """Prepare a search of the part, or load it from the cache's folder; store new results there."""
+def aspects_kept(part: Part) -> Iterator[None]:
+    """Load the part's aspects from the cache's folder, and store there what is computed meanwhile."""
     from cadcam.locate.search.aspect_files import read_aspects, write_aspects
-    from cadcam.locate.search.without_start import unmade
 
     folder = cache_folder()
     kept = 0 if folder is None else read_aspects(part, folder)
-    if todo := unmade(part, photos, views):
+    try:
+        yield
+    finally:
+        if folder is not None and len(part.aspects.made) > kept:
+            write_aspects(part, folder)
+
+
+def prepare(part: Part, cameras: Sequence[Camera], views: ViewRange) -> None:
+    """Compute the aspects that a search in photos of these cameras needs, and show how far that has come."""
+    from cadcam.locate.search.without_start import unmade
+
+    if todo := unmade(part, cameras, views):
         with progress("preparing the part", len(todo)) as step:
             part.aspects.make(todo, step)
-    yield
-    if folder is not None and len(part.aspects.made) > kept:
-        write_aspects(part, folder)
 
 
 def cache_folder() -> Path | None:
@@ -211,8 +221,10 @@ def located(
             location = None
         if location is not None and location.found:
             return location
-    with prepared(part, shots.photos, views), working("looking for the part"):
-        return locate_part(part, shots.photos, views=views, freedom=freedom)
+    with aspects_kept(part):
+        prepare(part, [photo.camera for photo in shots.photos], views)
+        with working("looking for the part"):
+            return locate_part(part, shots.photos, views=views, freedom=freedom)
 
 
 def overlaid(

@@ -44,10 +44,7 @@ _EXAMPLES = f"""\
   cadcam locate photo.png plate.stl --camera camera.json --start rough.txt --freedom plane:0,0,1@part
 
 {START_HELP}
-{VIEWS_HELP}\
-          The first search of a model draws its views (seconds) and keeps them in the cache folder: CADCAM_CACHE, else
-          ~/.cache/cadcam; CADCAM_CACHE=off keeps nothing.
-
+{VIEWS_HELP}
 several photos: of a rig's cameras, or of one camera that was moved. Every camera file says where it stood.
 
 exit code: 0 found, 3 not found, 2 wrong input. Not found means that no pose fits the edges in the picture: another

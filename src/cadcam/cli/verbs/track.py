@@ -14,9 +14,11 @@ from cadcam.cli.locating import (
     VIEWS_HELP,
     add_start_options,
     add_view_options,
+    aspects_kept,
     freedom_as_asked,
     overlaid,
     part_as_asked,
+    prepare,
     start_as_asked,
     views_as_asked,
 )
@@ -137,9 +139,11 @@ def run(arguments: argparse.Namespace) -> int:
     }
     head = head_of(part, frames.viewpoints, start, **how)
     kept: dict[str, Any] = {"table": arguments.csv, "filtered": arguments.smooth, "overwrite": arguments.overwrite}
-    with TrackLog.open(arguments.output, head, **kept) as log:
+    with TrackLog.open(arguments.output, head, **kept) as log, aspects_kept(part):
         if log.entries and not arguments.json:
             say(f"{len(log.entries)} frames are in {arguments.output}; going on")
+        if start is None and not log.entries:
+            prepare(part, [viewpoint.camera for viewpoint in viewpoints], views)
         with progress("tracking", frames.count or 0) as step:
             for frame, entry in track_part_to_log(log, part, frames, start, **how):
                 if arguments.overlays:

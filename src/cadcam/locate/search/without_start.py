@@ -120,11 +120,11 @@ def _to_approach(scales: _Scales, found: Array) -> list[int]:
     return [every[k] for k in first]
 
 
-def unmade(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[tuple[int, int]]:
-    """Return the aspects that a search would have to compute first, as indices for `Aspects.aspect`."""
+def unmade(part: Part, cameras: Sequence[Camera], views: ViewRange = WHOLE_SPHERE) -> list[tuple[int, int]]:
+    """Return the aspects that a search in their photos would have to compute first, as indices for `Aspects.aspect`."""
     aspects = part.aspects
     numbers = np.unique(_rotations(part, views)[0]).tolist()
-    far = np.array([d for photo in photos for d in _distances(aspects, photo.camera, views)])
+    far = np.array([d for camera in cameras for d in _distances(aspects, camera, views)])
     steps = np.unique(aspects.step_of(far)).tolist()
     return [key for step in steps for key in ((number, step) for number in numbers) if key not in aspects.made]
 

@@ -74,6 +74,19 @@ class WindowPixels:
         return WindowPixels(self.values[which], self.pixels[which], self.weight[which])
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Normal:
+    """J^T J (B, n, n), J^T r (B, n) and r^T r (B,) of B windows' residuals r."""
+
+    H: Array
+    g: Array
+    cost: Array
+
+    def part(self, which: Index | slice, free: int | None = None) -> Normal:
+        """Return those of the windows that `which` selects; free: of so many parameters, the first."""
+        return Normal(self.H[which, :free, :free], self.g[which, :free], self.cost[which])
+
+
 def fit_corners(gray: Picture, q: Array, directions: Array, reach: Array, *, blur: float = 1.0) -> Fit:
     """Return the crossings of two edges near q (B, 2): chessboard corners.
 
@@ -209,16 +222,29 @@ def patches(gray: Picture, q: Array, reach: Array, step: int = 1) -> tuple[Array
 
 
 def fitted(
-    model: Model, start: Array, window: WindowPixels, q: Array, size: Array, *, iterations: int = _ITERATIONS
+    model: Model,
+    start: Array,
+    window: WindowPixels,
+    q: Array,
+    size: Array,
+    *,
+    iterations: int = _ITERATIONS,
+    begun: Normal | None = None,
 ) -> Fit:
     """Return the fit of a model whose first two parameters are x, y relative to q; size (B,): largest shift, px.
 
-    Parameters without a derivative in the model are held fixed. iterations: at most.
+    Parameters without a derivative in the model are held fixed. iterations: at most. begun: the normal equations at the
+    start, where they are known.
     """
     count, n = start.shape
     step = max(1, _BATCH // max(n * window.values.shape[1], 1))
     parts = [slice(i, i + step) for i in range(0, max(count, 1), step)]
-    each = on_cores(lambda at: _minimised(model, start[at], window.part(at), iterations=iterations), parts)
+
+    def part(at: slice) -> tuple[Array, Array, Array]:
+        known = None if begun is None else begun.part(at)
+        return _minimised(model, start[at], window.part(at), iterations=iterations, begun=known)
+
+    each = on_cores(part, parts)
     parameters, covariance, cost = (np.concatenate(column) for column in zip(*each, strict=True))
     rms = np.sqrt(cost / np.maximum(window.weight.sum(axis=1), 1))
     misfit = rms / np.maximum(np.abs(parameters[:, CONTRAST]), 1e-9)
@@ -228,25 +254,28 @@ def fitted(
     return Fit(q + parameters[:, :2], covariance[:, :2, :2], parameters, misfit, good, np.ones(count))
 
 
-def missed(model: Model, fit: Fit, window: WindowPixels, *, free: tuple[int, ...]) -> tuple[Array, Array]:
+def missed(model: Model, fit: Fit, window: WindowPixels, *, free: tuple[int, ...]) -> tuple[Array, Array, Normal]:
     """Return the decrease of chi-square (F, B) to expect if the first `free` (F) parameters of the model were free.
 
-    And the step (B, n) for the last entry of `free`. A score test: to first order from the fit without them, in units
-    of the variance that would then remain.
+    The step (B, n) for the last entry of `free`, and the normal equations. A score test: to first order from the fit
+    without them, in units of the variance that would then remain.
     """
     H, g, cost = _normal(model, fit.parameters, window)
+    normal = Normal(H, g, cost)
     scale = 1 / np.sqrt(np.maximum(np.einsum("bii->bi", H), 1e-300))
     H, g = _scaled(H, scale), g * scale
     steps = [-(np.linalg.pinv(H[:, :n, :n], rcond=1e-12, hermitian=True) @ g[:, :n, None])[..., 0] for n in free]
     falls = np.stack([-(g[:, :n] * step).sum(axis=1) for n, step in zip(free, steps, strict=True)])
     left = np.maximum(cost - falls[-1], 1e-3 * cost) / np.maximum(window.weight.sum(axis=1) - free[-1], 1.0)
-    return np.asarray(falls / np.maximum(left, 1e-300)), np.asarray(steps[-1] * scale)
+    return np.asarray(falls / np.maximum(left, 1e-300)), np.asarray(steps[-1] * scale), normal
 
 
-def _minimised(model: Model, start: Array, window: WindowPixels, *, iterations: int) -> tuple[Array, Array, Array]:
+def _minimised(
+    model: Model, start: Array, window: WindowPixels, *, iterations: int, begun: Normal | None
+) -> tuple[Array, Array, Array]:
     """Return parameters, their covariance and sum of squares: Levenberg-Marquardt, each mark with its own damping."""
     state, damping = start.copy(), np.full(len(start), 1e-3)
-    H, g, cost = _normal(model, state, window)
+    H, g, cost = _normal(model, state, window) if begun is None else (begun.H.copy(), begun.g.copy(), begun.cost.copy())
     n = H.shape[1]
     active = np.arange(len(start))
     for _ in range(iterations):

@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -110,6 +111,12 @@ def posed(*, turned: bool) -> Geometry:
     return Geometry(6 if turned else 5, matrix)
 
 
+@lru_cache(maxsize=256)
+def borders_of(mark: Mark) -> Borders:
+    """Return a mark's borders in the core's format: a fit asks for them ten times."""
+    return Borders.of(mark.sectors, mark.full)
+
+
 def mark_model(mark: Mark, geometry: Geometry, *, loose: int) -> Model:
     """Return the model of a mark's image; loose: how many of b dx dy are free too, the others are held fixed.
 
@@ -117,7 +124,7 @@ def mark_model(mark: Mark, geometry: Geometry, *, loose: int) -> Model:
     Motions longer than the window is wide have no value (NaN): no fit ends there, and the mean over a motion takes as
     long as it is.
     """
-    borders = Borders.of(mark.sectors, mark.full)
+    borders = borders_of(mark)
 
     def model(parameters: Array, pixels: Array, weight: Array | None = None) -> tuple[Array, Array]:
         H, dH = with_slopes(geometry, parameters[:, geometry.places], geometry.held(parameters))
@@ -139,21 +146,19 @@ def _leaving(motion: Array, pixels: Array) -> Mask:
 
 def predicted(mark: Mark, geometry: Geometry, parameters: Array, pixels: Array) -> Array:
     """Return the grey values (B, P) of `mark_model`, without their derivatives."""
-    return picture(
-        Borders.of(mark.sectors, mark.full), pixels, geometry.homography(parameters), parameters[:, geometry.levels]
-    )
+    return picture(borders_of(mark), pixels, geometry.homography(parameters), parameters[:, geometry.levels])
 
 
 def share_of_ink(mark: Mark, H: Array, pixels: Array, s: Array) -> Array:
     """Return the share of ink (B, P) at pixels (B, P, 2 or 8) for H (B, 3, 3) and blurs s (B,) px."""
     levels = np.zeros((len(H), len(_LEVELS) + LOOSE))
     levels[:, 0], levels[:, 1] = 1.0, s
-    return picture(Borders.of(mark.sectors, mark.full), pixels, H, levels)
+    return picture(borders_of(mark), pixels, H, levels)
 
 
 def with_slopes(geometry: Geometry, g: Array, held: Array) -> tuple[Array, Array]:
     """Return H (B, 3, 3) and its derivatives (B, k, 3, 3), by central differences: here exact to 1e-10."""
     k = geometry.count
-    shifted = g[:, None] + _STEP * np.concatenate([np.eye(k), -np.eye(k)])
-    H = geometry.matrix(shifted, np.broadcast_to(held[:, None], (len(g), 2 * k, held.shape[1])))
-    return geometry.matrix(g, held), (H[:, :k] - H[:, k:]) / (2 * _STEP)
+    places = g[:, None] + _STEP * np.concatenate([np.zeros((1, k)), np.eye(k), -np.eye(k)])
+    H = geometry.matrix(places, np.broadcast_to(held[:, None], (len(g), 1 + 2 * k, held.shape[1])))
+    return H[:, 0], (H[:, 1 : k + 1] - H[:, k + 1 :]) / (2 * _STEP)

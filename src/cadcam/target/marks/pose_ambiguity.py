@@ -15,10 +15,10 @@ import numpy as np
 from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.geometry import rotation as so3
-from cadcam.native.marks import LOOSE, Borders, picture_with_slopes
+from cadcam.native.marks import LOOSE, picture_with_slopes
 from cadcam.target.marks.fit import CameraFit, MarkFit, joined, seen_through
 from cadcam.target.marks.mark import Mark
-from cadcam.target.marks.model import Geometry, posed, with_slopes
+from cadcam.target.marks.model import Geometry, borders_of, posed, with_slopes
 from cadcam.target.marks.occlusion import HIDDEN
 from cadcam.target.marks.tilts import tilts, toward
 from cadcam.target.marks.window import MARGIN, batches
@@ -152,7 +152,7 @@ class Tilt:
         H = geometry.homography(parameters)
         unit = H / H[:, 2:, 2:]
         basis = np.eye(9).reshape(1, 9, 3, 3)
-        borders = Borders.of(mark.sectors, mark.full)
+        borders = borders_of(mark)
         pixels, weight = seen.window.pixels[i : i + 1], seen.weight[i]
         shown = parameters[:, geometry.levels]
         value, J = picture_with_slopes(borders, pixels, unit, basis, shown, loose=LOOSE)

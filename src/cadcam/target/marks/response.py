@@ -11,7 +11,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids
 from cadcam.native.marks import LOOSE
-from cadcam.target.boards.photometric import BLUR, Fit, fitted, missed
+from cadcam.target.boards.photometric import BLUR, Fit, Normal, fitted, missed
 from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import Geometry, mark_model
 from cadcam.target.marks.window import Window
@@ -26,26 +26,29 @@ _SHARPEST = 0.4  # of the fitted round blur: what remains of it at least when th
 def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q: Array) -> tuple[Fit, Ids]:
     """Return the fit to whole windows, and the number (B,) of b dx dy in it: all where the start has motion."""
 
-    def part(loose: int, begin: Array, k: Ids) -> Fit:
+    def part(loose: int, begin: Array, k: Ids, begun: Normal | None = None) -> Fit:
         some = window.subset(k)
         model = mark_model(mark, geometry, loose=loose)
-        return fitted(model, begin, some, q[k], some.size)
+        return fitted(model, begin, some, q[k], some.size, begun=begun)
 
     every = np.arange(len(q), dtype=np.int32)
     if start[:, geometry.motion].any():
         return part(MOVED, start, every), np.full(len(q), MOVED, np.int32)
     fit = part(STRAIGHT, start, every)
-    bend, motion, moved = _asked(mark, geometry, fit, window)
+    bend, motion, moved, normal = _asked(mark, geometry, fit, window)
     loose = np.where(motion > _SEEN, MOVED, np.where(bend > _SEEN, BENT, STRAIGHT)) * fit.good
-    for count, begin in ((BENT, fit.parameters), (MOVED, moved)):
-        k = np.flatnonzero(loose == count).astype(np.int32)
-        if k.size:
-            fit = fit.replaced(part(count, begin[k], k), k)
+    bent, smeared = (np.flatnonzero(loose == count).astype(np.int32) for count in (BENT, MOVED))
+    if bent.size:  # whose first step begins where they were asked
+        fit = fit.replaced(part(BENT, fit.parameters[bent], bent, normal.part(bent, geometry.free + BENT)), bent)
+    if smeared.size:
+        fit = fit.replaced(part(MOVED, moved[smeared], smeared), smeared)
     return fit, loose.astype(np.int32)
 
 
-def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Array, Array, Array]:
+def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Array, Array, Array, Normal]:
     """Return the decrease of chi-square (B,) by a nonlinear response and by motion, and parameters with the motion.
+
+    And the normal equations at the fit, of all parameters.
 
     For motions too short to matter, or too long for a mark, the decrease is 0. A motion of l px towards the angle a
     adds l^2/24 (1 + cos 2(n - a)) to the variance of the blur across a border whose normal is at n. The round part is
@@ -63,11 +66,11 @@ def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Ar
         return value, J
 
     n = geometry.free + BENT
-    (bend, both), step = missed(directed, fit, window, free=(n, n + 2))
+    (bend, both), step, normal = missed(directed, fit, window, free=(n, n + 2))
     begin, s = fit.parameters.copy(), fit.parameters[:, BLUR]
     l2 = 48 * s * np.hypot(step[:, n], step[:, n + 1])
     turn = np.arctan2(step[:, n + 1], step[:, n]) / 2
     begin[:, geometry.motion] = np.sqrt(l2)[:, None] * np.stack([np.cos(turn), np.sin(turn)], axis=-1)
     begin[:, BLUR] = np.sqrt(np.maximum(s * s - l2 / 24, (_SHARPEST * s) ** 2))
     likely = (l2 > (_LONG * s) ** 2) & (l2 < (_LONGEST * window.size) ** 2)
-    return bend, np.where(likely, both - bend, 0.0), begin
+    return bend, np.where(likely, both - bend, 0.0), begin, normal

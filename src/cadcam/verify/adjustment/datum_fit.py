@@ -16,6 +16,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Mask
 from cadcam.errors import DegenerateGeometry
+from cadcam.verify.adjustment.refits import Normals
 from cadcam.verify.adjustment.scatter import EdgeNoise, EdgeSums
 
 CAUSES = ("noise", "edges", "pose", "calibration")
@@ -81,7 +82,7 @@ class FittedPose:
 class Adjustment:
     """Offsets (N,) px of edges with J (N, 6), C (N, r), their errors, and which of them the pose is fitted to.
 
-    sums: those of the datum's offsets, where they are known before.
+    known: the normal equations of the datum's offsets, where they were found before.
     """
 
     offset: Array
@@ -90,34 +91,28 @@ class Adjustment:
     errors: EdgeNoise
     datum: Mask
     freedom: Array = field(default_factory=lambda: np.eye(6))
-    sums: EdgeSums | None = None
+    known: Normals | None = None
 
-    def sums_of(self, rows: Mask) -> EdgeSums:
-        """Return the sums over the offsets of `rows` (N,) that a pose follows from; see `EdgeSums`."""
+    def sums_of(self, rows: Mask, *, every: bool = True) -> EdgeSums:
+        """Return the sums over the offsets of `rows` (N,) that a pose follows from; see `EdgeSums`.
+
+        Of every edge, or of those alone that have any.
+        """
         X = np.column_stack([self.J[rows] @ self.freedom, self.offset[rows], self.C[rows]])
-        return EdgeSums.of(X, self.errors.only(rows), fitted=self.freedom.shape[1])
+        errors = self.errors.only(rows) if every else self.errors.of_rows(rows)
+        return EdgeSums.of(X, errors, fitted=self.freedom.shape[1])
 
     @cached_property
-    def _normal(self) -> Array:
-        """(J F)^T V^-1 (J F, y, C) of the datum's offsets, (E, k, k + 1 + r): of each edge: they are independent."""
-        sums = self.sums_of(self.datum) if self.sums is None else self.sums
-        return sums.normal(self.errors.tau)
-
-    @cached_property
-    def _every(self) -> Array:
-        return np.asarray(self._normal.sum(axis=0))
+    def _normals(self) -> Normals:
+        return Normals.of(self.sums_of(self.datum).normal(self.errors.tau)) if self.known is None else self.known
 
     def pose(self, *, without: Mask | None = None) -> FittedPose:
-        """Return the motion xi fitted to the datum's offsets, without the whole edges `without` (N,).
+        """Return the motion xi fitted to the datum's offsets, without the whole edges of the places `without` (N,).
 
         Raises `DegenerateGeometry` where the others do not determine the pose.
         """
         F, k = self.freedom, self.freedom.shape[1]
-        normal = self._every
-        if without is not None:
-            gone = np.zeros(len(self._normal), bool)
-            gone[self.errors.edge[without]] = True
-            normal = normal - self._normal[gone].sum(axis=0)
+        normal = self._normals.total(None if without is None else self.errors.edge[without])
         inverse = _inverse(normal[:, :k], F)
         solution = inverse @ normal[:, k:]
         return FittedPose(F @ solution[:, 0], F @ inverse @ F.T, F @ solution[:, 1:])

@@ -194,17 +194,11 @@ class EdgeSums:
             np.asarray(np.bincount(noise.edge, 2 * np.log(noise.sigma), minlength=noise.edges), np.float64),
         )
 
-    def where(self, kept: Mask, other: EdgeSums) -> EdgeSums:
-        """Return these sums of the edges `kept` (E,), and those of another for the rest."""
-        rows = kept[:, None]
-        return EdgeSums(
-            self.fitted,
-            self.columns,
-            np.where(rows, self.plain, other.plain),
-            np.where(rows, self.crossed, other.crossed),
-            np.where(rows[:, None], self.of_lines, other.of_lines),
-            np.where(kept, self.log_noise, other.log_noise),
-        )
+    def of_none(self) -> EdgeSums:
+        """Return the sums of the same columns over no edges."""
+        none = slice(0)
+        rest = self.plain[none], self.crossed[:, none], self.of_lines[none], self.log_noise[none]
+        return EdgeSums(self.fitted, self.columns, *rest)
 
     def normal(self, tau: Array) -> Array:
         """Return J^T V^-1 X (E, k, m) of each edge, for common errors tau (E,).
@@ -222,26 +216,54 @@ class EdgeSums:
 
     def common_error(self, known: Array, *, usual: float | None) -> float:
         """Return tau (px) beyond the `known` (E,) of each edge; see `common_error`."""
-        k = self.fitted
-        own = slice((k + 1) * (k + 2) // 2)  # of J and the offsets alone
-        plain, crossed, noise = self.plain[:, own].sum(axis=0), self.crossed[:, :, own], float(self.log_noise.sum())
-        i, j = np.triu_indices(k + 1)
-        N = np.zeros((k + 1, k + 1))
+        noise = float(self.log_noise.sum())
 
-        def loss(log_tau: float) -> float:
-            weight, inner = self._drawn(known**2 + np.exp(2 * log_tau))
-            N[i, j] = N[j, i] = plain - np.einsum("pe,pek->k", weight, crossed)
-            x = np.linalg.lstsq(N[:-1, :-1], N[:-1, -1], rcond=None)[0]
-            chi_square = N[-1, -1] - N[:-1, -1] @ x
-            unusual = 0.0 if usual is None else (log_tau - np.log(usual)) ** 2
-            return float(noise + np.log(inner).sum() + np.linalg.slogdet(N[:-1, :-1])[1] + chi_square + unusual)
+        def terms(log_tau: float) -> tuple[Array, float]:
+            each, inner = self.terms(known, log_tau)
+            return each.sum(axis=0), noise + float(inner.sum())
 
-        tau = float(np.exp(_least(loss, np.log(_LEAST_PX), np.log(_MOST_PX))))
-        return tau if tau > 2 * _LEAST_PX else 0.0
+        return likeliest(terms, self.fitted, usual=usual)
+
+    def terms(self, known: Array, log_tau: float) -> tuple[Array, Array]:
+        """Return what each edge adds to (J, y)^T V^-1 (J, y), (E, p) of its upper triangle, and to log det V, (E,).
+
+        Of the latter without what the noise alone adds. known (E,): its common error (px) besides tau.
+        """
+        own = slice((self.fitted + 1) * (self.fitted + 2) // 2)
+        weight, inner = self._drawn(known**2 + np.exp(2 * log_tau))
+        return self.plain[:, own] - np.einsum("pe,pek->ek", weight, self.crossed[:, :, own]), np.log(inner)
 
     def _drawn(self, T: Array) -> tuple[Array, Array]:
         K, inner = _drawn_by(self.of_lines, T)
         return np.stack([K[:, 0, 0], K[:, 0, 1], K[:, 1, 1]]), inner
+
+
+def likeliest(terms: Callable[[float], tuple[Array, float]], k: int, *, usual: float | None) -> float:
+    """Return tau (px) of the greatest restricted likelihood of offsets y, J (N, k) being the Jacobian of the fit.
+
+    terms: of the logarithm of tau, the upper triangle of (J, y)^T V^-1 (J, y) and log det V. usual: see `common_error`.
+    """
+    i, j = np.triu_indices(k + 1)
+    N = np.zeros((k + 1, k + 1))
+
+    def loss(log_tau: float) -> float:
+        N[i, j], log_det = terms(log_tau)
+        N[j, i] = N[i, j]
+        unusual = 0.0 if usual is None else (log_tau - np.log(usual)) ** 2
+        return log_det + _log_det_and_rest(N) + unusual
+
+    tau = float(np.exp(_least(loss, np.log(_LEAST_PX), np.log(_MOST_PX))))
+    return tau if tau > 2 * _LEAST_PX else 0.0
+
+
+def _log_det_and_rest(N: Array) -> float:
+    """Return log det J^T V^-1 J + chi-square of the fit, for N = (J, y)^T V^-1 (J, y)."""
+    try:
+        L = np.diag(np.linalg.cholesky(N))
+    except np.linalg.LinAlgError:  # a motion that the edges leave free, or a fit without a residual
+        x = np.linalg.lstsq(N[:-1, :-1], N[:-1, -1], rcond=None)[0]
+        return float(np.linalg.slogdet(N[:-1, :-1])[1] + N[-1, -1] - N[:-1, -1] @ x)
+    return float(2 * np.log(L[:-1]).sum() + L[-1] ** 2)
 
 
 def _pairs(k: int, m: int) -> tuple[Longs, Longs]:

@@ -28,10 +28,11 @@ def snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, lis
         if survey.stated:
             return measured, left_out
         bodies = np.unique(measured.body[measured.adjustment.datum]).tolist()
-        every = [(i, _p_in_place(measured, i)) for i in each(bodies, "comparing bodies", case.tell)]
+        others = _Others(measured)
+        every = [(i, others.p_in_place(i)) for i in each(bodies, "comparing bodies", case.tell)]
         tested = [(i, p) for i, p in every if np.isfinite(p)]
         off = [i for i, p in tested if p <= OF_DISPLACED * case.alarms / len(tested)]
-        suspect = [(_if_off(measured, i), i) for i in off]
+        suspect = [(others.if_off(i), i) for i in off]
         if not suspect:
             return measured, left_out
         least = min(suspect)[0]
@@ -41,24 +42,29 @@ def snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, lis
         left_out += worst
 
 
-def _p_in_place(measured: MeasuredEdges, body: int) -> float:
-    """Return the probability of a body's offsets if it is in place; nan: undetermined.
+class _Others:
+    """A body against the others: the measurement without it, fitted anew."""
 
-    In place is relative to the rest of the datum, which also determines the errors of edges.
-    """
-    others = _others(measured, body)
-    return others.p_value(others.body == body)
+    def __init__(self, measured: MeasuredEdges) -> None:
+        self._measured, self._refits = measured, measured.refits()
 
+    def p_in_place(self, body: int) -> float:
+        """Return the probability of a body's offsets if it is in place; nan: undetermined.
 
-def _if_off(measured: MeasuredEdges, body: int) -> float:
-    """Return how improbable the photos are if a body is off.
+        In place is relative to the rest of the datum, which also determines the errors of edges.
+        """
+        others = self._without(body)
+        return others.p_value(others.body == body)
 
-    If several are displaced relative to the others, the one whose displacement explains most is to blame: those from
-    which it pulled the pose away are in place without it.
-    """
-    return _others(measured, body).improbability(body)
+    def if_off(self, body: int) -> float:
+        """Return how improbable the photos are if a body is off.
 
+        If several are displaced relative to the others, the one whose displacement explains most is to blame: those
+        from which it pulled the pose away are in place without it.
+        """
+        return self._without(body).improbability(body)
 
-def _others(measured: MeasuredEdges, body: int) -> MeasuredEdges:
-    its = (measured.body == body) | (measured.mate == body)
-    return measured.fitted_to(measured.adjustment.datum & ~its)
+    def _without(self, body: int) -> MeasuredEdges:
+        measured = self._measured
+        its = (measured.body == body) | (measured.mate == body)
+        return measured.fitted_to(measured.adjustment.datum & ~its, self._refits)

@@ -243,6 +243,7 @@ def _holding(measured: MeasuredEdges, rows: Mask) -> list[Mask]:
     Those without which the pose fitted to all others moves the feature's lines most.
     """
     whole, lines = measured.pose_without(rows), measured.lines
+    moved_by = lines.by_pose[rows]
     edges = np.unique(lines.edge[measured.adjustment.datum & ~np.isin(lines.edge, lines.edge[rows])])
     leverages: list[tuple[float, Mask]] = []
     for e in edges:
@@ -251,5 +252,5 @@ def _holding(measured: MeasuredEdges, rows: Mask) -> list[Mask]:
         if whole is None or without is None:
             leverages.append((np.inf, its))
             continue
-        leverages.append((float(np.abs(lines.by_pose[rows] @ (without.xi - whole.xi)).max(initial=0.0)), its))
+        leverages.append((float(np.abs(moved_by @ (without.xi - whole.xi)).max(initial=0.0)), its))
     return [its for _, its in sorted(leverages, key=lambda t: -t[0])[:_HELD_BY]]

@@ -11,6 +11,7 @@ from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment.alarms import either, tail_probability
 from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.adjustment.following import BodyLines, following
+from cadcam.verify.adjustment.refits import Refits
 from cadcam.verify.adjustment.scatter import EdgeNoise, EdgeSums, improbability, white_scale
 from cadcam.verify.edges.sightlines import Sightlines
 from cadcam.verify.edges.survey import Survey
@@ -83,20 +84,25 @@ class MeasuredEdges:
         out = cls(lines, survey.body[rows], members, adjustment, lever, mate, ground, eye, scale, 0.0, noise, sums)
         return out.fitted_to(datum[rows])
 
-    def fitted_to(self, datum: Mask) -> MeasuredEdges:
-        """Return the same with the pose, and the common error of edges, fitted to these places (n,)."""
-        noise, sums = self.own_noise, self._sums_of(datum)
-        tau = sums.common_error(noise.tau, usual=_USUAL_PX) if datum.any() else 0.0
-        noise = replace(noise, tau=np.hypot(noise.tau, tau))
-        fitted = replace(self.adjustment, errors=noise, datum=datum, sums=sums)
-        return replace(self, adjustment=fitted, tau_px=tau, found={})
+    def refits(self) -> Refits:
+        """Return what many fits to some of the places have in common, for `fitted_to`."""
+        return Refits(self.sums, self.own_noise.tau)
 
-    def _sums_of(self, rows: Mask) -> EdgeSums:
-        """Return the sums over places (n,): edges of which all are among them are known, few are left in part."""
-        edge, edges = self.own_noise.edge, self.own_noise.edges
-        have = np.bincount(edge, rows, minlength=edges)
-        whole = have == np.bincount(edge, minlength=edges)
-        return self.sums.where(whole, self.adjustment.sums_of(rows & ~whole[edge]))
+    def fitted_to(self, datum: Mask, refits: Refits | None = None) -> MeasuredEdges:
+        """Return the same with the pose, and the common error of edges, fitted to these places (n,).
+
+        Edges of which all places are among them have sums that are known; few are left in part.
+        """
+        refits, noise = self.refits() if refits is None else refits, self.own_noise
+        have = np.bincount(noise.edge, datum, minlength=noise.edges)
+        whole = have == np.bincount(noise.edge, minlength=noise.edges)
+        some = datum & ~whole[noise.edge]
+        part = self.adjustment.sums_of(some, every=False) if some.any() else self.sums.of_none()
+        taken = whole, np.unique(noise.edge[some]), part
+        tau = refits.common_error(*taken, usual=_USUAL_PX) if datum.any() else 0.0
+        noise = replace(noise, tau=np.hypot(noise.tau, tau))
+        fitted = replace(self.adjustment, errors=noise, datum=datum, known=refits.fitted(*taken, tau))
+        return replace(self, adjustment=fitted, tau_px=tau, found={})
 
     @property
     def dof(self) -> float:
@@ -106,9 +112,8 @@ class MeasuredEdges:
 
     def pose_without(self, rows: Mask) -> FittedPose | None:
         """Return the pose fitted without the edges of these places; None where the rest does not determine it."""
-        edges = np.isin(self.lines.edge, np.unique(self.lines.edge[rows]))
         try:
-            return self.adjustment.pose(without=edges)
+            return self.adjustment.pose(without=rows)
         except DegenerateGeometry:
             return None
 

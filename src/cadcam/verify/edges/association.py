@@ -172,8 +172,8 @@ class _Search:
         """
         lines, asked = self.lines, self.body >= 0
         coarse, shift, growth = coarse.copy(), shift.copy(), np.zeros(len(lines))
-        rims = [e for e in np.unique(lines.edge[asked]) if _faces_all_ways(lines, lines.edge == e)]
-        if not rims:
+        rims = np.intersect1d(lines.edge[asked], _rims(lines))
+        if not len(rims):
             return coarse, shift, growth
         free = np.where(_explained(lines, self.found, lines.edge, _IN_PLACE), np.nan, self.found)
         for e in rims:
@@ -192,9 +192,10 @@ class _Search:
         return np.where(stray, np.nan, offset)
 
 
-def _faces_all_ways(lines: Sightlines, rows: Mask) -> bool:
-    """Return whether places `rows` (N,) of one edge are on a rim; not so a contour, which depends on the light."""
-    return lines.kind[rows][0] != EdgeKind.CONTOUR and all_round(lines.normal[rows])
+def _rims(lines: Sightlines) -> Longs:
+    """Return the edges that face all ways; not so contours, which depend on the light."""
+    drawn = lines.kind != EdgeKind.CONTOUR
+    return all_round(lines.edge[drawn], lines.normal[drawn])
 
 
 def _explained(lines: Sightlines, found: Array, owner: Longs, shift: Array, *, by: Mask | None = None) -> Mask:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.verify.edges.sightlines import pieces
 
 CAPTURE_PX = 1.5  # how far a candidate may be from the shifted model and still support the shift
@@ -51,9 +51,11 @@ def guessed_shifts(offset: Array, normal: Array, *, reach_px: float) -> Array:
     return np.array(out).reshape(-1, 2)
 
 
-def all_round(normal: Array) -> bool:
-    """Return whether an edge with normals (n, 2) faces so many ways that its size is distinguishable from a shift."""
-    return len(np.unique(pieces(np.zeros(len(normal), np.int64), normal))) >= _WAYS
+def all_round(edge: Longs, normal: Array) -> Longs:
+    """Return the edges (N,) with normals (N, 2) that face so many ways that size is distinguishable from a shift."""
+    _, first = np.unique(pieces(edge, normal), return_index=True)
+    edges, ways = np.unique(edge[first], return_counts=True)
+    return np.asarray(edges[ways >= _WAYS])
 
 
 def grown(offset: Array, free: Array, normal: Array, shift: Array, *, reach_px: float) -> tuple[float, Array]:

@@ -78,20 +78,24 @@ def pieces(edge: Longs, normal: Array) -> Longs:
 
     An edge that turns by less than about a right angle is one piece, the rim of a hole four.
     """
+    if not len(edge):
+        return np.zeros(0, np.int64)
+    ways = round(2 * np.pi / _BENT)
+    order = np.argsort(edge, kind="stable")
+    begins = np.flatnonzero(np.diff(edge[order], prepend=edge[order[0]] - 1))
+    of = np.repeat(np.arange(len(begins)), np.diff(begins, append=len(edge)))
+    way = np.exp(1j * np.arctan2(normal[order, 1], normal[order, 0]))
+    middle = np.angle(np.add.reduceat(way, begins))[of]
+    number = np.floor(np.angle(way * np.exp(-1j * middle)) / _BENT + 0.5).astype(np.int64) % ways
+    count = np.bincount(ways * of + number, minlength=ways * len(begins)).reshape(-1, ways)
+    long = count >= _LEAST
+    none = np.flatnonzero(~long.any(axis=1))
+    long[none, np.argmax(count[none] > 0, axis=1)] = True
+    turn = np.abs(np.angle(np.exp(1j * _BENT * (np.arange(ways)[:, None] - np.arange(ways)))))
+    apart = np.where(long[of], turn[number], np.inf)
+    rank = np.cumsum(long).reshape(long.shape) - 1  # of a piece among those of all edges
     out = np.zeros(len(edge), np.int64)
-    first = 0
-    for e in np.unique(edge):
-        rows = np.flatnonzero(edge == e)
-        way = np.arctan2(normal[rows, 1], normal[rows, 0])
-        middle = np.angle(np.exp(1j * way).sum())
-        number = np.floor(np.angle(np.exp(1j * (way - middle))) / _BENT + 0.5).astype(np.int64) % round(
-            2 * np.pi / _BENT
-        )
-        numbers, count = np.unique(number, return_counts=True)
-        long = numbers[count >= _LEAST] if (count >= _LEAST).any() else numbers[:1]
-        apart = np.abs(np.angle(np.exp(1j * _BENT * (number[:, None] - long))))
-        out[rows] = first + np.argmin(apart, axis=1)
-        first += len(long)
+    out[order] = rank[of, np.argmin(apart, axis=1)]
     return out
 
 
