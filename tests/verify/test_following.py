@@ -24,7 +24,7 @@ def measured(rng: np.random.Generator, d: Array, lever: Array) -> Estimate:
     common = TAU * np.einsum("ni,ni->n", noise.Z, rng.normal(size=(3, 2))[noise.edge])
     y = BY_POINT @ d + LEVER * max(-d[1], 0.0) + rng.normal(0, SIGMA, 3 * PLACES) + common
     adjustment = Adjustment(y, np.zeros((len(y), 6)), np.zeros((len(y), 0)), noise, np.ones(len(y), bool))
-    body = BodyLines(BY_POINT, lever, GROUND)
+    body = BodyLines(BY_POINT, lever, GROUND, np.zeros_like(GROUND))
     return following(adjustment, np.ones(len(y), bool), body, STILL, basis=np.eye(3)[:, :2], prior_mm=5.0)
 
 
@@ -60,7 +60,7 @@ def test_a_foot_that_stays_where_its_body_sinks_tells_nothing_of_that(rng: np.ra
     y = across @ np.array([0.3, 0.0, 0.0]) + rng.normal(0, SIGMA, 3 * PLACES)
     adjustment = Adjustment(y, np.zeros((len(y), 6)), np.zeros((len(y), 0)), noise, np.ones(len(y), bool))
     rows = np.ones(len(y), bool)
-    body = BodyLines(across, stays, GROUND)
+    body = BodyLines(across, stays, GROUND, np.zeros_like(GROUND))
     told = following(adjustment, rows, body, STILL, basis=np.eye(3)[:, :2], prior_mm=5.0)
     assert np.sqrt(told.covariance[1, 1]) > 1.0
     assert np.sqrt(told.covariance[0, 0]) < 0.5

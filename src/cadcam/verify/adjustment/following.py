@@ -6,6 +6,9 @@ mm, so that the line moves by (G - l b) d. Its motion is thus a continuous funct
 ground. The sides are weighted by Bayes' rule: with the probability of the offsets on each side, times the probability
 that the displacement estimated there lies on that side. The estimate is the mean over sides, and the differences
 between sides add to its covariance.
+
+A body that turns moves by d + w x a at a place a from the middle of its places. One that sinks as well is taken for it
+only if it is so much the more probable: what a tilt does to the lines of feet, sinking by as much takes back.
 """
 
 from __future__ import annotations
@@ -21,6 +24,7 @@ from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, Fit
 _ALIKE = 10.0  # quantisation of unit normals within which grounds are one, steps per unit
 _DIRECTIONS = 200  # of displacements that are sampled to find the possible sides
 _NEGLIGIBLE = 1e-3  # weight below which a side is ignored
+_SINKS_AND_TURNS = 0.01  # odds, before the measurement, that a body which turns sinks into its ground as well
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -28,12 +32,19 @@ class BodyLines:
     """How n places on a body's lines move in the photo with the body.
 
     by_point (n, 3) px/mm: motion across the line by a displacement of the body; lever (n,) px/mm: by how much less the
-    line of a foot moves per mm that the body sinks, 0 for other places; ground (n, 3): unit normal of a foot's ground.
+    line of a foot moves per mm that the body sinks, 0 for other places; ground (n, 3): unit normal of a foot's ground;
+    p (n, 3) mm: the places.
     """
 
     by_point: Array
     lever: Array
     ground: Array
+    p: Array
+
+    @property
+    def arms(self) -> Array:
+        """Return the places (n, 3) mm from their middle, about which the body turns."""
+        return np.asarray(self.p - self.p.mean(axis=0))
 
     def grounds(self) -> tuple[Array, Longs]:
         """Return the distinct grounds (g, 3) of feet, and the number (n,) of each place's; 0 where it is no foot."""
@@ -52,8 +63,22 @@ class BodyLines:
 
         sunk (n,): which places belong to a ground that the body sinks into, where it leaves the line of a foot behind.
         """
+        return np.asarray(self._followed(sunk) @ basis)
+
+    def turned_by(self, motions: Array, sunk: Mask) -> Array:
+        """Return the motion (n, m) px of the lines by unit motions (6, m): shift (mm), turn (rad) about the middle."""
+        G = self._followed(sunk)
+        return np.column_stack([G, np.cross(self.arms, G)]) @ motions
+
+    def rise(self, motions: Array) -> Array:
+        """Return by how much (g, m) mm feet rise on the average by unit motions (6, m); g: 1, or 0 without feet."""
+        feet = self.lever != 0
+        up = np.column_stack([self.ground, np.cross(self.arms, self.ground)])[feet] @ motions
+        return np.asarray(up.mean(axis=0, keepdims=True) if feet.any() else up)
+
+    def _followed(self, sunk: Mask) -> Array:
         behind = np.where(sunk & (self.lever != 0), self.lever, 0.0)
-        return np.asarray((self.by_point - behind[:, None] * self.ground) @ basis)
+        return np.asarray(self.by_point - behind[:, None] * self.ground)
 
 
 def following(
@@ -73,6 +98,22 @@ def following(
         found.append(estimate)
         on_side = _log_probability(estimate, normals @ basis, sunk)
         log_weight.append(on_side - 0.5 * adjustment.unlikeliness(rows, design, pose, prior=prior_mm))
+    return _mixed(found, np.array(log_weight))
+
+
+def turning(adjustment: Adjustment, rows: Mask, body: BodyLines, pose: FittedPose, *, motions: Array) -> Estimate:
+    """Return a body's motion (m,) in units of `motions` (6, m), its feet following or sinking with it.
+
+    motions: shifts (mm) with turns (rad) about the middle of the places, as large as they are usually, 1 sigma.
+    """
+    feet, found, log_weight = body.lever != 0, [], []
+    for sunk in (~feet & feet, feet)[: 1 + feet.any()]:
+        design = body.turned_by(motions, sunk)
+        estimate = adjustment.estimate(rows, design, pose, prior=1.0)
+        found.append(estimate)
+        on_side = _log_probability(estimate, body.rise(motions), sunk[feet][:1])
+        rarely = np.log(_SINKS_AND_TURNS) if sunk.any() else 0.0
+        log_weight.append(rarely + on_side - 0.5 * adjustment.unlikeliness(rows, design, pose, prior=1.0))
     return _mixed(found, np.array(log_weight))
 
 

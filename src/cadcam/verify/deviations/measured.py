@@ -10,7 +10,7 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment.alarms import either, tail_probability
 from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
-from cadcam.verify.adjustment.following import BodyLines, following
+from cadcam.verify.adjustment.following import BodyLines, following, turning
 from cadcam.verify.adjustment.refits import Refits
 from cadcam.verify.adjustment.scatter import EdgeNoise, EdgeSums, improbability, white_scale
 from cadcam.verify.edges.sightlines import Sightlines
@@ -184,8 +184,10 @@ class MeasuredEdges:
 
     def _followed(self, rows: Mask, basis: Array, pose: FittedPose) -> Estimate:
         """Return the displacement along a basis (3, m), allowing for feet that need not follow."""
-        body = BodyLines(self.lines.by_point[rows], self.lever[rows], self.ground[rows])
-        return following(self.adjustment, rows, body, pose, basis=basis, prior_mm=self._unseen_mm(rows))
+        return following(self.adjustment, rows, self._body(rows), pose, basis=basis, prior_mm=self._unseen_mm(rows))
+
+    def _body(self, rows: Mask) -> BodyLines:
+        return BodyLines(self.lines.by_point[rows], self.lever[rows], self.ground[rows], self.lines.p[rows])
 
     def _edge_count(self, rows: Mask) -> int:
         return len(np.unique(self.lines.edge[rows]))
@@ -257,7 +259,7 @@ class MeasuredEdges:
         if size == 0:
             return None
         # In px/mm, like the displacements that are estimated with it; so the conditioning of all can be judged.
-        shift, turned, scale = G @ basis, lever / size * most, most / size
+        shift, turned = G @ basis, lever / size * most
         m = basis.shape[1]
         known = self.adjustment.information(rows, np.column_stack([shift, turned]))
         alone = known[m:, m:] - known[m:, :m] @ np.linalg.solve(known[:m, :m], known[:m, m:])  # the shift unknown
@@ -265,31 +267,30 @@ class MeasuredEdges:
         V = V[:, w > _BLIND * np.linalg.eigvalsh(known)[-1]]
         if not V.shape[1]:
             return None
-        found = self._beside_unseen(rows, np.column_stack([shift, turned @ V]), pose)
-        return about @ V, found.along(np.eye(V.shape[1], m + V.shape[1], m) * scale)
+        return about @ V, self._turned(rows, basis, about @ V, _perpendicular(about), pose)
 
     def _levers(self, rows: Mask, about: Array) -> Array:
         """Return how far (N, n), px/rad, places move across their edges in turns about axes (3, n) in their middle."""
-        p = self.lines.p[rows]
-        swept = np.cross(about.T, (p - p.mean(axis=0))[:, None])  # (N, n, 3) mm/rad
-        return np.asarray(np.einsum("ni,nji->nj", self.lines.by_point[rows], swept))
+        body = self._body(rows)
+        return body.turned_by(np.concatenate([np.zeros_like(about), about]), np.zeros(len(body.p), bool))
 
-    def _beside_unseen(self, rows: Mask, design: Array, pose: FittedPose) -> Estimate:
-        """Return the estimate of motions in their design (N, m), beside those that one photo does not judge.
+    def _turned(self, rows: Mask, basis: Array, about: Array, beside: Array, pose: FittedPose) -> Estimate:
+        """Return the turns (rad) about axes (3, n), of a body whose shift along a basis (3, m) is unknown, too.
 
-        These are the shift along the line of sight and the turns about axes across it. A tilted body looks turned by a
-        few edges: a plate that tips over its long edge, say.
+        beside: axes about which it may turn as well: by one photo, by which they are not judged, by a few pixels; so
+        much may it be shifted along other directions. A tilted body looks turned by a few edges: a plate that tips over
+        its long edge, say.
         """
-        if self.eye is None:
-            return self.adjustment.estimate(rows, design, pose)
-        axis = self.axis(rows)
-        towards = self._unseen_mm(rows) * self.lines.by_point[rows] @ axis
-        tilted = self._levers(rows, _perpendicular(axis[:, None]))
-        tilted = UNSEEN_PX * tilted / np.maximum(np.abs(tilted).max(axis=0), 1e-300)
-        unknown = _OPEN_PX / np.abs(design).max(axis=0)
-        every = np.column_stack([design * unknown, towards, tilted])
-        found = self.adjustment.estimate(rows, every, pose, prior=1.0)
-        return found.along(np.eye(design.shape[1], every.shape[1]) * unknown[:, None])
+        shown, other = self.lines.by_point[rows] @ basis, UNSEEN_PX if self.eye is not None else _OPEN_PX
+        shifts = [basis * _OPEN_PX / np.abs(shown).max(axis=0), _perpendicular(basis) * self._unseen_mm(rows)]
+        turns = [
+            axes * px / np.maximum(np.abs(self._levers(rows, axes)).max(axis=0), 1e-300)
+            for axes, px in ((about, _OPEN_PX), (beside, other))
+        ]
+        D, W = np.column_stack(shifts), np.column_stack(turns)
+        motions = np.block([[D, np.zeros_like(W)], [np.zeros_like(D), W]])
+        found = turning(self.adjustment, rows, self._body(rows), pose, motions=motions)
+        return found.along(about.T @ motions[3:])
 
     def axis(self, rows: Mask) -> Array:
         """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""
