@@ -1,8 +1,8 @@
 """Marks of a plate that are not where the other marks have them: read wrongly, taken for another, or moved.
 
-The residuals r of a position's fit have the covariance M V M^T: M = 1 - J C J^T takes off what the fit absorbs (J: pixels
-by the matrix' entries, C: their cofactor), V is what may move the marks' pixels, noise and the plate's making. A single
-mark k that is off shows in r_k^T (M V M^T)_kk^-1 r_k, else chi-square with two degrees of freedom, and is off by
+The residuals r of a position's fit have the covariance M V M^T: M = 1 - J C J^T takes off what the fit absorbs (J:
+pixels by the matrix' entries, C: their cofactor), V is what may move the marks' pixels, noise and the plate's making. A
+single mark k that is off shows in r_k^T (M V M^T)_kk^-1 r_k, else chi-square with two degrees of freedom, and is off by
 M_kk^-1 r_k (data snooping; W. Baarda, Netherlands Geodetic Commission 2/5, 1968).
 """
 

@@ -70,8 +70,8 @@ def _astray(found: Sequence[Astray], positions: int) -> list[str]:
         ]
     return [
         f"{one.position}: mark {' or '.join(map(repr, (one.mark, *one.rivals)))} is {one.off_px:.2f} px from where the "
-        f"others have it, where {one.expected_px:.2g} px are expected, and no sigma contains it: is it that mark, found "
-        "well? Else leave it out"
+        f"others have it, where {one.expected_px:.2g} px are expected, and no sigma contains it: is it that mark, "
+        "found well? Else leave it out"
         for one in found
     ]
 
