@@ -337,7 +337,7 @@ def test_a_mark_that_moves_is_known_for_it(turn: float, rng: np.random.Generator
 
 @pytest.mark.parametrize("sharper", [-1.0, 1.0])
 def test_a_slope_of_the_blur_does_not_draw_a_tilted_mark_to_its_sharper_side(sharper: float) -> None:
-    """A lens' opening blurs 1.5 px in the middle, a quarter less or more at the sides; one blur for all is 0.01 px off."""
+    """An opening blurs 1.5 px in the middle, a quarter less or more at the sides; one blur for all is 0.01 px off."""
     mark, pose = dot_and_ring(20.0, 40.0, 60.0), _pose(40.0, 0.0)
     truth, J = CAMERA.project_with_jacobian(pose.translation)
     depth = pose.rotation[:2, 2]
