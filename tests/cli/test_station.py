@@ -262,7 +262,21 @@ def unknown_mark(folder: Path) -> None:
     replaced(folder / "plate_6_pixels.csv", "\n1,", "\nnine,")
 
 
+def positions_in_metres(folder: Path) -> None:
+    head, *rows = csv.reader((folder / "positions_6.csv").read_text().splitlines())
+    metres = [[*row[:2], *(repr(float(v) / 1000) for v in row[2:4]), *row[4:]] for row in rows]
+    (folder / "positions_6.csv").write_text("\n".join(map(",".join, [head, *metres])))
+
+
+def marks_in_metres(folder: Path) -> None:
+    plate = json.loads((folder / "plate.json").read_text())
+    plate["marks_mm"] = {name: [x / 1000 for x in p] for name, p in plate["marks_mm"].items()}
+    (folder / "plate.json").write_text(json.dumps(plate))
+
+
 CASES = {
+    "positions in metres": (CALIBRATE, positions_in_metres, "give the positions in mm, along the axes of the survey"),
+    "a plate whose marks are in metres": (CALIBRATE, marks_in_metres, "one of them seems to be in another unit"),
     "a camera without a calibration": ((*MEASURE, *BOTH), other_camera, "it has no calibration"),
     "a position outside the grid": ((*MEASURE, *BOTH), far_away, "extrapolation has to be asked for"),
     "the wrong plan": (CALIBRATE, wrong_plan, "do not fit the plate: residual"),
@@ -310,6 +324,19 @@ def test_wrong_input_is_one_clear_error(cadcam: Cadcam, folder: Path, name: str)
     assert ran.err.count(f"{' '.join(['cadcam', *words[:2]])}: ") == 1
     assert "Traceback" not in ran.err
     assert sorted(folder.iterdir()) == before
+
+
+def test_a_mark_of_the_plate_that_was_found_wrongly_is_named(cadcam: Cadcam, folder: Path) -> None:
+    """5 px make a residual of 0.8 px, which --limit allows; the stated sigmas would hide them."""
+    given = (*CALIBRATE, "--sigma", "0.03")
+    assert "px from where the others have it" not in cadcam(*given).out
+    file = folder / "plate_6_pixels.csv"
+    lines = file.read_text().splitlines()
+    name, view, x, y = lines[4].split(",")
+    lines[4] = f"{name},{view},{float(x) + 5},{y}"
+    file.write_text("\n".join(lines))
+    told = " ".join(cadcam(*given).out.split())
+    assert re.search(rf"{view}: mark '{name}' is [45]\.\d\d px from where the others have it", told)
 
 
 @pytest.fixture(scope="session")

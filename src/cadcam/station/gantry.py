@@ -9,11 +9,14 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.camera.camera import Camera
-from cadcam.errors import BadValue, TooFewPoints
+from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
 from cadcam.kinds import expect, expect_each, expect_positive
 from cadcam.station.cross_prediction import DeviationMap, deviation_map, view_covariance
 from cadcam.station.field import DeviationField, fit_field
 from cadcam.station.plane import PlaneCalibration
+
+_MECHANICS_MM = 100.0  # rms deviation from which a gantry is asked whether its positions are the floor's
+_AS_MOVED = 0.5  # of how far the view moves: what no gantry deviates by that goes where its controller says
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -129,7 +132,11 @@ class GantryCalibration(Brief):
 def calibrate_gantry(
     camera: str, positions: Sequence[PlaneCalibration], *, repeatability: Repeatability | None = None
 ) -> GantryCalibration:
-    """Return the calibration of a camera from those of its positions, one or more, no two of them the same."""
+    """Return the calibration of a camera from those of its positions, one or more, no two of them the same.
+
+    Raises `DegenerateGeometry` where the view moves over the floor quite otherwise than the positions: another unit,
+    other axes.
+    """
     positions = expect_each(positions, "positions", PlaneCalibration)
     expect(repeatability, "repeatability", Repeatability, optional=True)
     if not positions:
@@ -145,7 +152,19 @@ def calibrate_gantry(
         if one.lens is not positions[0].lens:
             raise BadValue(f"lens of {one.name}", "another one", f"the lens of {positions[0].name}, at all positions")
     deviations = deviation_map(positions).deviation if len(positions) > 1 else np.zeros((1, 2))
+    _refuse_other_axes(camera, grid, deviations)
     return GantryCalibration(camera, positions, again, fit_field(grid, deviations, _noise(positions, again)))
+
+
+def _refuse_other_axes(camera: str, grid: Array, deviations: Array) -> None:
+    """Raise `DegenerateGeometry` where what would be mechanics is half of all motion."""
+    stated = grid - grid.mean(axis=0)
+    off, seen, told = (float(np.sqrt(np.mean(np.sum(a**2, axis=1)))) for a in (deviations, stated + deviations, stated))
+    if off > max(_MECHANICS_MM, _AS_MOVED * seen):
+        raise DegenerateGeometry(
+            f"the view of camera {camera!r} moves over the floor by {seen:.0f} mm rms, its controller's positions by "
+            f"{told:.4g}, and they differ by {off:.0f} mm; give the positions in mm, along the axes of the survey"
+        )
 
 
 def _noise(positions: Sequence[PlaneCalibration], again: Repeatability) -> Array:

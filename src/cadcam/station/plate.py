@@ -18,6 +18,7 @@ from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
 from cadcam.kinds import expect, expect_numbers, expect_positive
 
 _MOST_ORDERS = 6  # reflectors of which all orders are tried, to name a wrong one
+_UNITS_APART = 100.0  # ratio of the sizes by marks and by reflectors: m and mm are a thousand apart, no plate is
 _GROSS = 5.0  # residual in units of the stated noise beyond which the survey is not of this plate
 
 # Industrial Vision, Tables 6.7 and 6.8; the reflectors' places follow from Table 6.5
@@ -51,6 +52,18 @@ class Plate(Brief):
             object.__setattr__(self, f"{what}s", points)
             object.__setattr__(self, f"{what}_names", names)
         expect_positive(self.sigma_mm, "sigma_mm of the plate", "a number from 0 on", zero=True)
+        self._refuse_two_units()
+
+    def _refuse_two_units(self) -> None:
+        if not (len(self.marks) and len(self.reflectors)):
+            return
+        marks, reflectors = (float(np.linalg.norm(np.ptp(p, axis=0))) for p in (self.marks, self.reflectors))
+        if min(marks, reflectors) * _UNITS_APART < max(marks, reflectors) and min(marks, reflectors) > 0:
+            raise BadValue(
+                "size of the plate",
+                f"{marks:g} mm by its marks, {reflectors:g} mm by its reflectors",
+                "both in mm: one of them seems to be in another unit",
+            )
 
     @classmethod
     def b4(cls, *, sigma_mm: float = 0.2) -> Plate:

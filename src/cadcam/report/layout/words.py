@@ -250,6 +250,10 @@ def assumptions(layout: Layout) -> list[str]:
     out.append(
         f"The part is as drawn and lies in one of {len(scene.poses)} poses ({poses}); light and contrast suffice."
     )
+    out.append(
+        "U is that of a place in the world, as cadcam measure finds it. What cadcam verify finds is relative to a "
+        "datum in the same photos: add the datum's error and that of the edges themselves."
+    )
     out.append("Features found wrongly, vibration, temperature and the part's own deformation are not in the numbers.")
     if layout.survey.left_out:
         n = len(layout.survey.left_out)

@@ -10,6 +10,7 @@ import numpy as np
 from cadcam.camera.measurement import Measurement
 from cadcam.files.text import spreadsheet_rows
 from cadcam.report.table import Table, counted, with_sigma
+from cadcam.station.astray import Astray, marks_astray
 from cadcam.station.budget import budget_of
 from cadcam.station.cross_prediction import DeviationMap, Split
 from cadcam.station.drawing import DifferenceTrend, DistanceCheck
@@ -53,8 +54,26 @@ def calibration_tables(station: GantryCalibration, *, named: bool = True) -> lis
         notes.append("repeatability is not stated: what is measured looks surer than it is")
     if station.recalibration is not None:
         notes.append(f"re-calibrated by mark {station.recalibration.sighting.name!r}")
+    notes += _astray(marks_astray(station.positions), len(rows))
     title = f"Camera {station.camera}: " * named + counted(len(rows), "calibrated position")
     return [Table(title, columns, tuple(rows), columns[:1], tuple(notes))]
+
+
+def _astray(found: Sequence[Astray], positions: int) -> list[str]:
+    """Return what is said of marks that are not where the others have them; of many, what they may have in common."""
+    if len(found) > max(1, positions / 2):
+        worst = max(found, key=lambda one: one.off_px)
+        return [
+            f"marks are off in {len(found)} of {positions} positions, by up to {worst.off_px:.2f} px where "
+            f"{worst.expected_px:.2g} px are expected, and no sigma contains it: distortion (--camera), the plate's "
+            "sigma_mm, or the noise (--sigma)"
+        ]
+    return [
+        f"{one.position}: mark {' or '.join(map(repr, (one.mark, *one.rivals)))} is {one.off_px:.2f} px from where the "
+        f"others have it, where {one.expected_px:.2g} px are expected, and no sigma contains it: is it that mark, "
+        "found well? Else leave it out"
+        for one in found
+    ]
 
 
 def map_tables(names: Sequence[str], deviations: DeviationMap) -> list[Table]:

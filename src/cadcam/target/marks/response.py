@@ -1,11 +1,15 @@
-"""Marks fitted with effects of the camera where residuals show them: a nonlinear response, and motion blur.
+"""Marks fitted with effects of the camera where residuals show them: bent response, motion blur, blur that has a slope.
 
 A nonlinear response, from a gamma or from overexposure, contradicts a linear one on all borders alike. A mark that
 moves during the exposure is blurred along its path and not across; a model without motion compensates by a tilt, or
-takes borders for covered. A score test on the fit without either decides whether they are fitted.
+takes borders for covered. A score test on the fit without either decides whether they are fitted. Behind a lens'
+opening a tilted mark is blurred more on one side than on the other, s + h . (u, v), and drawn to the sharper side:
+where the same test shows it, one more step is made with h free. To first order that is its fit, as h is small.
 """
 
 from __future__ import annotations
+
+from dataclasses import replace
 
 import numpy as np
 
@@ -20,6 +24,7 @@ STRAIGHT, BENT, MOVED = 0, 1, LOOSE  # how many of b dx dy are fitted
 _SEEN = 30.0  # decrease of chi-square at which they are fitted: by chance once in 2e7 marks
 _LONG = 2.0  # blurs: least length of a motion; a shorter one shifts nothing, and pixel squares can look like it
 _LONGEST = 2.0  # of the mark's smaller radius: longest motion; one that smears a mark further leaves no mark to see
+_STEEPEST = 0.5  # of the blur, over the mark's smaller radius: a steeper slope is a cover's, and no first-order step
 _SHARPEST = 0.4  # of the fitted round blur: what remains of it at least when the motion is separated
 
 
@@ -42,7 +47,28 @@ def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q:
         fit = fit.replaced(part(BENT, fit.parameters[bent], bent, normal.part(bent, geometry.free + BENT)), bent)
     if smeared.size:
         fit = fit.replaced(part(MOVED, moved[smeared], smeared), smeared)
+    for count in (STRAIGHT, BENT):
+        k = np.flatnonzero((loose == count) & fit.good).astype(np.int32)
+        if k.size:
+            fit = fit.replaced(_sloped(mark, geometry, fit.subset(k), window.subset(k), count), k)
     return fit, loose.astype(np.int32)
+
+
+def _sloped(mark: Mark, geometry: Geometry, fit: Fit, window: Window, loose: int) -> Fit:
+    """Return the fit after the step that a slope of the blur takes, where residuals show one."""
+    level = mark_model(mark, geometry, loose=loose)
+    n = geometry.free + loose
+
+    def sloped(parameters: Array, pixels: Array, weight: Array | None = None) -> tuple[Array, Array]:
+        value, J = level(parameters, pixels, weight)
+        return value, np.concatenate([J, J[..., BLUR, None] * pixels[..., :2]], axis=-1)
+
+    (without, both), step, _ = missed(sloped, fit, window, free=(n, n + 2))
+    steep = np.hypot(step[:, n], step[:, n + 1]) * window.size / fit.parameters[:, BLUR]
+    step = np.where(((both - without > _SEEN) & (steep < _STEEPEST))[:, None], step[:, :n], 0.0)
+    parameters = fit.parameters.copy()
+    parameters[:, :n] += step
+    return replace(fit, q=fit.q + step[:, :2], parameters=parameters)
 
 
 def _asked(mark: Mark, geometry: Geometry, fit: Fit, window: Window) -> tuple[Array, Array, Array, Normal]:
