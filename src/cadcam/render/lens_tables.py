@@ -14,12 +14,14 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Lens
+from cadcam.camera.perspective import direction
 from cadcam.native.core import NativeLens
 
 TABLE_BYTES = 32  # per pixel of a table: the points in tiles, the inverse, patches
 MAKING_BYTES = TABLE_BYTES + 16  # while it is made, of the points in rows
 KEPT_BYTES = 1 << 30  # of tables kept although no renderer may need them any more: one of 24 megapixels
 _CACHED = 1 << 14  # pixels unprojected at a time
+_STEEP = 1 / 32  # change from pixel to pixel of a plane point, of its distance from the eye
 
 Key = tuple[tuple[int, int], bytes, Lens, int]
 
@@ -103,17 +105,38 @@ def _slope(field: Array, axis: int) -> Array:
     return slope
 
 
-def subdivided(points: Array, n: int) -> Array:
-    """Return plane points (nH, nW, 2) of n x n samples per pixel, extrapolated linearly from the centres' (H, W, 2).
+class Around:
+    """What is looked at beside the pixels' centres: points of the plane, extrapolated linearly from the centres' own.
 
     The error is an eighth of the lens' second difference: below 2e-3 px for a strong lens on 320 px, less on more
-    pixels.
+    pixels. Towards 90 degrees the plane runs away to infinity: where a pixel takes more than `_STEEP` of the way there,
+    unit rays are extrapolated, which stay as smooth as the lens. Elsewhere they would save less than 2e-2 px.
     """
+
+    def __init__(self, centres: Array) -> None:
+        self._centres, (self._per_x, self._per_y) = centres, slopes(centres)
+        change = np.maximum(np.abs(self._per_x), np.abs(self._per_y)).max(axis=-1)
+        self._steep = change > _STEEP * (1 + np.abs(centres).max(axis=-1))
+        if self._steep.any():
+            rays = direction(centres)
+            self._ray, (self._ray_x, self._ray_y) = rays[self._steep], (d[self._steep] for d in slopes(rays))
+
+    def at(self, x: float, y: float) -> Array:
+        """Return the points (H, W, 2) seen (x, y) px beside the centres; NaN where that is 90 degrees or more away."""
+        points = self._centres + x * self._per_x + y * self._per_y
+        if self._steep.any():
+            ray = self._ray + x * self._ray_x + y * self._ray_y
+            points[self._steep] = ray[:, :2] / np.where(ray[:, 2:] > 0, ray[:, 2:], np.nan)
+        return np.asarray(points)
+
+
+def subdivided(points: Array, n: int) -> Array:
+    """Return plane points (nH, nW, 2) of n x n samples per pixel from those of the centres (H, W, 2); see `Around`."""
     height, width = points.shape[:2]
-    per_x, per_y = slopes(points)
+    around = Around(points)
     out = np.zeros((n * height, n * width, 2))
     for j, i in np.ndindex(n, n):
-        out[j::n, i::n] = points + ((i + 0.5) / n - 0.5) * per_x + ((j + 0.5) / n - 0.5) * per_y
+        out[j::n, i::n] = around.at((i + 0.5) / n - 0.5, (j + 0.5) / n - 0.5)
     return out
 
 

@@ -106,6 +106,7 @@ class RayRenderer:
         centre, per_x, per_y = self._ray_field(camera, band)
         for i, j in np.ndindex(n, n):
             rays = centre + ((i + 0.5) / n - 0.5) * per_x + ((j + 0.5) / n - 0.5) * per_y
+            rays[~(rays[..., 2] > 0)] = np.nan  # beyond 90 degrees nothing is seen
             rays /= np.linalg.norm(rays, axis=-1, keepdims=True)
             one = {"image": np.zeros_like(image), "coverage": np.zeros_like(coverage)}
             one["image"][:] = look.background

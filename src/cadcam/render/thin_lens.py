@@ -13,7 +13,7 @@ from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Ideal, Lens
 from cadcam.camera.perspective import direction
 from cadcam.geometry.rigid import Rigid
-from cadcam.render.lens_tables import plane_points, slopes
+from cadcam.render.lens_tables import Around, plane_points
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,8 +32,8 @@ class Beside:
         """Return the points (R, W, 2) of some rows."""
         top, end, _ = rows.indices(len(self.centres))
         above, below = max(top - 1, 0), min(end + 1, len(self.centres))  # the slopes of a row need its neighbours
-        per_x, per_y = (slope[top - above : end - above] for slope in slopes(self.centres[above:below]))
-        return np.asarray(self.centres[top:end] + self.pixel[0] * per_x + self.pixel[1] * per_y - self.shift)
+        beside = Around(self.centres[above:below]).at(*self.pixel)
+        return np.asarray(beside[top - above : end - above] - self.shift)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -59,7 +59,7 @@ class ThinLens:
     def pinhole(self, camera_from_world: Rigid, pixel: Array, opening: Array) -> Pinhole:
         """Return the pinhole at a point (2,) of the opening, a unit disc, looking through `pixel` beside the centres.
 
-        Beside the centres a lens' plane is extrapolated linearly: off by less than 1e-3 px, without a lens by nothing.
+        Beside the centres a lens is extrapolated linearly: off by less than 1e-3 px, without a lens by nothing.
         """
         at, shift = self._at(opening), self._shift(opening)
         beside = Beside(self._plane, pixel, shift)
