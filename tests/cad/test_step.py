@@ -163,3 +163,26 @@ def test_without_the_extra_the_remedy_is_named(shared: Callable[[str], Path], mo
     monkeypatch.setattr("cadcam.cad.formats.step.find_spec", lambda name: None)
     with pytest.raises(MissingExtra, match=r'pip install "cadcam\[step\]", or cascadio by itself'):
         read_model_with_report(shared("data/cad_nist_ctc/nist_ctc_01_asme1_ap203.stp"))
+
+
+def iges(unit: str) -> bytes:
+    """Return a rectangle of 10 by 20 as a surface ruled between two lines; unit: flag and name."""
+    program, written = "1H,,1H;,1Hx,1Hx,1Hx,1Hx,32,38,6,308,15,1Hx,1.", "15H20261127.000000,1E-7,30.,1Hx,1Hx,11,0;"
+    g = f"{program},{unit},1,0.01,{written}"
+    parameters = ("110,0.,0.,0.,10.,0.,0.;", "110,0.,20.,0.,10.,20.,0.;", "118,1,3,0,0;")
+    rows: dict[str, list[str]] = {"S": ["a"], "G": [g[i : i + 72] for i in range(0, len(g), 72)], "D": [], "P": []}
+    for k, text in enumerate(parameters):
+        kind, status = text[:3], "00010000" if k < 2 else "00000000"
+        rows["D"] += [f"{kind:>8}{k + 1:8}" + f"{0:8}" * 6 + status, f"{kind:>8}{0:8}{0:8}{1:8}{0:8}"]
+        rows["P"].append(f"{text:64}{2 * k + 1:8}")
+    rows["T"] = ["".join(f"{section}{len(own):7}" for section, own in rows.items())]
+    return "".join(f"{row:72}{s}{n:7}\n" for s, own in rows.items() for n, row in enumerate(own, 1)).encode()
+
+
+@pytest.mark.parametrize(("unit", "mm"), [("2,2HMM", 1.0), ("1,4HINCH", 25.4), ("6,1HM", 1000.0)])
+def test_an_iges_file_has_the_size_that_its_unit_says(tmp_path: Path, unit: str, mm: float) -> None:
+    """All of them were a thousand times as large: of IGES, Open CASCADE writes mm where glTF asks for metres."""
+    path = tmp_path / "part.igs"
+    path.write_bytes(iges(unit))
+    size = read_model_with_report(path)[0].size_mm
+    assert np.allclose(size, [10 * mm, 20 * mm, 0.0], rtol=4 * np.finfo(np.float32).eps, atol=0)

@@ -19,6 +19,7 @@ import numpy as np
 from cadcam.cad.formats.gltf import GltfDocument, Shape, collected
 from cadcam.cad.formats.model import Model
 from cadcam.cad.formats.step_unit import LengthUnit, declared_unit
+from cadcam.cad.units import MM
 from cadcam.errors import MissingExtra, UnreadableFile
 from cadcam.kinds import expect_positive
 
@@ -26,6 +27,7 @@ from cadcam.kinds import expect_positive
 CHORD_SHARE = 5e-5
 ANGLE = 0.2  # rad between neighbouring facets of a curved surface at most
 
+_METRE = MM["m"]
 _AGAIN = "export it again, as AP214 or AP242"
 
 
@@ -45,7 +47,7 @@ def read_step(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = N
     if not 0 < unit.mm < math.inf:
         raise UnreadableFile(path, f"its unit of length is {unit.name}", _AGAIN)
     tolerance = _tolerance(data, unit.mm, chordal_tolerance_mm)
-    return _model(path, _converted(path, "step", tolerance), unit)
+    return _model(path, _converted(path, "step", tolerance), unit, _METRE)
 
 
 def read_iges(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = None) -> Model:
@@ -54,7 +56,8 @@ def read_iges(path: Path, data: bytes, *, chordal_tolerance_mm: float | None = N
         raise UnreadableFile(path, "has no IGES start section", "check the suffix")
     if not re.search(rb"^.{72}T", data[-200:], re.MULTILINE):
         raise UnreadableFile(path, "has no IGES terminate section: truncated", "export it again")
-    return _model(path, _converted(path, "iges", _positive(chordal_tolerance_mm) or 0.05), LengthUnit("mm", 1.0))
+    glb = _converted(path, "iges", _positive(chordal_tolerance_mm) or 0.05)
+    return _model(path, glb, LengthUnit("mm", MM["mm"]), MM["mm"])
 
 
 def _positive(tolerance: float | None) -> float | None:
@@ -112,14 +115,17 @@ sys.exit(0 if data else 3)
 """
 
 
-def _model(path: Path, glb: bytes, unit: LengthUnit) -> Model:
-    """Return the model that Open CASCADE, which goes by the factor of a unit, has in metres."""
+def _model(path: Path, glb: bytes, unit: LengthUnit, mm: float) -> Model:
+    """Return the model that Open CASCADE, which goes by the factor of a unit, has in units of so many mm.
+
+    Of STEP it writes metres, as glTF asks for; of IGES it leaves the mm that it reads any unit as.
+    """
     shapes, left_out = _without_loose(list(GltfDocument(path, glb).shapes()))
     mesh = collected(path, shapes, brep=True)
     notes = [f"{left_out} loose surfaces beside solids left out"] if left_out else []
     if unit.called:
         notes.append(f"its unit is called {unit.called!r}, but is {unit.mm:g} mm by its factor, which counts")
-    return Model(replace(mesh, vertices=mesh.vertices * (1e3 / unit.mm)), unit.name, True, tuple(notes), unit.mm)
+    return Model(replace(mesh, vertices=mesh.vertices * (mm / unit.mm)), unit.name, True, tuple(notes), unit.mm)
 
 
 def _without_loose(shapes: list[Shape]) -> tuple[list[Shape], int]:
