@@ -11,6 +11,8 @@ import numpy as np
 import pytest
 
 from cadcam.cad.edges import EdgeKind, edge_table, feature_edges
+from cadcam.cad.formats.gltf import Shape
+from cadcam.cad.formats.step import by_product
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.read import LoadReport, read_model_with_report
 from cadcam.errors import BadValue, MissingExtra
@@ -186,3 +188,20 @@ def test_an_iges_file_has_the_size_that_its_unit_says(tmp_path: Path, unit: str,
     path.write_bytes(iges(unit))
     size = read_model_with_report(path)[0].size_mm
     assert np.allclose(size, [10 * mm, 20 * mm, 0.0], rtol=4 * np.finfo(np.float32).eps, atol=0)
+
+
+@pytest.mark.parametrize(
+    ("occurrence", "product", "name"),
+    [
+        ("NAUO12", "Träger", "Träger"),
+        ("12", "Träger", "Träger"),
+        ("next assembly relationship", "Träger", "Träger"),
+        ("Träger links", "Träger", "Träger links"),
+        ("M12", "bolt", "M12"),
+        ("NAUO12", "", "NAUO12"),
+    ],
+)
+def test_an_occurrence_that_is_only_counted_has_the_name_of_its_product(
+    occurrence: str, product: str, name: str
+) -> None:
+    assert by_product(Shape(("assembly", occurrence), np.eye(4), product, [])).names == ("assembly", name)

@@ -28,6 +28,8 @@ CHORD_SHARE = 5e-5
 ANGLE = 0.2  # rad between neighbouring facets of a curved surface at most
 
 _METRE = MM["m"]
+# what exporters call the occurrences of products that nobody gave a name: NAUO12, or Open CASCADE for them: 12
+_COUNTED = re.compile(r"(NAUO|next assembly (usage|relationship)\W*)?\d*\s*", re.IGNORECASE)
 _AGAIN = "export it again, as AP214 or AP242"
 
 
@@ -121,11 +123,17 @@ def _model(path: Path, glb: bytes, unit: LengthUnit, mm: float) -> Model:
     Of STEP it writes metres, as glTF asks for; of IGES it leaves the mm that it reads any unit as.
     """
     shapes, left_out = _without_loose(list(GltfDocument(path, glb).shapes()))
-    mesh = collected(path, shapes, brep=True)
+    mesh = collected(path, [by_product(shape) for shape in shapes], brep=True)
     notes = [f"{left_out} loose surfaces beside solids left out"] if left_out else []
     if unit.called:
         notes.append(f"its unit is called {unit.called!r}, but is {unit.mm:g} mm by its factor, which counts")
     return Model(replace(mesh, vertices=mesh.vertices * (mm / unit.mm)), unit.name, True, tuple(notes), unit.mm)
+
+
+def by_product(shape: Shape) -> Shape:
+    """Return a shape under the name of its product, the mesh's, where the name of its occurrence is a mere number."""
+    counted = _COUNTED.fullmatch(shape.names[-1]) and shape.mesh_name
+    return replace(shape, names=(*shape.names[:-1], shape.mesh_name)) if counted else shape
 
 
 def _without_loose(shapes: list[Shape]) -> tuple[list[Shape], int]:
