@@ -1,9 +1,9 @@
 """Limbs, the borders of round surfaces: what the photo shows there may be shading.
 
 Brightness changes ever faster towards a limb, and under a light at the camera it falls off there: for a dark limb on a
-dark background the photo shows the border of the bright area, inside of where the surface ends. No light makes a
-surface seem to end farther out. So the offset of a limb seen inside its place is no evidence; one seen outside is
-displaced.
+dark background the photo shows the border of the bright area, inside of where the surface ends. Farther out a surface
+seems to end by little: before a brighter ground, as far as the photo's blur mixes the fall into the step (0.1 to 0.6 px
+in simulated pictures). So the offset of a limb seen inside its place is no evidence; one seen farther outside is.
 """
 
 from __future__ import annotations
