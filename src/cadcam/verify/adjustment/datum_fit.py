@@ -142,7 +142,8 @@ class Adjustment:
         HJ = H @ self.J[rows]
         Q = errors.common(H)
         seen = H @ self.C[rows] - HJ @ pose.by_cause
-        value, noise, common = H @ self.offset[rows] - HJ @ pose.xi, (H * errors.sigma**2) @ H.T, Q @ Q.T
+        value, noise = H @ self.offset[rows] - HJ @ pose.xi, (H * errors.sigma**2) @ H.T
+        common = Q @ Q.T + (H * errors.apart**2) @ H.T
         left = self.offset[rows] - design @ value - self.J[rows] @ pose.xi
         misfit = _misfit(errors, left, fitted=design.shape[1])
         if enlarged:
@@ -162,10 +163,10 @@ class Adjustment:
         weights = weights / (weights @ design)
         by_pose = weights @ J
         value = float(weights @ self.offset[rows] - by_pose @ pose.xi)
-        common = errors.common(weights[None])
+        common = float((errors.common(weights[None]) ** 2).sum() + (weights**2) @ errors.apart**2)
         seen = weights @ self.C[rows] - by_pose @ pose.by_cause
         noise = float((weights**2) @ errors.sigma**2)
-        variances = [noise, float((common**2).sum()), float(by_pose @ pose.covariance @ by_pose), float(seen @ seen)]
+        variances = [noise, common, float(by_pose @ pose.covariance @ by_pose), float(seen @ seen)]
         return np.array(variances), value
 
     def unlikeliness(self, rows: Mask, design: Array, pose: FittedPose, *, prior: float) -> float:

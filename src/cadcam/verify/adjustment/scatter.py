@@ -25,12 +25,16 @@ _GOLDEN = (np.sqrt(5.0) - 1) / 2  # the golden section's share
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EdgeNoise:
-    """The covariance V (N, N) of offsets: sigma (N,) px, edge (N,) numbers from 0, Z (N, 2), tau (edges,) px."""
+    """The covariance V (N, N) of offsets: sigma (N,) px, edge (N,) numbers from 0, Z (N, 2), tau (edges,) px.
+
+    apart (N,) px: a further error of each place by itself, other than the photo's noise.
+    """
 
     sigma: Array
     edge: Longs
     Z: Array
     tau: Array
+    apart: Array
 
     @classmethod
     def of(cls, sigma: Array, edge: Longs, along: Array, tau: float) -> EdgeNoise:
@@ -41,16 +45,17 @@ class EdgeNoise:
         spread = np.sqrt(np.bincount(number, middle**2) / count)[number]
         t = np.divide(middle, spread, out=np.zeros_like(middle), where=spread > 0)
         Z = np.stack([np.ones_like(t), t], axis=1)
-        return cls(np.asarray(sigma, np.float64), number, Z, np.full(len(count), float(tau)))
+        return cls(np.asarray(sigma, np.float64), number, Z, np.full(len(count), float(tau)), np.zeros(len(number)))
 
     def of_rows(self, rows: Mask) -> EdgeNoise:
         """Return the errors of some offsets (mask over N); part of an edge keeps the edge's common line."""
         edges, number = np.unique(self.edge[rows], return_inverse=True)
-        return EdgeNoise(self.sigma[rows], number.reshape(-1).astype(np.int64), self.Z[rows], self.tau[edges])
+        number = number.reshape(-1).astype(np.int64)
+        return EdgeNoise(self.sigma[rows], number, self.Z[rows], self.tau[edges], self.apart[rows])
 
     def only(self, rows: Mask) -> EdgeNoise:
         """Return the errors of some offsets (mask over N); edges keep their numbers, also those without offsets."""
-        return EdgeNoise(self.sigma[rows], self.edge[rows], self.Z[rows], self.tau)
+        return EdgeNoise(self.sigma[rows], self.edge[rows], self.Z[rows], self.tau, self.apart[rows])
 
     def with_more(self, more: Array) -> EdgeNoise:
         """Return the errors with a further one common to each edge, more (N,) px at its places."""
@@ -59,20 +64,26 @@ class EdgeNoise:
         return replace(self, tau=np.sqrt(self.tau**2 + square))
 
     @property
+    def each(self) -> Array:
+        """Return the standard deviation (N,) px of each place about its edge's common line."""
+        return np.hypot(self.sigma, self.apart)
+
+    @property
     def edges(self) -> int:
         """Return how many edges there are."""
         return len(self.tau)
 
     def white(self, X: Array) -> Array:
         """Return V^-1 X for X (N, k), edge by edge (Woodbury)."""
-        by_noise = X / self.sigma[:, None] ** 2
+        each = self.each
+        by_noise = X / each[:, None] ** 2
         if not len(X) or not self.tau.any():
             return np.asarray(by_noise)
-        K, _ = _drawn_by(self.sums(self.Z / self.sigma[:, None] ** 2), self.tau**2)
+        K, _ = _drawn_by(self.sums(self.Z / each[:, None] ** 2), self.tau**2)
         one, other = np.moveaxis(self.sums(by_noise), 1, 0)
         for i in range(2):
             line = K[:, i, :1] * one + K[:, i, 1:] * other
-            by_noise -= (self.Z[:, i] / self.sigma**2)[:, None] * line[self.edge]
+            by_noise -= (self.Z[:, i] / each**2)[:, None] * line[self.edge]
         return np.asarray(by_noise)
 
     def common(self, H: Array) -> Array:
@@ -85,16 +96,17 @@ class EdgeNoise:
 
     def log_determinant(self) -> float:
         """Return log det V."""
-        _, inner = _drawn_by(self.sums(self.Z / self.sigma[:, None] ** 2), self.tau**2)
-        return float(2 * np.log(self.sigma).sum() + np.log(inner).sum())
+        each = self.each
+        _, inner = _drawn_by(self.sums(self.Z / each[:, None] ** 2), self.tau**2)
+        return float(2 * np.log(each).sum() + np.log(inner).sum())
 
     def about_lines(self, X: Array) -> tuple[float, int]:
         """Return chi-square of values X (N,) about a line fitted to each edge, and these lines' parameters in all."""
-        W = self.Z / self.sigma[:, None] ** 2
-        A, b = self.sums(W), self.sums(X[:, None] / self.sigma[:, None] ** 2)[:, :, 0]
+        W, each = self.Z / self.each[:, None] ** 2, X / self.each
+        A, b = self.sums(W), self.sums(X[:, None] / self.each[:, None] ** 2)[:, :, 0]
         numbers = 1 + (A[:, 1, 1] > 0).astype(np.int64)
         taken = np.einsum("ei,eij,ej->e", b, np.linalg.pinv(A, hermitian=True), b)
-        return float((X / self.sigma) @ (X / self.sigma) - taken.sum()), int(numbers.sum())
+        return float(each @ each - taken.sum()), int(numbers.sum())
 
     def sums(self, X: Array) -> Array:
         """Return Z^T X of each edge, (edges, 2, k)."""
@@ -179,7 +191,7 @@ class EdgeSums:
     @classmethod
     def of(cls, X: Array, noise: EdgeNoise, *, fitted: int) -> EdgeSums:
         """Return the sums of X (N, m), of which the first k = `fitted` columns are J."""
-        D = noise.sigma**-2.0
+        D = noise.each**-2.0
         one, other = np.moveaxis(noise.sums(X * D[:, None]), 1, 0)
         i, j = _pairs(fitted, X.shape[1])
         crossed = one[:, i] * other[:, j] + other[:, i] * one[:, j]
@@ -191,7 +203,7 @@ class EdgeSums:
             np.stack(every, axis=1),
             np.stack([one[:, i] * one[:, j], crossed, other[:, i] * other[:, j]]),
             noise.sums(noise.Z * D[:, None]),
-            np.asarray(np.bincount(noise.edge, 2 * np.log(noise.sigma), minlength=noise.edges), np.float64),
+            np.asarray(np.bincount(noise.edge, 2 * np.log(noise.each), minlength=noise.edges), np.float64),
         )
 
     def of_none(self) -> EdgeSums:

@@ -77,6 +77,7 @@ class MeasuredEdges:
         sigma = survey.matched.sigma[rows]
         scale = white_scale(offset, EdgeNoise.of(sigma, lines.edge, lines.along, 0.0))
         noise = EdgeNoise.of(sigma * scale, lines.edge, lines.along, 0.0).with_more(survey.matched.common[rows])
+        noise = replace(noise, apart=survey.matched.apart[rows])
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, lines.by_pose, lines.by_cause, noise, datum[rows], freedom)
         sums = adjustment.sums_of(np.ones(len(offset), bool))

@@ -36,16 +36,17 @@ class Association:
 
     coarse (N,) px: offset of the edge that the feature's shift predicts, nan where there is none; offset, sigma (N,)
     px: the same measured, with its standard deviation by the photo's noise, nan where it cannot be measured; common
-    (N,) px: further error of a whole edge, by a twin or by running along the pixels' rows. step (N,): change of
-    brightness across the line at its place, with or without an edge; nan where there is no room. shift (N, 2) px:
-    displacement in its photo of the feature that a place belongs to, to about a pixel; growth (N,) px: by how much its
-    rim is larger, to about a pixel, 0 for other edges.
+    (N,) px: further error of a whole edge, by a twin or by running along the pixels' rows; apart (N,) px: one of each
+    place by itself (`cadcam.verify.edges.limbs`). step (N,): change of brightness across the line at its place, with or
+    without an edge; nan where there is no room. shift (N, 2) px: displacement in its photo of the feature that a place
+    belongs to, to about a pixel; growth (N,) px: by how much its rim is larger, to about a pixel, 0 for other edges.
     """
 
     coarse: Array
     offset: Array
     sigma: Array
     common: Array
+    apart: Array
     step: Array
     shift: Array
     growth: Array
@@ -119,7 +120,7 @@ def associated(
     fitted = fitted_steps(lines, sights, body, coarse, shift, growth)
     offset = search.without_strays(np.where(np.isfinite(coarse), fitted.offset, np.nan), fitted.sigma)
     sigma = np.where(np.isfinite(offset), fitted.sigma, np.nan)
-    return Association(coarse, offset, sigma, fitted.common, fitted.step, shift, growth)
+    return Association(coarse, offset, sigma, fitted.common, np.zeros(len(lines)), fitted.step, shift, growth)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -157,7 +157,8 @@ def surveyed(
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
     matched = _relative_to_cad(matched, lines, photos, world_from_part, by)
-    matched = replace(matched, common=np.hypot(matched.common, limb_errors(lines, beside, matched.offset)))
+    common, apart = limb_errors(lines, beside, matched.offset)
+    matched = replace(matched, common=np.hypot(matched.common, common), apart=apart)
     feet = Feet.of(lines, beside)
     return Survey(
         lines=lines,
