@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from decimal import Decimal
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -17,6 +19,13 @@ def test_numbers_are_pythons_and_numpys_and_nothing_else() -> None:
     for other in ("1", None, [1], np.zeros(1), object(), np.array("1x"), np.array(None), 1j, np.complex128(1), 10**400):
         with pytest.raises(BadValue, match=r"^x is .*; expected a number$"):
             expect_number(other, "x")
+
+
+@pytest.mark.parametrize("exact", [Decimal("0.5"), Decimal("nan"), Fraction(1, 2)])
+def test_numbers_that_floats_do_not_calculate_with_are_refused_with_the_way(exact: object) -> None:
+    for gate in (expect_number, expect_positive, expect_count):
+        with pytest.raises(BadValue, match=r"^x is a (Decimal|Fraction); expected a .*number.*: float\(\) of it$"):
+            gate(exact, "x")
 
 
 def test_a_positive_number_is_finite_and_above_zero_or_may_be_zero() -> None:

@@ -133,14 +133,16 @@ def expect(value: object, what: str, *kinds: type, optional: bool = False) -> No
 def expect_number(value: object, what: str, expected: str = "a number") -> None:
     """Raise `BadValue` naming `what` unless value is one real number: Python's or numpy's; NaN and inf pass.
 
-    An integer beyond the range of float64 is refused: no arithmetic on it would be possible.
+    An integer beyond the range of float64 is refused, and a Decimal or a Fraction: no arithmetic on them and floats
+    would be possible.
     """
     if isinstance(value, float):
         return
     if not isinstance(value, int):  # at once: to ask for a protocol takes fifty times as long
         real = isinstance(value, SupportsFloat) and not isinstance(value, (str, complex))
-        if not real or getattr(value, "shape", ()) != ():
-            raise BadValue(what, said(value), expected)
+        if not real or getattr(value, "shape", None) != ():
+            way = ": float() of it" if real and not hasattr(value, "shape") else ""
+            raise BadValue(what, said(value), expected + way)
     try:
         float(value)  # type: ignore[arg-type]  # it is a number, or an array () of anything
     except OverflowError as error:
