@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -89,6 +90,37 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         "picture is of whole numbers down to -270; expected 0 or more",
     ),
 }
+
+
+BOTH = np.array([True, False])
+PART = cadcam.Part(SCENE)
+PHOTO = cadcam.Photo.of(GRAY, CAMERA, POSE)
+FLAGS: dict[str, Callable[[Any, Path], object]] = {
+    "contacts": lambda flag, _: cadcam.feature_edges(SCENE.mesh, contacts=flag),
+    "smooth_seams": lambda flag, _: cadcam.feature_edges(SCENE.mesh, smooth_seams=flag),
+    "hidden": lambda flag, _: cadcam.LineOptions(hidden=flag),
+    "either_sign": lambda flag, _: cadcam.CorrelateOptions(either_sign=flag),
+    "perspective": lambda flag, _: cadcam.MarkOptions(perspective=flag),
+    "wider": lambda flag, _: cadcam.refine_pose(PART, [PHOTO], cadcam.Rigid(), wider=flag),
+    "texture": lambda flag, _: list(cadcam.track_part(PART, [], texture=flag)),
+    "velocity": lambda flag, to: list(
+        cadcam.track_part_to_log(to / "l.jsonl", PART, cadcam.Frames([to], [VIEWPOINT]), velocity=flag)
+    ),
+    "bend": lambda flag, _: cadcam.calibrate_jointly([POINTS], (80, 60), bend=flag),
+    "keep_all": lambda flag, _: cadcam.calibrate_boards([], keep_all=flag),
+    "rotate": lambda flag, _: cadcam.compare_cameras(CAMERA, CAMERA, rotate=flag),
+    "fit": lambda flag, to: cadcam.write_cameras(to / "c.yaml", CAMERA, format_name="opencv", fit=flag),
+    "inverted": lambda flag, to: cadcam.read_robot_poses(to / "r.csv", convention="kuka", inverted=flag),
+    "create": lambda flag, to: cadcam.open_store(to / "s.db", create=flag),
+}
+
+
+@pytest.mark.parametrize("flag", ["no", None, BOTH], ids=["text", "none", "array"])
+@pytest.mark.parametrize("name", FLAGS)
+def test_what_is_neither_true_nor_false_is_no_flag(name: str, flag: object, tmp_path: Path) -> None:
+    cadcam.write_picture(tmp_path / "1.png", GRAY)
+    with pytest.raises(cadcam.CadcamError, match=f"^{name} is .*; expected True or False$"):
+        FLAGS[name](flag, tmp_path)
 
 
 @pytest.mark.parametrize("wrong", WRONG)

@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 _Value = TypeVar("_Value")
 _Key = TypeVar("_Key")
 
-# an annotation of one number or of several: "float", "int | None", "tuple[float, float]"
+# an annotation of a flag, of one number or of several: "bool", "float", "int | None", "tuple[float, float]"
 _NUMBERS = re.compile(
-    r"(?:(?P<one>float|int)|tuple\[(?P<several>(?:float|int)(?:, (?:float|int))*)\])(?P<none> \| None)?"
+    r"(?:(?P<one>bool|float|int)|tuple\[(?P<several>(?:float|int)(?:, (?:float|int))*)\])(?P<none> \| None)?"
 )
 
 # (given, wanted): how to come from the one to the other; a path is a "str", any array, list or tuple a "list"
@@ -171,11 +171,18 @@ def expect_count(value: object, what: str, *, least: int = 1, most: int | None =
         raise BadValue(what, value, expected)
 
 
+def expect_flag(value: object, what: str) -> None:
+    """Raise `BadValue` naming `what` unless value is True or False, of Python or numpy, or 1 or 0."""
+    single = isinstance(value, int) or getattr(value, "shape", None) == ()
+    if not (single and value in (0, 1)):
+        raise BadValue(what, said(value), "True or False")
+
+
 def expect_numbers(value: DataclassInstance) -> None:
     """Raise `BadValue` naming the first field of a dataclass that is annotated as numbers and does not hold them.
 
-    Of fields `float`, `int` (a whole number) and `tuple[float, float]` and the like, and of those `| None`; the others
-    are not looked at. It tells kinds, not sizes: NaN and inf pass.
+    Of fields `bool`, `float`, `int` (a whole number) and `tuple[float, float]` and the like, and of those `| None`; the
+    others are not looked at. It tells kinds, not sizes: NaN and inf pass.
     """
     for name, one, several, optional in _annotated(type(value)):
         given = getattr(value, name)
@@ -192,7 +199,7 @@ def expect_numbers(value: DataclassInstance) -> None:
 
 @cache
 def _annotated(kind: type[DataclassInstance]) -> tuple[tuple[str, str, tuple[str, ...], bool], ...]:
-    """Return of each field annotated as numbers its name, "float" or "int" or those of a tuple, and whether None is."""
+    """Return of each field annotated as numbers its name, its kind or those of a tuple, and whether None is one."""
     told = ((f.name, _NUMBERS.fullmatch(str(f.type))) for f in fields(kind))
     return tuple(
         (name, t["one"] or "", tuple(filter(None, (t["several"] or "").split(", "))), bool(t["none"]))
@@ -202,6 +209,9 @@ def _annotated(kind: type[DataclassInstance]) -> tuple[tuple[str, str, tuple[str
 
 
 def _expect_number_of(value: object, what: str, kind: str) -> None:
+    if kind == "bool":
+        expect_flag(value, what)
+        return
     expect_number(value, what)
     if kind == "int" and not float(value).is_integer():  # type: ignore[arg-type]  # it is a number
         raise BadValue(what, value, "a whole number")

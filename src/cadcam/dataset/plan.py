@@ -105,7 +105,6 @@ class DatasetPlan(Brief):
         expect(self.sensor, "sensor", Sensor, optional=True)
         object.__setattr__(self, "poses", expect_each(self.poses, "poses", Rigid))
         object.__setattr__(self, "backgrounds", expect_each(self.backgrounds, "backgrounds", str, Path))
-        expect(self.gray, "gray", bool, np.bool_)
         object.__setattr__(self, "key_point_names", expect_names(self.key_point_names, "key_point_names"))
         if self.key_points is not None:
             object.__setattr__(self, "key_points", frozen(self.key_points, "key_points", (None, 3)))

@@ -85,6 +85,7 @@ def verify_part(
     expect(tolerances, "tolerances", Tolerances)
     expect(options, "options", InspectionOptions)
     expect(freedom, "freedom", Freedom)
+    expect(tell, "tell", Callable)
     tolerances.check(part.scene)
     if not located.found:
         return _nothing(not_found(located, photos), tolerances, located, None)
