@@ -22,6 +22,8 @@ ESTIMATE = cadcam.PoseEstimate(POSE, np.eye(6))
 GRAY = np.linspace(0.1, 0.9, 4800).reshape(60, 80)
 VIEWPOINT = cadcam.Viewpoint.exact("left", CAMERA, POSE, sigma_px=0.1)
 OPTICS = cadcam.SensorFormat("own", (8.0, 6.0))
+PART = cadcam.Part(SCENE)
+PHOTO = cadcam.Photo.of(GRAY, CAMERA, POSE)
 MASKED = np.ma.masked_less(GRAY, 0.2)
 
 WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
@@ -55,7 +57,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda to: cadcam.write_overlay_svg(to / "o.svg", cadcam.visible_wireframe(SCENE, CAMERA, POSE), title=7),
         "title is 7; expected a str",
     ),
-    "a gap": (lambda _: cadcam.side_by_side(GRAY, gap=-1), "gap is -1; expected a whole number of at least 0"),
+    "a gap": (lambda _: cadcam.side_by_side(GRAY, gap=-1), "gap is -1; expected a whole number from 0 to"),
     "a fixed value": (
         lambda _: cadcam.calibrate_camera(POINTS, (80, 60), fixed={"skew": None}),
         "fixed skew is None; expected a number",
@@ -83,6 +85,42 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda to: cadcam.write_cameras(to / "c.yaml", CAMERA, format_name="opencv", allow_loss="lens"),
         r"allow_loss is the text 'lens'; expected a list of names: \['lens'\]",
     ),
+    "options of templates": (
+        lambda _: cadcam.match_templates(PART, [PHOTO], POSE, options=0.3),
+        "options is 0.3; expected a TemplateOptions",
+    ),
+    "a seed": (lambda _: cadcam.match_templates(PART, [PHOTO], POSE, rng=1), "rng is 1; expected a Generator: numpy"),
+    "no photos": (lambda _: cadcam.match_templates(PART, [], POSE), "photos is none; expected at least one"),
+    "what is told": (
+        lambda _: cadcam.verify_part(PART, [PHOTO], cadcam.Location.nowhere(POSE, ""), cadcam.Tolerances(), tell="x"),
+        "tell is the text 'x'; expected a Callable",
+    ),
+    "a freedom": (lambda _: list(cadcam.track_part(PART, [], POSE, freedom=6)), "freedom is 6; expected a Freedom"),
+    "one frame": (
+        lambda _: list(cadcam.track_part(PART, cadcam.Frame.of(0, PHOTO), POSE)),
+        r"frames is a Frame; expected a list of them: \[frames\]",
+    ),
+    "no history": (lambda _: list(cadcam.track_part(PART, [], POSE, history=None)), "history is None; expected a list"),
+    "no sources": (lambda _: cadcam.Frames(None, [VIEWPOINT]), "sources is None; expected a list, each a str or"),
+    "no poses": (
+        lambda _: list(cadcam.open_renderer(SCENE).render_batch(CAMERA, None)),
+        "poses is None; expected a list, each a Rigid",
+    ),
+    "no poses of rays": (
+        lambda _: list(cadcam.open_renderer(SCENE, "ray").render_batch(CAMERA, 7)),
+        "poses is 7; expected a list, each a Rigid",
+    ),
+    "a gap of a terapixel": (lambda _: cadcam.side_by_side(GRAY, gap=2**40), "gap is 1099511627776; expected a whole"),
+    "a scene of None": (lambda _: cadcam.Scene(None, SCENE.edges, SCENE.colors), "mesh is None; expected a Mesh"),
+    "no edges": (lambda _: cadcam.Scene(SCENE.mesh, None, SCENE.colors), "edges is None; expected a FeatureEdges"),
+    "paint": (
+        lambda _: cadcam.Scene(SCENE.mesh, SCENE.edges, SCENE.colors, 7),
+        r"paint is of shape \(\); expected shape",
+    ),
+    "errors of a view": (
+        lambda _: cadcam.Viewpoint("a", CAMERA, POSE, 0.1, errors=[np.eye(2)]),
+        r"errors\[0\] is an array of shape \(2, 2\); expected an ErrorSource with its effect",
+    ),
     "a masked picture": (lambda _: cadcam.Photo.of(MASKED, CAMERA), "picture is masked in places; expected every"),
     "masked points": (lambda _: cadcam.Observations(np.ma.masked_less(P, 0), P[:, :2]), "world points is masked in"),
     "a difference": (
@@ -93,8 +131,6 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
 
 
 BOTH = np.array([True, False])
-PART = cadcam.Part(SCENE)
-PHOTO = cadcam.Photo.of(GRAY, CAMERA, POSE)
 FLAGS: dict[str, Callable[[Any, Path], object]] = {
     "contacts": lambda flag, _: cadcam.feature_edges(SCENE.mesh, contacts=flag),
     "smooth_seams": lambda flag, _: cadcam.feature_edges(SCENE.mesh, smooth_seams=flag),

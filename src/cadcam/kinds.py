@@ -231,16 +231,24 @@ def expect_names(values: Iterable[str], what: str) -> tuple[str, ...]:
     return expect_each(values, what, str)
 
 
-def expect_each(values: Iterable[_Value], what: str, *kinds: type) -> tuple[_Value, ...]:
-    """Return the values as a tuple; raise `BadValue` naming the first that is of none of these classes.
+def expect_several(values: object, what: str, *kinds: type) -> None:
+    """Raise `BadValue` naming `what` for one value in place of several, or what is no list, iterator or the like.
 
-    One value in place of several is refused, too.
+    What comes out of it is not looked at, so that it may be made as it is asked for.
     """
     single = isinstance(values, (*kinds, str, Mapping)) or getattr(values, "shape", None) == ()
     if single or not isinstance(values, Iterable):
         wanted = _names(kinds)
         one = isinstance(values, kinds)
         raise BadValue(what, said(values), f"a list of them: [{what}]" if one else f"a list, each {wanted}")
+
+
+def expect_each(values: Iterable[_Value], what: str, *kinds: type) -> tuple[_Value, ...]:
+    """Return the values as a tuple; raise `BadValue` naming the first that is of none of these classes.
+
+    One value in place of several is refused, too.
+    """
+    expect_several(values, what, *kinds)
     several = tuple(values)
     for i, value in enumerate(several):
         expect(value, f"{what}[{i}]", *kinds)

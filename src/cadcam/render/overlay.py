@@ -44,7 +44,7 @@ PART_COLORS: tuple[Color, ...] = (
     (0.70, 0.95, 0.10),
 )
 BLACK: Color = (0.0, 0.0, 0.0)
-_PARTS = 5
+_PARTS, _WIDEST_GAP = 5, 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,7 +146,7 @@ def side_by_side(*pictures: npt.ArrayLike, gap: int = 8) -> Picture:
     """Return pictures of one height next to each other, with a white gap of `gap` px; (H, W', 3)."""
     if not pictures:
         raise BadValue("number of pictures", 0, "at least one")
-    expect_count(gap, "gap", least=0)
+    expect_count(gap, "gap", least=0, most=_WIDEST_GAP)
     colour = [to_rgb(p) for p in pictures]
     height = colour[0].shape[0]
     for picture in colour:
