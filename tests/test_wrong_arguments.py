@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,8 @@ import pytest
 import cadcam
 from cadcam.arrays import frozen
 from cadcam.cad.parts.shape import box
+
+from .plan import scenes
 
 CAMERA = cadcam.Camera.from_focal((80, 60), 90.0)
 SCENE = cadcam.Scene.of(box((0, 0, 0), (300, 200, 100), name="box"))
@@ -24,7 +27,14 @@ VIEWPOINT = cadcam.Viewpoint.exact("left", CAMERA, POSE, sigma_px=0.1)
 OPTICS = cadcam.SensorFormat("own", (8.0, 6.0))
 PART = cadcam.Part(SCENE)
 PHOTO = cadcam.Photo.of(GRAY, CAMERA, POSE)
+PLAN = cadcam.DatasetPlan(1, CAMERA)
 MASKED = np.ma.masked_less(GRAY, 0.2)
+
+
+def layout(**changed: Any) -> cadcam.LayoutScene:
+    """Return the scene of a layout with one thing changed."""
+    return replace(scenes.scene(2), **changed)
+
 
 WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "a path of None": (lambda _: cadcam.write_cameras(None, CAMERA), "path is None; expected the name of a file"),
@@ -121,6 +131,29 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda _: cadcam.Viewpoint("a", CAMERA, POSE, 0.1, errors=[np.eye(2)]),
         r"errors\[0\] is an array of shape \(2, 2\); expected an ErrorSource with its effect",
     ),
+    "a step": (lambda _: cadcam.plan_layout(layout(), step=None), "step is None; expected a Callable"),
+    "poses of a layout": (lambda _: layout(poses=[POSE]), "poses is a list of 1; expected a Mapping"),
+    "a pose of a layout": (lambda _: layout(poses={"a": None}), r"poses\['a'\] is None; expected a Rigid"),
+    "a name of a pose": (lambda _: layout(poses={7: POSE}), "a name in poses is 7; expected a str"),
+    "mounts": (lambda _: layout(mounts="ring"), "mounts is the text 'ring'; expected a list, each a Mount"),
+    "features": (lambda _: layout(features=[None]), r"features\[0\] is None; expected a LayoutFeature"),
+    "no finder": (lambda _: layout(finder=0.1), "finder is 0.1; expected a Finder"),
+    "a name of a plate": (
+        lambda _: cadcam.Plate(P[:2, :2], P[:2, :2], mark_names=(1, 2)),
+        r"mark_names\[0\] is 1; expected a str",
+    ),
+    "no station": (
+        lambda _: cadcam.measure_marks({"6": None}, []),
+        r"stations\['6'\] is None; expected a GantryCalibration",
+    ),
+    "views of a rig": (
+        lambda _: cadcam.RigCamera([GRAY], (80, 60)),
+        r"views\[0\] is an array of shape \(60, 80\); expected an Observations",
+    ),
+    "a split": (lambda to: cadcam.make_dataset(to, SCENE, PLAN, split=7), "split is 7; expected a str"),
+    "a folder": (lambda _: cadcam.make_dataset(None, SCENE, PLAN), "folder is None; expected the name of a file"),
+    "a name": (lambda to: cadcam.make_dataset(to, SCENE, PLAN, name=None), "name is None; expected a str"),
+    "a callback": (lambda to: cadcam.make_dataset(to, SCENE, PLAN, on_view=1), "on_view is 1; expected a Callable"),
     "a masked picture": (lambda _: cadcam.Photo.of(MASKED, CAMERA), "picture is masked in places; expected every"),
     "masked points": (lambda _: cadcam.Observations(np.ma.masked_less(P, 0), P[:, :2]), "world points is masked in"),
     "a difference": (

@@ -12,7 +12,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sized
 from dataclasses import fields
 from functools import cache
-from typing import TYPE_CHECKING, Any, SupportsFloat, TypeVar
+from typing import TYPE_CHECKING, Any, SupportsFloat, TypeVar, cast
 
 from cadcam.errors import BadValue, UnknownName
 
@@ -253,6 +253,14 @@ def expect_each(values: Iterable[_Value], what: str, *kinds: type) -> tuple[_Val
     for i, value in enumerate(several):
         expect(value, f"{what}[{i}]", *kinds)
     return several
+
+
+def expect_by_name(values: object, what: str, *kinds: type) -> None:
+    """Raise `BadValue` naming the first entry of a mapping whose key is no text, or whose value is of no such class."""
+    expect(values, what, Mapping)
+    for name, value in cast("Mapping[object, object]", values).items():
+        expect(name, f"a name in {what}", str)
+        expect(value, f"{what}[{name!r}]", *kinds)
 
 
 def expect_known(name: object, kind: str, known: Collection[str]) -> None:

@@ -12,7 +12,7 @@ from cadcam.arrays import Array, Floats, frozen
 from cadcam.camera.camera import checked_size
 from cadcam.camera.extended_pinhole import pixels_from_uv, uv_from_pixels
 from cadcam.errors import BadValue
-from cadcam.kinds import expect_positive
+from cadcam.kinds import expect, expect_positive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -39,6 +39,8 @@ class Observations:
             raise BadValue("number of world points, pixels, names", (len(p), len(q), len(names)), "one number for all")
         _refuse_not_finite(p, names, "XYZ")
         _refuse_not_finite(q, names, ("column", "row"))
+        expect(self.source, "source", str)
+        expect(self.sha256, "sha256", str)
         if self.sigma_px is not None:
             expect_positive(self.sigma_px, "sigma_px", "a positive number of pixels, or None: one for all points")
         object.__setattr__(self, "p_world", p)

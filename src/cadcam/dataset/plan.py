@@ -61,7 +61,9 @@ class Occluders:
         if not 0 <= low <= high <= 50:
             raise BadValue("occluders", self.count, "(fewest, most), from 0 to 50")
         check_span("occluder_size", self.size, 1e-3, 10.0)
-        for shape in expect_names(self.shapes, "occluder_shapes"):
+        object.__setattr__(self, "shapes", expect_names(self.shapes, "occluder_shapes"))
+        object.__setattr__(self, "meshes", expect_each(self.meshes, "meshes", Mesh))
+        for shape in self.shapes:
             expect_known(shape, "occluder shape", (BOX, CYLINDER))
         if high and not (self.shapes or self.meshes):
             raise BadValue("occluder_shapes", "empty", f"{BOX}, {CYLINDER} or CAD files")

@@ -35,6 +35,7 @@ class WhatIf:
 def what_if(layout: Layout, *, step: Callable[[], None] = lambda: None) -> tuple[WhatIf, ...]:
     """Return the table, the layout as planned first. The cameras stay in place unless the distance is changed."""
     expect(layout, "layout", Layout)
+    expect(step, "step", Callable)
     scene = layout.survey.scene
     out = [_said(layout, "as planned", layout.assessment)]
     if len(layout.chosen) > 1:

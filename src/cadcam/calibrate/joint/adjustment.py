@@ -111,6 +111,8 @@ def fit_jointly(
     expect(fixed, "fixed", Mapping, optional=True)
     views = expect_each(views, "views", Observations)
     expect(lens, "lens", Lens, optional=True)
+    expect(guess, "guess", Camera, optional=True)
+    expect(loss, "loss", Loss, optional=True)
     size = picture_size(size, views)
     lens, fixed = lens or Ideal(), dict(fixed or {})
     names = expect_names(free_lens, "free_lens")
