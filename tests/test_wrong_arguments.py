@@ -154,6 +154,19 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "a folder": (lambda _: cadcam.make_dataset(None, SCENE, PLAN), "folder is None; expected the name of a file"),
     "a name": (lambda to: cadcam.make_dataset(to, SCENE, PLAN, name=None), "name is None; expected a str"),
     "a callback": (lambda to: cadcam.make_dataset(to, SCENE, PLAN, on_view=1), "on_view is 1; expected a Callable"),
+    "a model's hash": (
+        lambda to: cadcam.write_part_pose(to / "p.json", ESTIMATE, model={"sha256": float("nan")}),
+        r"model\['sha256'\] is nan; expected a str",
+    ),
+    "a dash": (lambda _: cadcam.LineStyle(dash=(-1, 2)), r"dash is \(-1, 2\); expected \(on, off\) lengths above 0"),
+    "a width": (lambda _: cadcam.LineStyle(width=0), "width is 0; expected a line width above 0"),
+    "a hidden width": (lambda _: cadcam.LineStyle(hidden_width=-1), "hidden_width is -1; expected a line width above"),
+    "an opacity": (lambda _: cadcam.LineStyle(hidden_opacity=2), "hidden_opacity is 2; expected 0"),
+    "a colour": (lambda _: cadcam.LineStyle(color=(2, 0, 0)), r"color is \(2, 0, 0\); expected red, green, blue"),
+    "a colour of a kind": (
+        lambda _: cadcam.LineStyle(kinds={cadcam.EdgeKind.CREASE: "red"}),
+        "color of CREASE is 'red'; expected numbers of shape",
+    ),
     "a masked picture": (lambda _: cadcam.Photo.of(MASKED, CAMERA), "picture is masked in places; expected every"),
     "masked points": (lambda _: cadcam.Observations(np.ma.masked_less(P, 0), P[:, :2]), "world points is masked in"),
     "a difference": (
