@@ -8,7 +8,7 @@ from hashlib import sha256
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Floats, Locked, frozen
 from cadcam.camera.camera import checked_size
 from cadcam.camera.extended_pinhole import pixels_from_uv, uv_from_pixels
 from cadcam.errors import BadValue
@@ -16,7 +16,7 @@ from cadcam.kinds import expect, expect_positive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Observations:
+class Observations(Locked):
     """N world points (N, 3) in mm and their pixels q = (column, row) (N, 2), with a name each.
 
     sigma_px: standard deviation of one pixel coordinate if known; None lets an estimate derive it from its residuals.

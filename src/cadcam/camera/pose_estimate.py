@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Floats, Locked, frozen
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
 
@@ -15,7 +15,7 @@ _ZERO = 5e-4  # mm, or of a unit vector: less is written as 0
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PoseEstimate:
+class PoseEstimate(Locked):
     """The pose world_from_part (mm) of a part; with one camera and no other frame the world is that camera's.
 
     from_noise, from_calibration (6, 6): covariance of xi in `world_from_part @ Rigid.exp(xi)`, (translation mm,

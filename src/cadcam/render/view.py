@@ -10,7 +10,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Ids, Mask, Picture, frozen
+from cadcam.arrays import Ids, Locked, Mask, Picture, frozen
 from cadcam.cad.edges import FeatureEdges, feature_edges
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
@@ -80,7 +80,7 @@ def layers_of(channels: Channel) -> dict[str, Layer]:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Scene:
+class Scene(Locked):
     """A mesh in the world frame (mm), its feature edges and its paint.
 
     `colors` (C, 3) RGB in [0, 1]: one for each part, then any more; `paint` (F,): the index of each face's colour, by
