@@ -39,6 +39,19 @@ class PoseEstimate(Locked):
         for name in ("freedom", "undetermined"):
             object.__setattr__(self, name, frozen(getattr(self, name), name, (6, None)))
 
+    def __eq__(self, other: object) -> bool:
+        """Return whether two estimates have the same numbers, as one that was written and read back has."""
+        return isinstance(other, PoseEstimate) and self._numbers() == other._numbers()
+
+    def __hash__(self) -> int:
+        return hash(self._numbers())
+
+    def _numbers(self) -> tuple[object, ...]:
+        pose = self.world_from_part
+        arrays = (pose.rotation, pose.translation, self.from_noise, self.from_calibration)
+        told = [tuple(a.ravel().tolist()) for a in (*arrays, self.freedom, self.undetermined)]
+        return self.freedom.shape, self.undetermined.shape, self.dof, *told
+
     @property
     def covariance(self) -> Array:
         """Return the covariance (6, 6) of xi due to all causes, mm and rad in part axes."""
