@@ -103,7 +103,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "no photos": (lambda _: cadcam.match_templates(PART, [], POSE), "photos is none; expected at least one"),
     "what is told": (
         lambda _: cadcam.verify_part(PART, [PHOTO], cadcam.Location.nowhere(POSE, ""), cadcam.Tolerances(), tell="x"),
-        "tell is the text 'x'; expected a Callable",
+        "tell is the text 'x'; expected a function",
     ),
     "a freedom": (lambda _: list(cadcam.track_part(PART, [], POSE, freedom=6)), "freedom is 6; expected a Freedom"),
     "one frame": (
@@ -131,7 +131,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda _: cadcam.Viewpoint("a", CAMERA, POSE, 0.1, errors=[np.eye(2)]),
         r"errors\[0\] is an array of shape \(2, 2\); expected an ErrorSource with its effect",
     ),
-    "a step": (lambda _: cadcam.plan_layout(layout(), step=None), "step is None; expected a Callable"),
+    "a step": (lambda _: cadcam.plan_layout(layout(), step=None), "step is None; expected a function"),
     "poses of a layout": (lambda _: layout(poses=[POSE]), "poses is a list of 1; expected a Mapping"),
     "a pose of a layout": (lambda _: layout(poses={"a": None}), r"poses\['a'\] is None; expected a Rigid"),
     "a name of a pose": (lambda _: layout(poses={7: POSE}), "a name in poses is 7; expected a str"),
@@ -153,7 +153,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
     "a split": (lambda to: cadcam.make_dataset(to, SCENE, PLAN, split=7), "split is 7; expected a str"),
     "a folder": (lambda _: cadcam.make_dataset(None, SCENE, PLAN), "folder is None; expected the name of a file"),
     "a name": (lambda to: cadcam.make_dataset(to, SCENE, PLAN, name=None), "name is None; expected a str"),
-    "a callback": (lambda to: cadcam.make_dataset(to, SCENE, PLAN, on_view=1), "on_view is 1; expected a Callable"),
+    "a callback": (lambda to: cadcam.make_dataset(to, SCENE, PLAN, on_view=1), "on_view is 1; expected a function"),
     "a model's hash": (
         lambda to: cadcam.write_part_pose(to / "p.json", ESTIMATE, model={"sha256": float("nan")}),
         r"model\['sha256'\] is nan; expected a str",

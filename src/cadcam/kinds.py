@@ -130,6 +130,12 @@ def expect(value: object, what: str, *kinds: type, optional: bool = False) -> No
     raise BadValue(what, said(value), _expected(value, kinds))
 
 
+def expect_callable(value: object, what: str, *, optional: bool = False) -> None:
+    """Raise `BadValue` naming `what` unless value can be called; None passes where it is optional."""
+    if not (callable(value) or (optional and value is None)):
+        raise BadValue(what, said(value), "a function")
+
+
 def expect_number(value: object, what: str, expected: str = "a number") -> None:
     """Raise `BadValue` naming `what` unless value is one real number: Python's or numpy's; NaN and inf pass.
 

@@ -31,7 +31,7 @@ from cadcam.dataset.worker import Files, Job, Task
 from cadcam.errors import BadValue, MissingCore, UnreadableFile
 from cadcam.files.jsontext import as_json
 from cadcam.image.png import depth_step
-from cadcam.kinds import expect, expect_count, expect_path
+from cadcam.kinds import expect, expect_callable, expect_count, expect_path
 from cadcam.native.core import library
 from cadcam.render.lines.seen import drawable_edges
 from cadcam.render.view import Scene
@@ -84,8 +84,8 @@ def make_dataset(
     expect_path(folder, "folder")
     expect(name, "name", str)
     expect(cluster, "cluster", str, optional=True)
-    expect(on_view, "on_view", Callable, optional=True)
-    expect(on_start, "on_start", Callable, optional=True)
+    expect_callable(on_view, "on_view", optional=True)
+    expect_callable(on_start, "on_start", optional=True)
     folder, layout = Path(folder), DatasetFiles(_named(split), "gray" if plan.gray else "rgb")
     _check_makers(workers, cluster)
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)

@@ -225,8 +225,9 @@ class LayoutScene(Brief):
         expect(self.finder, "finder", Finder)
         expect(self.calibration, "calibration", Sigmas, CalibratedFrom)
         expect(self.seeing, "seeing", Seeing)
-        for what, kind in (("motion", Sigmas), ("placement", Sigmas), ("name", str)):
-            expect(getattr(self, what), what, kind)
+        expect(self.motion, "motion", Sigmas)
+        expect(self.placement, "placement", Sigmas)
+        expect(self.name, "name", str)
         expect_by_name(self.poses, "poses", Rigid)
         expect_by_name(self.cameras, "cameras", CameraType)
         object.__setattr__(self, "mounts", expect_each(self.mounts, "mounts", Mount))
