@@ -216,7 +216,7 @@ WRONG: dict[str, tuple[Callable[[Things], object], str]] = {
     "map of a camera": (lambda t: cadcam.projection_map(t.camera), "estimate is a Camera"),
     "advice on an estimate": (lambda t: cadcam.nested_advice(t.estimate), "fit is a CameraEstimate"),
     "rig of a list": (lambda t: cadcam.calibrate_rig_boards([[], []]), "pictures is a list of 2.*by name"),
-    "rig of cameras": (lambda t: cadcam.calibrate_rig({"a": t.camera}), r"cameras\[0\] is a Camera.*RigCamera\(views"),
+    "rig of cameras": (lambda t: cadcam.calibrate_rig({"": t.camera}), r"cameras\[''\] is a Camera.*RigCamera\(views"),
     "reach, number": (lambda t: cadcam.locate_part(t.part, [t.photo], t.pose, reach=30), "reach is 30.*cadcam.Reach"),
     "options, dict": (
         lambda t: cadcam.refine_pose(t.part, [t.photo], t.pose, options={"search_px": 9}),

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import copy
 import pickle
-from dataclasses import replace
+import re
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 import pytest
 
 import cadcam
+from cadcam.arrays import Locked
 from cadcam.cad.parts.shape import box
 from cadcam.kinds import FrozenMap
 
@@ -81,3 +83,28 @@ def test_a_frozen_map_is_read_only() -> None:
     assert map_ == {"a": 1}
     with pytest.raises(TypeError):
         map_["b"] = 2  # type: ignore[index]
+
+
+def _arrays(value: Any) -> dict[str, np.ndarray]:
+    return {f.name: a for f in fields(value) if isinstance(a := getattr(value, f.name), np.ndarray)}
+
+
+def test_arrays_that_are_read_only_are_so_elsewhere(scene: cadcam.Scene) -> None:
+    """Numpy drops the flag in pickles and deep copies: the colours of a scene could be painted over by accident."""
+    observations = cadcam.Observations(np.eye(3), np.eye(3)[:, :2])
+    values = [CAMERA, POSE, scene, scene.mesh, observations, cadcam.PoseEstimate(POSE, np.eye(6)), cadcam.Freedom()]
+    values += [cadcam.Photo.of(np.full((60, 80), 0.5), CAMERA), cadcam.ViewRange(), cadcam.parse_mark("ring:20mm:30mm")]
+    for value in values:
+        for again in (there(value), copy.deepcopy(value), copy.copy(value)):
+            assert {n: a.flags.writeable for n, a in _arrays(again).items()} == {
+                n: a.flags.writeable for n, a in _arrays(value).items()
+            }
+            assert all(np.array_equal(a, _arrays(again)[n], equal_nan=True) for n, a in _arrays(value).items())
+        assert not all(a.flags.writeable for a in _arrays(value).values())
+
+
+def test_every_public_value_with_arrays_keeps_them_read_only() -> None:
+    for name in cadcam.__all__:
+        kind = getattr(cadcam, name)
+        arrays = is_dataclass(kind) and any(re.match(r"Array|Picture|Ids|Mask", str(f.type)) for f in fields(kind))
+        assert not arrays or issubclass(kind, Locked), f"{name}: derive it from Locked, or from Brief"

@@ -69,8 +69,33 @@ def frozen(
     return array
 
 
+class Locked:
+    """What keeps the read-only arrays of a frozen dataclass so in pickles and copies, where numpy drops the flag."""
+
+    __slots__ = ()
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        for name, method in (("__getstate__", _state_of), ("__setstate__", _restore)):  # before dataclass adds its own
+            if name not in cls.__dict__:
+                setattr(cls, name, method)
+
+
+def _state_of(self: Any) -> tuple[list[Any], list[bool]]:
+    """Return the values of a dataclass' fields, and which of them are read-only arrays."""
+    values = [getattr(self, f.name) for f in fields(self)]
+    return values, [isinstance(v, np.ndarray) and not v.flags.writeable for v in values]
+
+
+def _restore(self: Any, state: tuple[list[Any], list[bool]]) -> None:
+    for f, value, locked in zip(fields(self), *state, strict=True):
+        if locked:
+            value.setflags(write=False)
+        object.__setattr__(self, f.name, value)
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Brief:
+class Brief(Locked):
     """What makes a dataclass's repr fit a terminal: small numbers as they are, arrays by shape, lists by length.
 
     For `@dataclass(repr=False)`; a field with `repr=False` is left out.

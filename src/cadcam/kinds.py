@@ -12,7 +12,7 @@ import re
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sized
 from dataclasses import fields
 from functools import cache
-from typing import TYPE_CHECKING, Any, SupportsFloat, TypeVar
+from typing import TYPE_CHECKING, Any, SupportsFloat, TypeVar, cast
 
 from cadcam.errors import BadValue, UnknownName
 
@@ -22,9 +22,9 @@ if TYPE_CHECKING:
 _Value = TypeVar("_Value")
 _Key = TypeVar("_Key")
 
-# an annotation of one number or of several: "float", "int | None", "tuple[float, float]"
+# an annotation of a flag, of one number or of several: "bool", "float", "int | None", "tuple[float, float]"
 _NUMBERS = re.compile(
-    r"(?:(?P<one>float|int)|tuple\[(?P<several>(?:float|int)(?:, (?:float|int))*)\])(?P<none> \| None)?"
+    r"(?:(?P<one>bool|float|int)|tuple\[(?P<several>(?:float|int)(?:, (?:float|int))*)\])(?P<none> \| None)?"
 )
 
 # (given, wanted): how to come from the one to the other; a path is a "str", any array, list or tuple a "list"
@@ -130,17 +130,25 @@ def expect(value: object, what: str, *kinds: type, optional: bool = False) -> No
     raise BadValue(what, said(value), _expected(value, kinds))
 
 
+def expect_callable(value: object, what: str, *, optional: bool = False) -> None:
+    """Raise `BadValue` naming `what` unless value can be called; None passes where it is optional."""
+    if not (callable(value) or (optional and value is None)):
+        raise BadValue(what, said(value), "a function")
+
+
 def expect_number(value: object, what: str, expected: str = "a number") -> None:
     """Raise `BadValue` naming `what` unless value is one real number: Python's or numpy's; NaN and inf pass.
 
-    An integer beyond the range of float64 is refused: no arithmetic on it would be possible.
+    An integer beyond the range of float64 is refused, and a Decimal or a Fraction: no arithmetic on them and floats
+    would be possible.
     """
     if isinstance(value, float):
         return
     if not isinstance(value, int):  # at once: to ask for a protocol takes fifty times as long
         real = isinstance(value, SupportsFloat) and not isinstance(value, (str, complex))
-        if not real or getattr(value, "shape", ()) != ():
-            raise BadValue(what, said(value), expected)
+        if not real or getattr(value, "shape", None) != ():
+            way = ": float() of it" if real and not hasattr(value, "shape") else ""
+            raise BadValue(what, said(value), expected + way)
     try:
         float(value)  # type: ignore[arg-type]  # it is a number, or an array () of anything
     except OverflowError as error:
@@ -169,11 +177,18 @@ def expect_count(value: object, what: str, *, least: int = 1, most: int | None =
         raise BadValue(what, value, expected)
 
 
+def expect_flag(value: object, what: str) -> None:
+    """Raise `BadValue` naming `what` unless value is True or False, of Python or numpy, or 1 or 0."""
+    single = isinstance(value, int) or getattr(value, "shape", None) == ()
+    if not (single and value in (0, 1)):
+        raise BadValue(what, said(value), "True or False")
+
+
 def expect_numbers(value: DataclassInstance) -> None:
     """Raise `BadValue` naming the first field of a dataclass that is annotated as numbers and does not hold them.
 
-    Of fields `float`, `int` (a whole number) and `tuple[float, float]` and the like, and of those `| None`; the others
-    are not looked at. It tells kinds, not sizes: NaN and inf pass.
+    Of fields `bool`, `float`, `int` (a whole number) and `tuple[float, float]` and the like, and of those `| None`; the
+    others are not looked at. It tells kinds, not sizes: NaN and inf pass.
     """
     for name, one, several, optional in _annotated(type(value)):
         given = getattr(value, name)
@@ -190,7 +205,7 @@ def expect_numbers(value: DataclassInstance) -> None:
 
 @cache
 def _annotated(kind: type[DataclassInstance]) -> tuple[tuple[str, str, tuple[str, ...], bool], ...]:
-    """Return of each field annotated as numbers its name, "float" or "int" or those of a tuple, and whether None is."""
+    """Return of each field annotated as numbers its name, its kind or those of a tuple, and whether None is one."""
     told = ((f.name, _NUMBERS.fullmatch(str(f.type))) for f in fields(kind))
     return tuple(
         (name, t["one"] or "", tuple(filter(None, (t["several"] or "").split(", "))), bool(t["none"]))
@@ -200,6 +215,9 @@ def _annotated(kind: type[DataclassInstance]) -> tuple[tuple[str, str, tuple[str
 
 
 def _expect_number_of(value: object, what: str, kind: str) -> None:
+    if kind == "bool":
+        expect_flag(value, what)
+        return
     expect_number(value, what)
     if kind == "int" and not float(value).is_integer():  # type: ignore[arg-type]  # it is a number
         raise BadValue(what, value, "a whole number")
@@ -219,20 +237,36 @@ def expect_names(values: Iterable[str], what: str) -> tuple[str, ...]:
     return expect_each(values, what, str)
 
 
-def expect_each(values: Iterable[_Value], what: str, *kinds: type) -> tuple[_Value, ...]:
-    """Return the values as a tuple; raise `BadValue` naming the first that is of none of these classes.
+def expect_several(values: object, what: str, *kinds: type) -> None:
+    """Raise `BadValue` naming `what` for one value in place of several, or what is no list, iterator or the like.
 
-    One value in place of several is refused, too.
+    What comes out of it is not looked at, so that it may be made as it is asked for.
     """
     single = isinstance(values, (*kinds, str, Mapping)) or getattr(values, "shape", None) == ()
     if single or not isinstance(values, Iterable):
         wanted = _names(kinds)
         one = isinstance(values, kinds)
         raise BadValue(what, said(values), f"a list of them: [{what}]" if one else f"a list, each {wanted}")
+
+
+def expect_each(values: Iterable[_Value], what: str, *kinds: type) -> tuple[_Value, ...]:
+    """Return the values as a tuple; raise `BadValue` naming the first that is of none of these classes.
+
+    One value in place of several is refused, too.
+    """
+    expect_several(values, what, *kinds)
     several = tuple(values)
     for i, value in enumerate(several):
         expect(value, f"{what}[{i}]", *kinds)
     return several
+
+
+def expect_by_name(values: object, what: str, *kinds: type) -> None:
+    """Raise `BadValue` naming the first entry of a mapping whose key is no text, or whose value is of no such class."""
+    expect(values, what, Mapping)
+    for name, value in cast("Mapping[object, object]", values).items():
+        expect(name, f"a name in {what}", str)
+        expect(value, f"{what}[{name!r}]", *kinds)
 
 
 def expect_known(name: object, kind: str, known: Collection[str]) -> None:

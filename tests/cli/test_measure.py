@@ -125,12 +125,21 @@ def test_a_moved_camera_measures_with_its_motion(cadcam: Cadcam, rig: Path) -> N
     assert "motion to away" in rough.json["points"][0]["sigma_by_cause_mm"]
 
 
-@pytest.mark.parametrize("file", ["posed.json", "pose.txt"])
-def test_a_placed_camera_measures_from_there(cadcam: Cadcam, rig: Path, file: str) -> None:
-    words = ["--camera", rig / "left.json", "--placed", f"away=left:{rig}/{file}", "--motion-sigma", "0.1,0.01"]
+@pytest.mark.parametrize(("file", "known_to"), [("posed.json", []), ("pose.txt", ["--motion-sigma", "0.1,0.01"])])
+def test_a_placed_camera_measures_from_there(cadcam: Cadcam, rig: Path, file: str, known_to: list[str]) -> None:
+    words = ["--camera", rig / "left.json", "--placed", f"away=left:{rig}/{file}", *known_to]
     ran = cadcam("measure", rig / "moved.csv", *words, "--json")
     assert ran.code == 0, ran.err
     assert close(ran.json)
+
+
+def test_a_motion_s_sigma_is_refused_where_every_placed_file_has_its_own(cadcam: Cadcam, rig: Path) -> None:
+    words = ["--camera", rig / "left.json", "--placed", f"away=left:{rig}/posed.json", "--motion-sigma", "0.1,0.01"]
+    ran = cadcam("measure", rig / "moved.csv", *words)
+    assert (ran.code, ran.out) == (2, "")
+    assert "--motion-sigma is given where every file of --placed states how well it is known" in ran.err
+    one_needs_it = ["--placed", f"again=left:{rig}/pose.txt"]
+    assert cadcam("measure", rig / "moved.csv", *words, *one_needs_it).code == 0
 
 
 @pytest.mark.parametrize("again", ["{rig}/./left.json", "link.json", "copy.json"])

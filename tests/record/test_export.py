@@ -14,7 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
+from cadcam.geometry.rigid import Rigid
 from cadcam.record.export import read_records, write_records
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.record.trend import trend
@@ -114,6 +116,17 @@ def test_another_suffix_is_refused(tmp_path: Path) -> None:
 def test_what_cannot_be_kept_is_refused_at_once(make: Callable[[], object]) -> None:
     with pytest.raises(CadcamError):
         make()
+
+
+def test_a_record_read_back_is_the_one_written_with_its_pose(tmp_path: Path) -> None:
+    pose = PoseEstimate(Rigid.exp([1, -2, 3, 0.1, 0.2, -0.3]), 0.1 * np.eye(6), dof=7.0)
+    made = Record("p", pose=pose)
+    write_records(tmp_path / "all.jsonl", [made])
+    (back,) = read_records(tmp_path / "all.jsonl")
+    assert back == made
+    assert hash(back) == hash(made)
+    assert back != replace(made, pose=replace(pose, dof=8.0))
+    assert back != replace(made, pose=None)
 
 
 @pytest.mark.parametrize("kind", [np.float32, np.float16, np.int64, np.array, Decimal])

@@ -17,7 +17,7 @@ from cadcam.cad.facets import facet_edges, seam_angle
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import EdgeTable, corner_points, edge_table
 from cadcam.errors import BadValue
-from cadcam.kinds import expect, expect_number, expect_positive
+from cadcam.kinds import expect, expect_flag, expect_number, expect_positive
 
 __all__ = ["NO_EDGES", "EdgeKind", "EdgeTable", "FeatureEdges", "edge_table", "feature_edges"]
 
@@ -102,6 +102,8 @@ def feature_edges(
     """
     expect(mesh, "mesh", Mesh)
     expect_number(crease_angle_deg, "crease_angle_deg")
+    for name, flag in (("smooth_seams", smooth_seams), ("flush_seams", flush_seams), ("contacts", contacts)):
+        expect_flag(flag, name)
     if not 0 < crease_angle_deg < 180:
         raise BadValue("crease_angle_deg", crease_angle_deg, "degrees between 0 and 180")
     if contact_tolerance_mm is not None:

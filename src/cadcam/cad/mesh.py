@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, frozen
+from cadcam.arrays import Array, Ids, Locked, Mask, frozen
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.kinds import expect_known, expect_positive, said
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Mesh:
+class Mesh(Locked):
     """Triangles in mm, counter-clockwise seen from outside, each with the part and the surface it belongs to.
 
     `vertices` (V, 3) mm; `faces` (F, 3) rows of vertex indices; `part` (F,) index into `part_names`; `surface` (F,)

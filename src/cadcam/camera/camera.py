@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Mask, frozen
+from cadcam.arrays import Array, Floats, Locked, Mask, frozen
 from cadcam.camera.lens import Ideal, Lens, lens_from_opencv
 from cadcam.errors import BadValue
 from cadcam.geometry.coordinates import coordinates
@@ -15,7 +15,7 @@ from cadcam.kinds import expect, expect_number
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Camera:
+class Camera(Locked):
     """Intrinsics: q = K lens(p), with q = (column, row) px and (0, 0) the centre of the top-left pixel.
 
     size: (width, height) in px. K: [[fx, skew, cx], [0, fy, cy], [0, 0, 1]] in px; skew is the entry K01.

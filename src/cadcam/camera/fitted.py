@@ -8,13 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Locked
 
 _SUSPECT = 2.0  # times the median residual
 _CHANCE = 1e-3  # probability that any good view is named
 
 
-class Fitted(ABC):
+class Fitted(Locked, ABC):
     """A result of least squares on image coordinates; subclasses give residuals, unknowns and observations."""
 
     __slots__ = ()

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, frozen
+from cadcam.arrays import Array, Locked, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.estimate import CameraEstimate
@@ -18,7 +18,7 @@ from cadcam.geometry.rigid import Rigid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class JointEstimate:
+class JointEstimate(Locked):
     """A camera shared by several views, and its pose in each.
 
     views: the observations. points: each view's points, mm; they differ from the observations only where a board was

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Ids, Longs, frozen
+from cadcam.arrays import Array, Brief, Ids, Locked, Longs, frozen
 from cadcam.camera.error_source import ErrorSource
 from cadcam.errors import BadValue
 from cadcam.kinds import FrozenMap, expect_known
@@ -41,7 +41,7 @@ class PixelNoise(Brief):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Measurement:
+class Measurement(Locked):
     """N points (N, 3) in mm, in the world of the cameras, with all contributions to their uncertainty.
 
     noise: covariances due to what each point has to itself, such as its pixels. effects: for each error source the

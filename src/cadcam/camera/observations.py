@@ -8,15 +8,15 @@ from hashlib import sha256
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Floats, Locked, frozen
 from cadcam.camera.camera import checked_size
 from cadcam.camera.extended_pinhole import pixels_from_uv, uv_from_pixels
 from cadcam.errors import BadValue
-from cadcam.kinds import expect_positive
+from cadcam.kinds import expect, expect_positive
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Observations:
+class Observations(Locked):
     """N world points (N, 3) in mm and their pixels q = (column, row) (N, 2), with a name each.
 
     sigma_px: standard deviation of one pixel coordinate if known; None lets an estimate derive it from its residuals.
@@ -39,6 +39,8 @@ class Observations:
             raise BadValue("number of world points, pixels, names", (len(p), len(q), len(names)), "one number for all")
         _refuse_not_finite(p, names, "XYZ")
         _refuse_not_finite(q, names, ("column", "row"))
+        expect(self.source, "source", str)
+        expect(self.sha256, "sha256", str)
         if self.sigma_px is not None:
             expect_positive(self.sigma_px, "sigma_px", "a positive number of pixels, or None: one for all points")
         object.__setattr__(self, "p_world", p)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Floats, Locked, frozen
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
 
@@ -15,7 +15,7 @@ _ZERO = 5e-4  # mm, or of a unit vector: less is written as 0
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class PoseEstimate:
+class PoseEstimate(Locked):
     """The pose world_from_part (mm) of a part; with one camera and no other frame the world is that camera's.
 
     from_noise, from_calibration (6, 6): covariance of xi in `world_from_part @ Rigid.exp(xi)`, (translation mm,
@@ -38,6 +38,19 @@ class PoseEstimate:
             object.__setattr__(self, name, frozen(getattr(self, name), f"pose covariance {name}", (6, 6)))
         for name in ("freedom", "undetermined"):
             object.__setattr__(self, name, frozen(getattr(self, name), name, (6, None)))
+
+    def __eq__(self, other: object) -> bool:
+        """Return whether two estimates have the same numbers, as one that was written and read back has."""
+        return isinstance(other, PoseEstimate) and self._numbers() == other._numbers()
+
+    def __hash__(self) -> int:
+        return hash(self._numbers())
+
+    def _numbers(self) -> tuple[object, ...]:
+        pose = self.world_from_part
+        arrays = (pose.rotation, pose.translation, self.from_noise, self.from_calibration)
+        told = [tuple(a.ravel().tolist()) for a in (*arrays, self.freedom, self.undetermined)]
+        return self.freedom.shape, self.undetermined.shape, self.dof, *told
 
     @property
     def covariance(self) -> Array:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, frozen
+from cadcam.arrays import Array, Brief, Locked, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.extended_pinhole import INTERNALS, MATRIX_ENTRIES, internals_by_name, matrix_entry
@@ -47,7 +47,7 @@ class RelativePose(Brief):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class RigEstimate:
+class RigEstimate(Locked):
     """Cameras of a rig, the mount of each, and the rig's pose in each frame.
 
     The rig's frame is that of the first camera. names, cameras, camera_from_rig (c): the cameras. frames,

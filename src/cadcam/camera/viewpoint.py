@@ -21,7 +21,7 @@ from cadcam.errors import BadValue
 from cadcam.geometry.ray import Ray
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
-from cadcam.kinds import expect, expect_positive
+from cadcam.kinds import expect, expect_positive, expect_several, said
 
 _POSE, _EXTERNAL = slice(0, 6), 6
 
@@ -102,9 +102,14 @@ class Viewpoint(Brief):
             f"pixel noise of viewpoint {self.name!r}",
             "a positive number of px: state sigma_px, for the calibration does not tell it",
         )
+        expect_several(self.errors, "errors", ErrorSource)
+        pairs = tuple(self.errors)
+        for i, pair in enumerate(pairs):
+            if not (isinstance(pair, (tuple, list)) and len(pair) == 2 and isinstance(pair[0], ErrorSource)):
+                raise BadValue(f"errors[{i}]", said(pair), "an ErrorSource with its effect, a matrix")
         n = 11 + len(self.camera.lens.parameters)
         errors = tuple(
-            (s, frozen(D, f"effect of {s.name}", (n, len(s.covariance)))) for s, D in self.errors if s.covariance.any()
+            (s, frozen(D, f"effect of {s.name}", (n, len(s.covariance)))) for s, D in pairs if s.covariance.any()
         )
         object.__setattr__(self, "errors", errors)
 

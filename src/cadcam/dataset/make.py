@@ -31,7 +31,7 @@ from cadcam.dataset.worker import Files, Job, Task
 from cadcam.errors import BadValue, MissingCore, UnreadableFile
 from cadcam.files.jsontext import as_json
 from cadcam.image.png import depth_step
-from cadcam.kinds import expect, expect_count
+from cadcam.kinds import expect, expect_callable, expect_count, expect_path
 from cadcam.native.core import library
 from cadcam.render.lines.seen import drawable_edges
 from cadcam.render.view import Scene
@@ -81,6 +81,11 @@ def make_dataset(
     """
     expect(scene, "scene", Scene)
     expect(plan, "plan", DatasetPlan)
+    expect_path(folder, "folder")
+    expect(name, "name", str)
+    expect(cluster, "cluster", str, optional=True)
+    expect_callable(on_view, "on_view", optional=True)
+    expect_callable(on_start, "on_start", optional=True)
     folder, layout = Path(folder), DatasetFiles(_named(split), "gray" if plan.gray else "rgb")
     _check_makers(workers, cluster)
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
@@ -180,6 +185,7 @@ def _content(photo: Path) -> bytes:
 
 
 def _named(split: str) -> str:
+    expect(split, "split", str)
     if not split or set(split) & set("/\\:.\0 ") or split == "models":
         raise BadValue("split", repr(split), "a word that can be a folder's name, such as train, val or test_hall")
     return split

@@ -61,7 +61,9 @@ class Occluders:
         if not 0 <= low <= high <= 50:
             raise BadValue("occluders", self.count, "(fewest, most), from 0 to 50")
         check_span("occluder_size", self.size, 1e-3, 10.0)
-        for shape in expect_names(self.shapes, "occluder_shapes"):
+        object.__setattr__(self, "shapes", expect_names(self.shapes, "occluder_shapes"))
+        object.__setattr__(self, "meshes", expect_each(self.meshes, "meshes", Mesh))
+        for shape in self.shapes:
             expect_known(shape, "occluder shape", (BOX, CYLINDER))
         if high and not (self.shapes or self.meshes):
             raise BadValue("occluder_shapes", "empty", f"{BOX}, {CYLINDER} or CAD files")
@@ -105,7 +107,6 @@ class DatasetPlan(Brief):
         expect(self.sensor, "sensor", Sensor, optional=True)
         object.__setattr__(self, "poses", expect_each(self.poses, "poses", Rigid))
         object.__setattr__(self, "backgrounds", expect_each(self.backgrounds, "backgrounds", str, Path))
-        expect(self.gray, "gray", bool, np.bool_)
         object.__setattr__(self, "key_point_names", expect_names(self.key_point_names, "key_point_names"))
         if self.key_points is not None:
             object.__setattr__(self, "key_points", frozen(self.key_points, "key_points", (None, 3)))

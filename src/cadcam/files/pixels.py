@@ -24,7 +24,7 @@ from cadcam.errors import UnreadableFile
 from cadcam.files.jsontext import as_json, or_null
 from cadcam.files.points import NAME_COLUMNS, header_line, pixel_columns
 from cadcam.files.text import TextFile, check_cells, lines_of_cells, number_in, read_text, rows_of_cells
-from cadcam.kinds import expect, expect_path
+from cadcam.kinds import expect, expect_flag, expect_path
 from cadcam.whole import write_whole
 
 _VIEWS = ("view", "camera", "viewpoint")
@@ -91,6 +91,7 @@ def write_measurement(
     """
     expect_path(path)
     expect(measured, "measured", Measurement)
+    expect_flag(joint, "joint")
     if os.fspath(path).lower().endswith(".json"):
         write_whole(path, as_json(measurement_as_json(measured, pixels=pixels, joint=joint)))
         return

@@ -27,7 +27,7 @@ from cadcam.files.matrix import pose_as_json, pose_at, pose_in, rigid_in
 from cadcam.files.text import read_text
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each, expect_path
+from cadcam.kinds import expect, expect_by_name, expect_each, expect_path
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam pose", 1
@@ -109,7 +109,8 @@ def write_part_pose(
     expect_path(path)
     expect(pose, "pose", PoseEstimate)
     viewpoints = expect_each(viewpoints, "viewpoints", Viewpoint)
-    expect(model, "model", Mapping, optional=True)
+    if model is not None:
+        expect_by_name(model, "model", str)
     write_whole(path, as_json(part_pose_as_json(pose, viewpoints=viewpoints, model=model)))
 
 

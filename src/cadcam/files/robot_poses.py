@@ -29,7 +29,7 @@ from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.robot_conventions import CONVENTIONS
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_known, expect_path
+from cadcam.kinds import expect, expect_flag, expect_known, expect_path
 
 _SUFFIXES = (".txt", ".csv", ".json", ".yaml", ".yml")
 _NAME_COLUMNS = ("name", "id", "pose", "image", "label")
@@ -93,6 +93,7 @@ def read_robot_poses(
     override the convention. inverted: the file holds flange_from_base. Poses without a name are called "1", "2", ...
     Raises `UnreadableFile` naming file, line and value.
     """
+    expect_flag(inverted, "inverted")
     found = read_robot_numbers(path)
     poses = found.poses(convention, unit=unit)
     poses = poses.inv if inverted else poses

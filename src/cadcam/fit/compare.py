@@ -17,7 +17,7 @@ from cadcam.camera.difference import difference_field, picture_grid
 from cadcam.errors import DegenerateGeometry, SizeMismatch
 from cadcam.fit.least_squares import minimise
 from cadcam.geometry import rotation as so3
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_flag
 
 _COLUMNS = 41
 
@@ -75,6 +75,7 @@ def compare_cameras(a: Camera, b: Camera, *, rotate: bool = False) -> Difference
     """
     expect(a, "a", Camera)
     expect(b, "b", Camera)
+    expect_flag(rotate, "rotate")
     if a.size != b.size:
         remedy = f"resize or crop one of the cameras first: cadcam convert SECOND NEW --resize {a.width}x{a.height}"
         raise SizeMismatch("the second camera's picture", b.size, a.size, remedy)

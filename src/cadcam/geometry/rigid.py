@@ -8,14 +8,14 @@ from typing import Any, NoReturn, overload
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, Index, frozen
+from cadcam.arrays import Array, Floats, Index, Locked, frozen
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry import rotation as so3
 from cadcam.kinds import expect, expect_each, said
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rigid:
+class Rigid(Locked):
     """A rotation (..., 3, 3) followed by a translation (..., 3) in mm; leading axes are a batch.
 
     Tangent order: (translation, rotation). A perturbation acts on the right, `T @ Rigid.exp(xi)`: it lives in the

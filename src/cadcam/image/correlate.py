@@ -17,7 +17,7 @@ from typing import NoReturn
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Ids, Mask, Picture, frozen
+from cadcam.arrays import Array, Ids, Locked, Mask, Picture, frozen
 from cadcam.errors import BadValue
 from cadcam.image.match_covariance import peak_covariances
 from cadcam.image.pyramid import Pyramid
@@ -82,7 +82,7 @@ ANY_ANGLE = CorrelateOptions()
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Peaks:
+class Peaks(Locked):
     """Peaks of the normalised correlation, best first.
 
     q (N, 2) px: the template's centre; angle (N,) rad from the picture's x towards its y axis; scale (N,); score (N,)

@@ -19,22 +19,25 @@ _SHORTEST = 0.5  # px: shorter dashes are no dashes, and too many to draw
 _DASH = f"(on, off) lengths above 0 px, together at least {_SHORTEST:g} px"
 
 
-def paint_of(color: Color) -> npt.NDArray[np.float32]:
-    """Return a colour (3,); `BadValue` unless it is red, green and blue from 0 to 1."""
-    paint = frozen(color, "color", (3,), np.float32)
+def paint_of(color: Color, what: str = "color") -> npt.NDArray[np.float32]:
+    """Return a colour (3,); `BadValue` naming it unless it is red, green and blue from 0 to 1."""
+    paint = frozen(color, what, (3,), np.float32)
     if paint.min() < 0 or paint.max() > 1:
-        raise BadValue("color", tuple(color), "red, green, blue from 0 to 1")
+        raise BadValue(what, tuple(color), "red, green, blue from 0 to 1")
     return paint
 
 
-def check_stroke(width: float, opacity: float, dash: tuple[float, float] | None) -> None:
-    """Raise `BadValue` naming what no line can be drawn with: its width (px), opacity, or dashes (on, off) in px."""
-    expect_number(width, "width")
+def check_stroke(width: float, opacity: float, dash: tuple[float, float] | None, *, of: str = "") -> None:
+    """Raise `BadValue` naming what no line can be drawn with: its width (px), opacity, or dashes (on, off) in px.
+
+    of: what the names of width and opacity begin with.
+    """
+    expect_number(width, f"{of}width")
     if not 0 < width < _WIDEST:
-        raise BadValue("width", width, f"a line width above 0 and below {_WIDEST:.0f} px")
-    expect_number(opacity, "opacity")
+        raise BadValue(f"{of}width", width, f"a line width above 0 and below {_WIDEST:.0f} px")
+    expect_number(opacity, f"{of}opacity")
     if not 0 <= opacity <= 1:
-        raise BadValue("opacity", opacity, "0 (nothing) to 1 (opaque)")
+        raise BadValue(f"{of}opacity", opacity, "0 (nothing) to 1 (opaque)")
     if dash is None:
         return
     lengths = frozen(dash, "dash", (None,))

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from cadcam.arrays import Array, Floats, frozen
+from cadcam.arrays import Array, Floats, Locked, frozen
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import axes_across
 from cadcam.geometry.rigid import Rigid
@@ -20,7 +20,7 @@ _SPANNED = 1e-4  # of the part's radius, or rad: one this near to given motions 
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Freedom:
+class Freedom(Locked):
     """The motions that are allowed, from the start pose on: twists (translation mm, rotation rad) spanned by `basis`.
 
     basis (6, k): columns are twists of the world (the motion acts on the placed part) or of the part's own frame.

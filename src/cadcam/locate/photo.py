@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Picture, frozen
+from cadcam.arrays import Locked, Picture, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.resampled import PictureMap
@@ -23,7 +23,7 @@ EDGE_PX = 0.1  # sigma of a photo's viewpoint; not used for edges, whose noise i
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Photo:
+class Photo(Locked):
     """A grey picture (H, W) float32 in [0, 1] taken from `viewpoint` (camera, pose in the world, error sources).
 
     chroma: its colour (H, W, 2) (`image.chroma`), or None; computed from the picture where that is in colour. calm: the

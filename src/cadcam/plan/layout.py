@@ -11,7 +11,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Mask
 from cadcam.errors import BadValue, UnknownName, UnseenFeatures, listed
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each, expect_names
+from cadcam.kinds import expect, expect_callable, expect_count, expect_each, expect_names
 from cadcam.plan.assessment.asked import Asked, asked_of
 from cadcam.plan.assessment.assess import Assessment, Outcome, assess, informations
 from cadcam.plan.choice.problem import MEASURED, Score, SelectionProblem, score_of
@@ -172,6 +172,7 @@ def plan_layout(
     expect(scene, "scene", LayoutScene, CandidateSurvey)
     expect(k, "number of cameras", int, np.integer, optional=True)
     keep = expect_names(keep, "keep")
+    expect_callable(step, "step")
     seen = survey(scene, step=step) if isinstance(scene, LayoutScene) else scene
     fixed, problem = seen.kept(keep), seen.problem
     k = min(seen.scene.choose, problem.candidates - len(fixed)) if k is None else k
@@ -201,6 +202,8 @@ def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candi
     expect(seen, "seen", CandidateSurvey)
     have = expect_each(have, "have", int, np.integer)
     every = range(len(seen.candidates))
+    for i, number in enumerate(have):
+        expect_count(number, f"have[{i}]", least=0, most=len(every) - 1)
     if share_errors(seen.candidates):
         scored = [(i, seen.score((*have, i))) for i in every if i not in set(have)]
         order = sorted(scored, key=lambda item: item[1].value, reverse=True)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
+from decimal import Decimal
 from uuid import uuid4
 
 import numpy as np
@@ -13,7 +14,7 @@ from cadcam import __version__
 from cadcam.arrays import Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, UnknownName
-from cadcam.kinds import expect, expect_each, expect_known, expect_number, expect_numbers
+from cadcam.kinds import expect, expect_each, expect_known, expect_number
 from cadcam.whole import plain
 
 VERDICTS = ("PASS", "FAIL", "UNDECIDED")
@@ -122,7 +123,6 @@ class Record(Brief):
         expect(self.part, "part of a record", str)
         expect(self.time, "time of a record", datetime)
         expect(self.pose, "pose of a record", PoseEstimate, optional=True)
-        expect_numbers(self)
         if not self.part:
             raise BadValue("part of a record", "empty", "the name of the kind of part")
         if self.quality is not None:
@@ -148,8 +148,9 @@ def in_utc(what: str, time: datetime) -> datetime:
 
 
 def _as_number(of: Record | Deviation, name: str, what: str) -> None:
-    """Make a float of a number, such as one of a picture: JSON knows no float32."""
+    """Make a float of a number, such as one of a picture or of a database: JSON knows no float32, and no Decimal."""
     value = getattr(of, name)
+    value = float(value) if isinstance(value, Decimal) and not value.is_nan() else value
     expect_number(value, what)
     object.__setattr__(of, name, float(value))
 

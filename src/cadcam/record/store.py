@@ -20,7 +20,7 @@ from sqlalchemy import exc
 
 import cadcam
 from cadcam.errors import BadValue, CadcamError, MissingExtra, UnknownName, UnusableStore
-from cadcam.kinds import expect, expect_count, expect_each, expect_known, expect_path
+from cadcam.kinds import expect, expect_count, expect_each, expect_flag, expect_known, expect_path
 from cadcam.record import schema
 from cadcam.record.address import MENDED, check_file, engine_of, explained, url_of
 from cadcam.record.record import VERDICTS, Record, as_kept, in_utc
@@ -70,6 +70,7 @@ def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
     another version's tables, `MissingExtra` without a driver. Use it in a `with` block, or `close` it.
     """
     expect_path(where, "store")
+    expect_flag(create, "create")
     url = url_of(os.fspath(where))
     if url.get_backend_name() == "sqlite":
         check_file(str(url.database), create)

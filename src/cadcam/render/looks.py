@@ -42,7 +42,7 @@ def repaint(scene: Scene, chosen: Iterable[tuple[str, Color]]) -> Scene:
     expect(scene, "scene", Scene)
     colors, paint = scene.colors.copy(), scene.paint.copy()
     names = scene.mesh.part_names
-    if not isinstance(chosen, Iterable):
+    if not isinstance(chosen, Iterable) or getattr(chosen, "shape", None) == ():
         raise BadValue("chosen", said(chosen), "pairs such as [('bolt*', (1, 0, 0))]")
     for pattern, color in map(_checked, chosen):
         fitting = [i for i, name in enumerate(names) if name == pattern or fnmatchcase(name, pattern)]

@@ -16,6 +16,7 @@ from cadcam.errors import BadValue, SizeMismatch
 from cadcam.image.draw import draw_polylines
 from cadcam.image.edges import EdgePoints, canny, distance_to_edges
 from cadcam.image.picture import checked, equalized, to_gray, to_rgb
+from cadcam.image.stroke import check_stroke, paint_of
 from cadcam.image.svg import SvgLayer, write_svg
 from cadcam.kinds import FrozenMap, expect, expect_count, expect_number, expect_numbers, expect_path, expect_positive
 from cadcam.render.lines.wireframe import Polylines, Wireframe
@@ -44,7 +45,7 @@ PART_COLORS: tuple[Color, ...] = (
     (0.70, 0.95, 0.10),
 )
 BLACK: Color = (0.0, 0.0, 0.0)
-_PARTS = 5
+_PARTS, _WIDEST_GAP = 5, 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +70,13 @@ class LineStyle:
         expect(self.color_by, "color_by", str)
         if self.color_by not in ("kind", "part", "one"):
             raise BadValue("color_by", repr(self.color_by), "'kind', 'part' or 'one'")
+        check_stroke(self.width, self.opacity, None)
+        check_stroke(self.hidden_width, self.hidden_opacity, self.dash, of="hidden_")
+        paint_of(self.color)
         expect(self.kinds, "kinds", Mapping)
+        for kind, color in self.kinds.items():
+            expect(kind, "one of the kinds", EdgeKind)
+            paint_of(color, f"color of {kind.name}")
         object.__setattr__(self, "kinds", FrozenMap(self.kinds))
 
 
@@ -146,7 +153,7 @@ def side_by_side(*pictures: npt.ArrayLike, gap: int = 8) -> Picture:
     """Return pictures of one height next to each other, with a white gap of `gap` px; (H, W', 3)."""
     if not pictures:
         raise BadValue("number of pictures", 0, "at least one")
-    expect_count(gap, "gap", least=0)
+    expect_count(gap, "gap", least=0, most=_WIDEST_GAP)
     colour = [to_rgb(p) for p in pictures]
     height = colour[0].shape[0]
     for picture in colour:

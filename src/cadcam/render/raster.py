@@ -30,7 +30,7 @@ from cadcam.render.lens_tables import TABLES
 from cadcam.render.memory import Buffers, check_memory
 from cadcam.render.shade import unit
 from cadcam.render.strips import Grids
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View, expect_view, layers_of
+from cadcam.render.view import PLAIN, Channel, Look, Scene, View, expect_poses, expect_view, layers_of
 
 _BAND = 1 << 17  # samples drawn at a time, of 8 bytes: they fit in the second-level cache
 _MANY = 1 << 18  # faces from which threads cull them together, and finer bands are worth their duplicate work
@@ -109,6 +109,7 @@ class RasterRenderer:
     ) -> Iterator[View]:
         """Yield a view for each camera_from_world; one thread per picture, a few pictures ahead."""
         expect_view(camera, (), channels, look)
+        expect_poses(poses)
         self._prepare(camera, channels, look, self._threads + 1)
         under_way: deque[Future[View]] = deque()
         for pose in poses:

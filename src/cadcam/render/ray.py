@@ -21,7 +21,18 @@ from cadcam.render.caster import Caster
 from cadcam.render.lens_tables import slopes
 from cadcam.render.memory import check_memory
 from cadcam.render.shade import shade
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View, expect_view, layers_of, with_image, with_rgb
+from cadcam.render.view import (
+    PLAIN,
+    Channel,
+    Look,
+    Scene,
+    View,
+    expect_poses,
+    expect_view,
+    layers_of,
+    with_image,
+    with_rgb,
+)
 
 _BAND = 1 << 17  # rays at a time: about 20 MB of temporaries per core, whatever the picture's size
 _CACHED = 1 << 14  # pixels unprojected at a time
@@ -91,6 +102,7 @@ class RayRenderer:
         look: Look = PLAIN,
     ) -> Iterator[View]:
         """Yield a view for each camera_from_world; see `Renderer.render_batch`."""
+        expect_poses(poses)
         for pose in poses:
             yield self.render(camera, pose, channels=channels, look=look)
 

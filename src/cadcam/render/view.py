@@ -10,14 +10,14 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Ids, Mask, Picture, frozen
+from cadcam.arrays import Ids, Locked, Mask, Picture, frozen
 from cadcam.cad.edges import FeatureEdges, feature_edges
 from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.picture import to_gray
-from cadcam.kinds import FrozenMap, expect, expect_number, expect_numbers
+from cadcam.kinds import FrozenMap, expect, expect_number, expect_numbers, expect_several
 
 # Muted, and distinct for people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
 PALETTE = np.array(
@@ -80,7 +80,7 @@ def layers_of(channels: Channel) -> dict[str, Layer]:
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
-class Scene:
+class Scene(Locked):
     """A mesh in the world frame (mm), its feature edges and its paint.
 
     `colors` (C, 3) RGB in [0, 1]: one for each part, then any more; `paint` (F,): the index of each face's colour, by
@@ -93,9 +93,12 @@ class Scene:
     paint: Ids = field(default_factory=lambda: np.zeros(0, np.int32))
 
     def __post_init__(self) -> None:
+        expect(self.mesh, "mesh", Mesh)
+        expect(self.edges, "edges", FeatureEdges)
         colors, parts = frozen(self.colors, "part colours", (None, 3), np.float32), len(self.mesh.part_names)
-        paint = frozen(self.paint if len(self.paint) else self.mesh.part, "paint", (self.mesh.n_faces,), np.int32)
-        if len(colors) < parts or (not len(self.paint) and len(colors) > parts):
+        given = frozen(self.paint, "paint", (None,), np.int32)
+        paint = frozen(given if len(given) else self.mesh.part, "paint", (self.mesh.n_faces,), np.int32)
+        if len(colors) < parts or (not len(given) and len(colors) > parts):
             raise BadValue("part colours", f"{len(colors)} long", f"one for each of {parts} parts")
         if len(paint) and not 0 <= int(paint.min()) <= int(paint.max()) < len(colors):
             raise BadValue("paint", f"from {paint.min()} to {paint.max()}", f"numbers from 0 to {len(colors) - 1}")
@@ -239,6 +242,12 @@ def expect_view(camera: object, poses: Iterable[object], channels: object, look:
         expect_motion(pose, "camera_from_world")
     expect(channels, "channels", Channel)
     expect(look, "look", Look)
+
+
+def expect_poses(poses: object) -> None:
+    """Raise `BadValue` for what is no list of poses; a `Rigid` of many is one."""
+    if not isinstance(poses, Rigid):
+        expect_several(poses, "poses", Rigid)
 
 
 class Renderer(Protocol):

@@ -16,7 +16,7 @@ from cadcam.arrays import Array
 from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.measurement import Measurement, PixelNoise
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
-from cadcam.kinds import expect, expect_each, expect_known, expect_positive
+from cadcam.kinds import expect, expect_by_name, expect_each, expect_flag, expect_known, expect_positive
 from cadcam.station.cross_prediction import plate_effect
 from cadcam.station.gantry import GantryCalibration, Repeatability, Sighting
 from cadcam.station.interpolation import NEAR_MM, RULES, Rule, check_inside, weights
@@ -54,9 +54,10 @@ def measure_marks(
     """
     expect(stations, "stations", GantryCalibration, Mapping)
     known = {stations.camera: stations} if isinstance(stations, GantryCalibration) else stations
-    expect_each(known.values(), "stations", GantryCalibration)
+    expect_by_name(known, "stations", GantryCalibration)
     sightings = expect_each(sightings, "sightings", Sighting)
     expect_positive(near_mm, "near_mm", "a number of mm from 0 on", zero=True)
+    expect_flag(extrapolate, "extrapolate")
     expect_known(rule, "rule", RULES)
     if not sightings:
         raise TooFewPoints("measuring", 0, 1, of="marks")

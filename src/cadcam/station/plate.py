@@ -15,7 +15,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, frozen
 from cadcam.errors import BadValue, DegenerateGeometry, TooFewPoints
-from cadcam.kinds import expect, expect_numbers, expect_positive
+from cadcam.kinds import expect, expect_names, expect_numbers, expect_positive
 
 _MOST_ORDERS = 6  # reflectors of which all orders are tried, to name a wrong one
 _UNITS_APART = 100.0  # ratio of the sizes by marks and by reflectors: m and mm are a thousand apart, no plate is
@@ -46,7 +46,8 @@ class Plate(Brief):
         expect_numbers(self)
         for what in ("mark", "reflector"):
             points = frozen(getattr(self, f"{what}s"), f"{what}s of the plate", (None, 2))
-            names = tuple(getattr(self, f"{what}_names")) or tuple(str(i + 1) for i in range(len(points)))
+            named = expect_names(getattr(self, f"{what}_names"), f"{what}_names")
+            names = named or tuple(str(i + 1) for i in range(len(points)))
             if len(names) != len(points) or len(set(names)) != len(names):
                 raise BadValue(f"{what} names", names, f"a different name for each of {len(points)} {what}s")
             object.__setattr__(self, f"{what}s", points)

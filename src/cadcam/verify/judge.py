@@ -11,7 +11,7 @@ import numpy as np
 from cadcam.arrays import Array, Mask
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each
+from cadcam.kinds import expect, expect_callable, expect_each
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
@@ -85,6 +85,7 @@ def verify_part(
     expect(tolerances, "tolerances", Tolerances)
     expect(options, "options", InspectionOptions)
     expect(freedom, "freedom", Freedom)
+    expect_callable(tell, "tell")
     tolerances.check(part.scene)
     if not located.found:
         return _nothing(not_found(located, photos), tolerances, located, None)

@@ -25,7 +25,7 @@ from cadcam.errors import BadValue, CadcamError, NoBoard, SizeMismatch, TooFewPo
 from cadcam.fit.many_poses import PaddedViews, poses_of_views
 from cadcam.image.camera_picture import read_camera_picture_with_info
 from cadcam.image.picture import checked
-from cadcam.kinds import expect, expect_each, expect_names
+from cadcam.kinds import expect, expect_each, expect_flag, expect_names
 from cadcam.target.boards.board import Pattern
 from cadcam.target.boards.circles import disc_shift
 from cadcam.target.boards.detect import Detection, detect
@@ -167,6 +167,8 @@ def calibrate_boards(
     expect(fixed, "fixed", Mapping, optional=True)
     pictures = expect_each(pictures, "pictures", BoardPicture)
     expect(lens, "lens", Lens, optional=True)
+    expect_flag(bend, "bend")
+    expect_flag(keep_all, "keep_all")
     refuse_disagreeing(pictures)
     pictures = _without_copies(pictures)
     shown = [i for i, p in enumerate(pictures) if p.detection is not None]

@@ -7,7 +7,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Mask, frozen
+from cadcam.arrays import Array, Brief, Locked, Mask, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.error_source import ErrorSource
 from cadcam.camera.estimate import CameraEstimate
@@ -72,7 +72,7 @@ class RobotNoise:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class HandEyeEstimate:
+class HandEyeEstimate(Locked):
     """The pose of a camera on the flange (eye-in-hand) or in the base (eye-to-hand), from n poses.
 
     flange_from_held: of the camera (eye-in-hand) or the target (eye-to-hand); base_from_fixed: of the target or the

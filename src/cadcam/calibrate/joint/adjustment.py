@@ -30,7 +30,7 @@ from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each, expect_names, expect_positive
+from cadcam.kinds import expect, expect_each, expect_flag, expect_names, expect_positive
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-14)  # of the cost: the remaining error is about 1e-5 sigma
 _VIEWS = 4  # with fewer, their scatter is not meaningful
@@ -111,9 +111,12 @@ def fit_jointly(
     expect(fixed, "fixed", Mapping, optional=True)
     views = expect_each(views, "views", Observations)
     expect(lens, "lens", Lens, optional=True)
+    expect(guess, "guess", Camera, optional=True)
+    expect(loss, "loss", Loss, optional=True)
     size = picture_size(size, views)
     lens, fixed = lens or Ideal(), dict(fixed or {})
     names = expect_names(free_lens, "free_lens")
+    expect_flag(bend, "bend")
     free = estimated_names(fixed, lens, names, of=INTERNALS, what="shared parameter") + (BEND if bend else ())
     _refuse_few(views, free)
     for j, view in enumerate(views):

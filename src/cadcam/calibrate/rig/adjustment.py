@@ -24,7 +24,7 @@ from cadcam.fit.robust import Loss
 from cadcam.fit.square_root import Cofactors, factorise
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import expect, expect_each, expect_names
+from cadcam.kinds import expect, expect_by_name, expect_each, expect_names
 
 _FINE = Options(damping=0.0, settled=1e-12, enough=1e-16)
 _LEAST_NOISE = 1e-6  # px, of a camera by itself: pixels that fit exactly do not get infinite weight
@@ -46,12 +46,15 @@ class RigCamera(Brief):
     known: Camera | None = None
 
     def __post_init__(self) -> None:
+        expect(self.known, "known", Camera, optional=True)
+        expect(self.fixed, "fixed", Mapping)
+        expect(self.lens, "lens", Lens, optional=True)
         if self.known is None and self.size is None:
             raise BadValue("the picture size of a camera", None, "(width, height) in px, or a known camera")
         if self.known is not None and (self.fixed or self.lens is not None or self.size not in (None, self.known.size)):
             raise BadValue("size, fixed or lens", "given beside a known camera", "none: all of it is kept")
-        object.__setattr__(self, "views", tuple(self.views))
-        object.__setattr__(self, "free_lens", tuple(self.free_lens))
+        object.__setattr__(self, "views", expect_each(self.views, "views", Observations, type(None)))
+        object.__setattr__(self, "free_lens", expect_names(self.free_lens, "free_lens"))
 
     def calibrated(self, loss: Loss | None) -> JointFit:
         """Return the camera's calibration by itself."""
@@ -77,8 +80,8 @@ def calibrate_rig(
     Raises `BadValue`, `InconsistentViews` naming frames that were not taken together, `DegenerateGeometry` naming a
     camera without a link or what the frames do not determine, and what `calibrate_jointly` raises for one camera.
     """
-    expect(cameras, "cameras", Mapping)
-    expect_each(cameras.values(), "cameras", RigCamera)
+    expect_by_name(cameras, "cameras", RigCamera)
+    expect(loss, "loss", Loss, optional=True)
     frames = expect_names(frames, "frames")
     _refuse_unlike(cameras, frames)
     _refuse_the_same_twice(cameras)

@@ -15,7 +15,7 @@ from cadcam.camera.extended_pinhole import EXTERNALS, NAMES
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.camera_model import CameraModel
 from cadcam.fit.sampling import Progress
-from cadcam.kinds import expect, expect_positive
+from cadcam.kinds import expect, expect_flag, expect_positive
 
 _TRIES = 100  # sets of poses drawn per set of visible ones
 
@@ -91,6 +91,7 @@ def alternating_externals(
 
 def _refuse(estimate: CameraEstimate, method: Method, visible: bool, spread_mm: float, spread_deg: float) -> None:
     refuse_method(method, estimate)
+    expect_flag(visible, "visible")
     if estimate.free != NAMES:
         raise BadValue("free parameters", " ".join(estimate.free), "all eleven, and those only")
     if not visible and method == "reprojection":

@@ -220,6 +220,10 @@ def _viewpoints(arguments: argparse.Namespace, pixels: ListedPixels) -> list[Vie
             if home not in cameras:
                 raise UnknownName(f"camera in {option} {text}:", home, cameras)
             known[view] = make(view, _estimate(*cameras[home]), path, arguments, files)
+    placed = [_of("--placed", text)[2] for text in arguments.placed]
+    if not arguments.moved and all(path.lower().endswith(".json") and files.read(path).estimate for path in placed):
+        why, poses = "where every file of --placed states how well it is known", "none, or a file that is a pose alone"
+        refuse(arguments, "--motion-sigma", why=why, expected=poses)
     for view in pixels.views:
         if view not in known:
             raise UnknownName(

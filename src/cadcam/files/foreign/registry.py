@@ -20,7 +20,7 @@ from cadcam.files.foreign.losses import prepared, refuse
 from cadcam.files.foreign.model import ConversionLoss, Foreign, Format, NamedCamera, WriteOptions
 from cadcam.files.foreign.source import ForeignFile
 from cadcam.geometry.rigid import Rigid, expect_motion
-from cadcam.kinds import expect, expect_known, expect_names, expect_path, expect_positive
+from cadcam.kinds import expect, expect_flag, expect_known, expect_names, expect_path, expect_positive
 from cadcam.whole import write_whole
 
 # name: module and the format in it; in the order in which a file is tested for them
@@ -151,6 +151,7 @@ def write_cameras(
     allow_loss = expect_names(allow_loss, "allow_loss")
     expect(cameras, "cameras", Camera, NamedCamera, Foreign)
     expect_motion(camera_from_world, "camera_from_world", optional=True)
+    expect_flag(fit, "fit")
     if pixel_mm is not None:
         expect_positive(pixel_mm, "pixel_mm", "a positive pitch in mm")
     form = format_for(path) if format_name is None else format_named(format_name)

@@ -148,6 +148,10 @@ def match_templates(
     expect(part, "part", Part)
     photos = expect_each(photos, "photos", Photo)
     expect_motion(start, "start")
+    expect(options, "options", TemplateOptions)
+    expect(rng, "rng", np.random.Generator, optional=True)
+    if not photos:
+        raise BadValue("photos", "none", "at least one photo")
     looks = [of_photo(photo.gray, options.appearance) for photo in photos]
     rng = np.random.default_rng(0) if rng is None else rng
     matching = _Matching(part, photos, looks, open_renderer(part.scene, threads=1), rng)

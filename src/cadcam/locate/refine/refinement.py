@@ -16,7 +16,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.geometry.rigid import Rigid, by_twist, expect_motion
-from cadcam.kinds import expect, expect_each, expect_number
+from cadcam.kinds import expect, expect_each, expect_flag, expect_number
 from cadcam.locate.evidence import Evidence, LineEvidence, PointEvidence, PoseEvidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
@@ -81,6 +81,7 @@ def refine_pose(
     expect_number(chosen, "chosen")
     if not float(chosen).is_integer():
         raise BadValue("chosen", chosen, "a whole number of constraints")
+    expect_flag(wider, "wider")
 
     def found_in(photos: Sequence[Photo], times: Sequence[int]) -> Location:
         told = evidence if max(times, default=1) == 1 else [one.reduced(times[one.photo]) for one in evidence]

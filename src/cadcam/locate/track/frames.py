@@ -21,7 +21,7 @@ from cadcam.image import video
 from cadcam.image.camera_picture import FullScale, full_scale_of, read_camera_picture_with_info
 from cadcam.image.picture import check_full_scale, to_gray
 from cadcam.image.suffixes import READABLE
-from cadcam.kinds import expect_each, said
+from cadcam.kinds import expect_each, expect_several, said
 from cadcam.locate.photo import Photo
 
 
@@ -123,6 +123,7 @@ def _sources(sources: Sequence[str | os.PathLike[str]]) -> tuple[str | os.PathLi
     """Return the sources; `BadValue` for one name in place of several, or pictures in place of names."""
     if isinstance(sources, (str, os.PathLike)):
         raise BadValue("sources", said(sources), "a list of them, one for each camera: [source]")
+    expect_several(sources, "sources", str, os.PathLike)
     names = tuple(sources)
     for i, name in enumerate(names):
         if not isinstance(name, (str, os.PathLike)):

@@ -16,7 +16,7 @@ from cadcam.arrays import Array, Brief
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid, expect_motion
-from cadcam.kinds import expect
+from cadcam.kinds import expect, expect_flag, expect_several
 from cadcam.locate.evidence import Evidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.in_photos import locate_part
@@ -102,6 +102,8 @@ def track_part(
     is lost. Raises `NothingInView` where the start puts the part outside of the first photos.
     """
     tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture, views=views)
+    expect_several(frames, "frames", Frame)
+    expect_several(history, "history", LoggedFrame)
     for step in history:
         tracker.recall(step)
     for frame in frames:
@@ -124,6 +126,9 @@ class Tracker:
         expect(part, "part", Part)
         expect_motion(start, "start", optional=True)
         expect(views, "views", ViewRange)
+        expect(freedom, "freedom", Freedom)
+        expect_flag(velocity, "velocity")
+        expect_flag(texture, "texture")
         if freedom is not FREE and start is None:
             raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
         self._part, self._freedom, self._views = part, freedom, views

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief, frozen
 from cadcam.errors import BadValue
-from cadcam.kinds import expect_positive
+from cadcam.kinds import expect_each, expect_numbers, expect_positive
 from cadcam.render.view import Scene
 from cadcam.verify.tolerances.tolerance import Limit, Quantity, Selection
 
@@ -49,6 +49,10 @@ class LayoutFeature(Brief):
             if not np.linalg.norm(n) > 0:
                 raise BadValue(f"normal of {self.name}", n.tolist(), "a vector that is not zero")
             object.__setattr__(self, "normal", frozen(n / np.linalg.norm(n), "normal", (3,)))
+        if self.segments is not None:
+            object.__setattr__(self, "segments", frozen(self.segments, f"segments of {self.name}", (None, 2, 3)))
+        object.__setattr__(self, "limits", expect_each(self.limits, f"limits of {self.name}", Limit))
+        expect_numbers(self)
         if self.diameter_mm is not None:
             expect_positive(self.diameter_mm, f"diameter of {self.name}", "a positive number of mm")
         if self.kind is Kind.CIRCLE and (self.normal is None or self.diameter_mm is None):

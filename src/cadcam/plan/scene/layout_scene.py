@@ -15,7 +15,16 @@ from cadcam.camera.optics import Optics
 from cadcam.camera.sensor_format import SensorFormat
 from cadcam.errors import BadValue, UnknownName
 from cadcam.geometry.rigid import Rigid
-from cadcam.kinds import FrozenMap, expect_count, expect_positive
+from cadcam.kinds import (
+    FrozenMap,
+    expect,
+    expect_by_name,
+    expect_count,
+    expect_each,
+    expect_names,
+    expect_numbers,
+    expect_positive,
+)
 from cadcam.plan.scene.feature import LayoutFeature
 from cadcam.plan.uncertainty.finding import Finder
 
@@ -38,6 +47,9 @@ class CameraType:
     estimate: CameraEstimate | None = None
 
     def __post_init__(self) -> None:
+        expect(self.sensor, "sensor", SensorFormat, optional=True)
+        expect(self.own, "own", Camera, optional=True)
+        expect(self.estimate, "estimate", CameraEstimate, optional=True)
         if self.own is None and (self.sensor is None or self.focal_mm is None):
             raise BadValue(
                 f"camera {self.name!r}", "without sensor or focal_mm", "both, or the file of a calibrated one"
@@ -107,6 +119,8 @@ class Mount(Brief):
         object.__setattr__(self, "aims", frozen(self.aims, f"aims of mount {self.name!r}", (len(self.eyes), 3)))
         if not len(self.eyes):
             raise BadValue(f"positions of mount {self.name!r}", "none", "at least one")
+        expect_numbers(self)
+        object.__setattr__(self, "cameras", expect_names(self.cameras, f"cameras of mount {self.name!r}"))
         if not self.cameras or len(set(self.cameras)) != len(self.cameras):
             raise BadValue(
                 f"cameras of mount {self.name!r}", ", ".join(self.cameras) or "none", "at least one, each once"
@@ -206,6 +220,18 @@ class LayoutScene(Brief):
     sources: tuple[tuple[str, str, str], ...] = ()
 
     def __post_init__(self) -> None:
+        expect(self.part, "part", Mesh)
+        expect(self.obstacles, "obstacles", Mesh, optional=True)
+        expect(self.finder, "finder", Finder)
+        expect(self.calibration, "calibration", Sigmas, CalibratedFrom)
+        expect(self.seeing, "seeing", Seeing)
+        expect(self.motion, "motion", Sigmas)
+        expect(self.placement, "placement", Sigmas)
+        expect(self.name, "name", str)
+        expect_by_name(self.poses, "poses", Rigid)
+        expect_by_name(self.cameras, "cameras", CameraType)
+        object.__setattr__(self, "mounts", expect_each(self.mounts, "mounts", Mount))
+        object.__setattr__(self, "features", expect_each(self.features, "features", LayoutFeature))
         for what in ("poses", "cameras"):
             if not getattr(self, what):
                 raise BadValue(f"{what} of the scene", "none", "at least one")

@@ -23,7 +23,18 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.render.gl.context import GlInfo, open_gl
 from cadcam.render.gl.scene import GpuScene
 from cadcam.render.memory import Buffers, check_memory
-from cadcam.render.view import PLAIN, Channel, Look, Scene, View, expect_view, layers_of, with_image, with_rgb
+from cadcam.render.view import (
+    PLAIN,
+    Channel,
+    Look,
+    Scene,
+    View,
+    expect_poses,
+    expect_view,
+    layers_of,
+    with_image,
+    with_rgb,
+)
 
 
 class GlRenderer:
@@ -102,5 +113,6 @@ class GlRenderer:
         look: Look = PLAIN,
     ) -> Iterator[View]:
         """Yield a view for each camera_from_world; see `Renderer.render_batch`."""
+        expect_poses(poses)
         for pose in poses:
             yield self.render(camera, pose, channels=channels, look=look)
