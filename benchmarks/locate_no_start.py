@@ -105,15 +105,17 @@ def places(mesh: Mesh, n: int, rng: np.random.Generator, *, whole: bool) -> Iter
         yield Rigid(translation=aside) @ look
 
 
-def picture(renderer: Renderer, pose: Rigid, noise: float, rng: np.random.Generator) -> Picture:
+def picture(
+    renderer: Renderer, pose: Rigid, noise: float, rng: np.random.Generator, *, camera: Camera = CAMERA
+) -> Picture:
     """Return the part before a mottled ground, with noise of so many grey levels."""
     from scipy.ndimage import gaussian_filter
 
-    view = renderer.render(CAMERA, pose, channels=Channel.IMAGE, look=Look(supersampling=4))
+    view = renderer.render(camera, pose, channels=Channel.IMAGE, look=Look(background=(0.0, 0.0, 0.0), supersampling=4))
     cover = np.asarray(view.coverage, float)
     shade = np.asarray(view.image, float).mean(axis=-1)
     ground = sum(s * gaussian_filter(rng.standard_normal(shade.shape), s) for s in (2, 8, 32))
-    gray = 0.8 * shade * cover + (1 - cover) * (0.3 + 0.06 * ground)
+    gray = 0.8 * shade + (1 - cover) * (0.3 + 0.06 * ground)
     gray = gaussian_filter(gray, 0.6) + noise / 255 * rng.standard_normal(gray.shape)
     return np.asarray(np.round(255 * np.clip(gray, 0, 1)) / 255, np.float32)
 

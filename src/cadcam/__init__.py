@@ -121,6 +121,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.locate.evidence import PoseEvidence as PoseEvidence
     from cadcam.locate.freedom import Freedom as Freedom
     from cadcam.locate.in_photos import locate_part as locate_part
+    from cadcam.locate.instances import locate_instances as locate_instances
     from cadcam.locate.location import Disagreement as Disagreement
     from cadcam.locate.location import Location as Location
     from cadcam.locate.match.closeness import Closeness as Closeness
@@ -330,6 +331,7 @@ _HOME = {
     "first_order_variability": "cadcam.calibrate.variability.methods",
     "fit_jointly": "cadcam.calibrate.joint.adjustment",
     "locate_camera": "cadcam.calibrate.points.camera",
+    "locate_instances": "cadcam.locate.instances",
     "locate_part": "cadcam.locate.in_photos",
     "make_dataset": "cadcam.dataset.make",
     "markov_chain_variability": "cadcam.calibrate.variability.methods",

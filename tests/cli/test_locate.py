@@ -352,3 +352,37 @@ def test_of_a_round_bar_free_to_turn_about_its_axis_nothing_is_said_to_be_known(
     said = cadcam(*line, "--json").json
     assert said["pose"]["undetermined"]["in_words"] == turn
     assert pose_estimate_at(parsed(read_text("pose.json"))).undetermined_words == turn
+
+
+def test_instances_are_numbered_in_table_picture_and_files(cadcam: Cadcam, here: Path) -> None:
+    ran = cadcam(*LOCATE, "--instances", "-o", "overlay.png", "--pose-out", "pose.json")
+    assert ran.code == 0, ran.err
+    assert "Instances" in ran.out
+    assert off_mm(read_part_pose("pose-1.json", camera_from_world=Rigid())) < 0.3
+    assert not Path("pose.json").exists()
+    lines = read_picture("overlay.png") - np.repeat(read_picture("photo.png")[..., None], 3, axis=2)
+    assert (lines[..., 1] - lines[..., 0] > 0.3).sum() > 200  # green
+    Path("pose-2.json").write_text("{}")
+    again = cadcam(*LOCATE, "--instances", "1", "--pose-out", "pose.json", "--json")
+    assert "pose-2.json and what follows it are of an earlier run" in again.err
+    said = json.loads(again.out)
+    assert said["format"] == "cadcam instances"
+    assert said["found"]
+    assert [one["found"] for one in said["instances"]] == [True]
+
+
+def test_without_any_instance_what_was_tried_is_told(cadcam: Cadcam, here: Path) -> None:
+    write_picture("photo.png", np.random.default_rng(2).uniform(0.2, 0.8, (360, 480)))
+    ran = cadcam(*LOCATE, "--instances", "--json", "--pose-out", "pose.json")
+    assert ran.code == 3
+    said = json.loads(ran.out)
+    assert (said["found"], said["instances"], said["pose"]) == (False, [], None)
+    assert said["reason"].startswith("not found")
+    assert not list(Path().glob("pose*.json"))
+
+
+@pytest.mark.parametrize("option", [("--start", "start.txt"), ("--freedom", "plane:0,0,1")])
+def test_instances_are_not_looked_for_from_a_start(cadcam: Cadcam, here: Path, option: tuple[str, str]) -> None:
+    ran = cadcam(*LOCATE, "--instances", *option)
+    assert ran.code == 2
+    assert f"{option[0]} is given beside --instances" in ran.err

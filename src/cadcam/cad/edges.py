@@ -59,6 +59,18 @@ class FeatureEdges(Brief):
             self.part[segments],
         )
 
+    def repeated(self, mesh: Mesh, times: int) -> FeatureEdges:
+        """Return the segments of so many copies of their mesh, merged in order."""
+        copy = np.repeat(np.arange(times, dtype=np.int32), len(self))
+        faces = np.tile(self.faces, (times, 1))
+        return FeatureEdges(
+            np.tile(self.vertices, (times, 1)) + copy[:, None] * np.int32(len(mesh.vertices)),
+            np.where(faces < 0, -1, faces + copy[:, None] * np.int32(mesh.n_faces)),
+            np.tile(self.kind, times),
+            np.tile(self.chain, times) + copy * (self.chain.max(initial=-1) + np.int32(1)),
+            np.tile(self.part, times) + copy * np.int32(len(mesh.part_names)),
+        )
+
     def of_kind(self, *kinds: EdgeKind) -> FeatureEdges:
         """Return the segments of these kinds only."""
         return self.select(np.isin(self.kind, kinds))

@@ -17,7 +17,7 @@ from cadcam.cli.arguments import (
     real,
     refuse,
 )
-from cadcam.cli.output import progress, working
+from cadcam.cli.output import counting, progress, working
 from cadcam.cli.photos import Shots
 from cadcam.cli.wires import LINE, style_of
 from cadcam.errors import BadValue, NothingInView, UnknownName
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from cadcam.locate.part import Part
     from cadcam.locate.photo import Photo
     from cadcam.locate.views.view_range import ViewRange
+    from cadcam.render.lines.visible import LineDrawer
 
 START_HELP = """\
 start:    --start FILE    rough pose of the part; it may be off by some 20 degrees, 40 px and 10 % of the distance
@@ -227,9 +228,19 @@ def located(
             return locate_part(part, shots.photos, views=views, freedom=freedom)
 
 
+def instances_located(part: Part, shots: Shots, views: ViewRange, most: int) -> list[Location]:
+    """Return all instances of the part, at most so many; if there are none, what was tried."""
+    from cadcam.locate.instances import locate_instances
+
+    with aspects_kept(part):
+        prepare(part, [photo.camera for photo in shots.photos], views)
+        with counting("looking for instances", "found") as step:
+            return locate_instances(part, shots.photos, views=views, most=most, step=step)
+
+
 def overlaid(
     arguments: argparse.Namespace,
-    part: Part,
+    lines: LineDrawer,
     picture: Picture,
     photo: Photo,
     world_from_part: Rigid,
@@ -242,7 +253,7 @@ def overlaid(
 
     pose = photo.camera_from_world @ world_from_part
     try:
-        wireframe = part.lines.draw(photo.camera, pose, options=LineOptions(hidden=arguments.hidden))
+        wireframe = lines.draw(photo.camera, pose, options=LineOptions(hidden=arguments.hidden))
     except NothingInView:
         return to_rgb(picture)
     return overlay(picture, wireframe, style=style_of(arguments, color=color))

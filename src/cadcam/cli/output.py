@@ -109,6 +109,18 @@ def working(text: str) -> Iterator[None]:
 
 
 @contextmanager
+def counting(text: str, what: str) -> Iterator[Callable[[int], None]]:
+    """Show on a terminal what is going on while it lasts; yield what to call with how many there are so far."""
+    if not sys.stderr.isatty():
+        yield lambda count: None
+        return
+    from rich.console import Console
+
+    with Console(file=sys.stderr).status(text) as status:
+        yield lambda count: status.update(f"{text}: {count} {what}")
+
+
+@contextmanager
 def stages(first: str) -> Iterator[Callable[[str, int, int], None]]:
     """Show on a terminal a bar for each stage of some work, the `first` without a count.
 

@@ -54,23 +54,30 @@ def direction_fields(
     reduction: int = 1,
     levels: int,
     region: tuple[int, int, int, int] | None = None,
+    explained: Mask | None = None,
 ) -> tuple[DirectionField, ...]:
     """Return the fields of a photo (H, W) taken by `camera`, the finest (`reduction` photo pixels per pixel) first.
 
     Each next one has half the size; fewer than `levels` are returned if a side would fall below 4 px. region: only this
     part of the photo, (left, top, right, bottom) px, right and bottom excluded; cameras are cropped accordingly, with a
-    margin if they have a lens. Pixels far from square become square ones of the same area.
+    margin if they have a lens. Pixels far from square become square ones of the same area. explained (H, W): pixels of
+    the photo where the certainty of lines is set to 0.
     """
     box = (0, 0, *camera.size) if region is None else region
+    known = None if explained is None else np.asarray(explained, np.float32)
     if isinstance(camera.lens, Ideal) and _has_square_pixels(camera):
         left, top, right, bottom = box
         camera = _reduced(camera.crop(left, top, (right - left, bottom - top)), reduction)
         planes = directions(_even(gray[top:bottom, left:right], reduction), _FLOOR)
+        open_ = None if known is None else _even(known[top:bottom, left:right], reduction) == 0
     else:
-        picture, seen, camera = _straightened(gray, camera, reduction, box)
+        picture, open_, ideal = _straightened(gray, camera, reduction, box)
         planes = directions(picture, _FLOOR)
-        if not seen.all():
-            np.multiply(planes.values, seen.view(np.uint8), out=planes.values)
+        if known is not None:
+            open_ &= _straightened(known, camera, reduction, box)[0] == 0
+        camera = ideal
+    if open_ is not None and not open_.all():
+        np.multiply(planes.values, open_.view(np.uint8), out=planes.values)
     fields = [DirectionField(camera, planes, reduction)]
     while len(fields) < levels and min(fields[-1].camera.size) >= 2 * _LEAST:
         last = fields[-1]

@@ -47,7 +47,7 @@ _LOOKED_AT = 5_000  # pixels of a photo that are sampled to check its exposure
 _FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # least contrast of a photo; largest share of black or white pixels
 
 
-class _Trial(NamedTuple):
+class Trial(NamedTuple):
     """A hypothesis' score, and what refining it gave."""
 
     score: float
@@ -69,6 +69,10 @@ class _LocateTask:
     def chosen(self) -> int:
         """How many constraints a hypothesis meets by being the best of many."""
         return SEARCHED if self.start is None else 0
+
+    def alike(self, best: Location) -> list[Location]:
+        """Return the other poses of a symmetric part; none from a start, which chooses among them."""
+        return equivalent(self.part, best) if self.start is None else []
 
 
 def locate_part(
@@ -95,16 +99,16 @@ def locate_part(
     expect_motion(start, "start", optional=True)
     expect(views, "views", ViewRange)
     expect(freedom, "freedom", Freedom)
-    _check(photos)
+    check_photos(photos)
     if start is None and freedom is not FREE:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     searched = search(part, photos, views) if start is None else []
 
-    def found_in(photos: Sequence[Photo], times: Sequence[int]) -> Location:
+    def found_in(photos: Sequence[Photo], times: Sequence[int]) -> list[Location]:
         task = _LocateTask(part, photos, start, reach, freedom, options)
-        return _located(task, searched) if start is None else _located(task, *_near(task, start))
+        return [_located(task, searched) if start is None else _located(task, *_near(task, start))]
 
-    return at_their_sharpness(photos, found_in)
+    return at_their_sharpness(photos, found_in)[0]
 
 
 def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: NothingInView | None = None) -> Location:
@@ -117,8 +121,8 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
         hypotheses = [Hypothesis(pose, 0.0, task.options.search_px)]
     basins = Basins(task.freedom)
 
-    def clear(trial: _Trial) -> bool:
-        return task.start is not None or _stands_out(task.part, trial, hypotheses)
+    def clear(trial: Trial) -> bool:
+        return task.start is not None or stands_out(task.part, trial, hypotheses)
 
     trials = _refined(task, hypotheses, basins, clear)
     # If nothing stands out among the hypotheses by its score, a pose may still do so by its quality (`_alone`).
@@ -127,21 +131,21 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
     rivals = Rivals(task.part, task.photos, task.freedom, task.options, task.chosen)
     ranked = _led_by_own_lines(_ranked(trials), rivals)
     best = ranked[0].location
-    equivalent = _equivalent(task, best)
+    alike = task.alike(best)
     if not best.found:
         if outside is not None:
             raise outside
-        return _not_found(best, len(hypotheses), equivalent)
+        return _not_found(best, len(hypotheses), alike)
     if not (clear(ranked[0]) or (none_clear and _alone(task.part, best, trials))):
-        return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", equivalent)
+        return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
     if task.start is None or best.quality < DOUBT[1] or rivals.contested(best).any():
         checked = rivals.checked(best, basins.sights(best.pose.world_from_part))
         if checked.pose is not best.pose:
-            equivalent = _equivalent(task, checked)
+            alike = task.alike(checked)
         if not checked.found:
             return checked
         ranked[0] = ranked[0]._replace(location=checked)
-    return _with_alternatives(task.part, ranked, equivalent)
+    return _with_alternatives(task.part, ranked, alike)
 
 
 def _near(task: _LocateTask, start: Rigid) -> tuple[list[Hypothesis], NothingInView | None]:
@@ -160,13 +164,13 @@ def _near(task: _LocateTask, start: Rigid) -> tuple[list[Hypothesis], NothingInV
 
 
 def _refined(
-    task: _LocateTask, hypotheses: Sequence[Hypothesis], basins: Basins, clear: Callable[[_Trial], bool]
-) -> list[_Trial]:
+    task: _LocateTask, hypotheses: Sequence[Hypothesis], basins: Basins, clear: Callable[[Trial], bool]
+) -> list[Trial]:
     """Return the hypotheses refined: until a clear one is found, and then only those that score nearly as high.
 
     Hypotheses that lie in the basin of an earlier one are left out.
     """
-    trials: list[_Trial] = []
+    trials: list[Trial] = []
     for h in hypotheses[: _TRIED[task.start is None]]:
         found = [trial for trial in trials if trial.location.found]
         if h.score < _RIVAL * hypotheses[0].score and any(clear(trial) for trial in found):
@@ -179,14 +183,14 @@ def _refined(
         nearby = replace(task.options, search_px=h.within_px)
         refinement = Refinement(task.part, task.photos, task.freedom, options=nearby, chosen=task.chosen)
         location, sights = refinement.around(h.world_from_part)
-        trials.append(_Trial(h.score, location))
+        trials.append(Trial(h.score, location))
         basins.add(location, sights)
     return trials
 
 
 def _start_refined(
-    task: _LocateTask, hypotheses: Sequence[Hypothesis], trials: Sequence[_Trial], basins: Basins
-) -> list[_Trial]:
+    task: _LocateTask, hypotheses: Sequence[Hypothesis], trials: Sequence[Trial], basins: Basins
+) -> list[Trial]:
     """Return what refining the start itself finds, unless hypotheses around it have led to a sure pose already.
 
     Lines are searched for nearby and, only while nothing at all is found, as far away as the start may be off: a pose
@@ -209,10 +213,10 @@ def _start_refined(
         location, sights = refinement.around(task.start)
         done.append(location)
         basins.add(location, sights)
-    return [_Trial(score, location) for location in done]
+    return [Trial(score, location) for location in done]
 
 
-def _ranked(trials: Sequence[_Trial]) -> list[_Trial]:
+def _ranked(trials: Sequence[Trial]) -> list[Trial]:
     """Return the trials, best first: by quality, and by the score of the hypothesis that each came from.
 
     A doubted one, which needs a body to be absent, gives way to one that is as good and not doubted.
@@ -223,7 +227,7 @@ def _ranked(trials: Sequence[_Trial]) -> list[_Trial]:
     return _led_by(ranked, lambda location: location.quality >= least and not location.doubted)
 
 
-def _led_by_own_lines(ranked: Sequence[_Trial], rivals: Rivals) -> list[_Trial]:
+def _led_by_own_lines(ranked: Sequence[Trial], rivals: Rivals) -> list[Trial]:
     """Return the trials, led by one that is as good as the first but shows lines that only it has.
 
     The first stays in front where the photos show the lines that it alone has.
@@ -233,7 +237,7 @@ def _led_by_own_lines(ranked: Sequence[_Trial], rivals: Rivals) -> list[_Trial]:
     return _led_by(ranked, lambda location: location.quality >= least and rivals.prefers(location, best))
 
 
-def _led_by(ranked: Sequence[_Trial], preferred: Callable[[Location], bool]) -> list[_Trial]:
+def _led_by(ranked: Sequence[Trial], preferred: Callable[[Location], bool]) -> list[Trial]:
     """Return the trials with the first preferred one moved to the front, if there is any."""
     first = next((trial for trial in ranked if preferred(trial.location)), ranked[0])
     return [first, *(trial for trial in ranked if trial is not first)]
@@ -249,39 +253,39 @@ def _uncertain(best: Location, why: str, alternatives: Sequence[Location]) -> Lo
     return replace(best.uncertain(why), alternatives=tuple(alternatives))
 
 
-def _with_alternatives(part: Part, ranked: Sequence[_Trial], equivalent: Sequence[Location]) -> Location:
+def _with_alternatives(part: Part, ranked: Sequence[Trial], equivalent: Sequence[Location]) -> Location:
     """Return the best pose with the others that look as good; uncertain if equal ones put the part elsewhere."""
     best, here = ranked[0].location, ranked[0].location.pose.world_from_part
     as_good = [trial for trial in ranked[1:] if trial.location.quality >= max(FOUND, best.quality - _AS_GOOD)]
     equal = [trial.location for trial in as_good if trial.score >= _EQUAL * ranked[0].score]
-    places = _distinct(part, best, [o for o in equal if _elsewhere(part, here, o.pose.world_from_part)])
-    others = _distinct(part, best, [*best.alternatives, *(trial.location for trial in as_good)], equivalent)
+    places = distinct_poses(part, best, [o for o in equal if elsewhere(part, here, o.pose.world_from_part)])
+    others = distinct_poses(part, best, [*best.alternatives, *(trial.location for trial in as_good)], equivalent)
     if places:
         said = "another place in the photos looks" if len(places) == 1 else f"{len(places)} other places look"
         return _uncertain(best, f"{said} as much like the part", others)
-    n = len(_distinct(part, best, others))
+    n = len(distinct_poses(part, best, others))
     note = f"; {n} other pose{'s look' if n > 1 else ' looks'} as good" if n else ""
     return replace(best, reason=best.reason + note, alternatives=tuple(others))
 
 
-def _stands_out(part: Part, trial: _Trial, hypotheses: Sequence[Hypothesis]) -> bool:
+def stands_out(part: Part, trial: Trial, hypotheses: Sequence[Hypothesis]) -> bool:
     """Return whether a pose that a search found scores clearly more than what the search found elsewhere.
 
     The best of very many wrong poses fits some lines of any cluttered photo, but hardly better than the next best ones.
     """
     here = trial.location.pose.world_from_part
-    elsewhere = [h.score for h in hypotheses if _elsewhere(part, here, h.world_from_part)]
-    return trial.score >= _STANDS_OUT[trial.location.quality >= _CLEAR] * max(elsewhere, default=0.0)
+    away = [h.score for h in hypotheses if elsewhere(part, here, h.world_from_part)]
+    return trial.score >= _STANDS_OUT[trial.location.quality >= _CLEAR] * max(away, default=0.0)
 
 
-def _alone(part: Part, best: Location, trials: Sequence[_Trial]) -> bool:
+def _alone(part: Part, best: Location, trials: Sequence[Trial]) -> bool:
     """Return whether a pose is clearly better than everything that was refined at other places."""
     here, locations = best.pose.world_from_part, [trial.location for trial in trials]
-    away = [o.quality for o in locations if _elsewhere(part, here, o.pose.world_from_part)]
+    away = [o.quality for o in locations if elsewhere(part, here, o.pose.world_from_part)]
     return best.quality >= max(_SURE, _ABOVE + max(away, default=1.0))
 
 
-def _elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
+def elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:
     """Return whether two poses put the part at different places, not just differently at one."""
     middle, radius = part.aspects.centre, part.aspects.radius
     return bool(np.linalg.norm(one @ middle - other @ middle) > _ELSEWHERE * radius)
@@ -305,10 +309,10 @@ def _apart_to_see(part: Part, one: Rigid, other: Rigid) -> float:
     return float(np.linalg.norm(one @ points - other @ points, axis=1).max() / radius)
 
 
-def _equivalent(task: _LocateTask, best: Location) -> list[Location]:
-    """Return the other poses in which a symmetric part looks the same; none from a start, which chooses among them."""
+def equivalent(part: Part, best: Location) -> list[Location]:
+    """Return the other poses in which a symmetric part looks the same as in the best."""
     out = []
-    for part_from_part in task.part.symmetries[1:] if task.start is None else ():
+    for part_from_part in part.symmetries[1:]:
         pose = best.pose
         Ad = part_from_part.inv.adjoint()
         moved = replace(
@@ -323,7 +327,7 @@ def _equivalent(task: _LocateTask, best: Location) -> list[Location]:
     return out
 
 
-def _distinct(
+def distinct_poses(
     part: Part, best: Location, others: Sequence[Location], equivalent: Sequence[Location] = ()
 ) -> list[Location]:
     """Return the others, best first, that are neither the best pose nor each other, and the equivalent ones.
@@ -337,7 +341,7 @@ def _distinct(
     return kept[1:]
 
 
-def _check(photos: Sequence[Photo]) -> None:
+def check_photos(photos: Sequence[Photo]) -> None:
     """Raise `BadValue` where there is no photo, or one without contrast, or hardly any but black and white pixels."""
     if not photos:
         raise BadValue("photos", "none", "at least one photo")

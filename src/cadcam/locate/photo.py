@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Locked, Picture, frozen
+from cadcam.arrays import Locked, Mask, Picture, frozen
 from cadcam.camera.camera import Camera
 from cadcam.camera.estimate import CameraEstimate
 from cadcam.camera.resampled import PictureMap
@@ -15,6 +15,7 @@ from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import SizeMismatch
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.chroma import chroma_of
+from cadcam.image.direction_field import DirectionField, direction_fields
 from cadcam.image.picture import checked, to_gray
 from cadcam.image.profile import calming, noise_of
 from cadcam.kinds import expect
@@ -27,7 +28,8 @@ class Photo(Locked):
     """A grey picture (H, W) float32 in [0, 1] taken from `viewpoint` (camera, pose in the world, error sources).
 
     chroma: its colour (H, W, 2) (`image.chroma`), or None; computed from the picture where that is in colour. calm: the
-    picture smoothed by a Gaussian of sd `spread` px, used for finding lines where noise hides them, or None.
+    picture smoothed by a Gaussian of sd `spread` px, used for finding lines where noise hides them, or None. explained
+    (H, W): pixels in which searches see no lines, as those there are what was found before; or None.
     """
 
     gray: Picture
@@ -35,6 +37,7 @@ class Photo(Locked):
     chroma: Picture | None = None
     calm: Picture | None = None
     spread: float = 0.0
+    explained: Mask | None = None
 
     def __post_init__(self) -> None:
         expect(self.viewpoint, "viewpoint", Viewpoint)
@@ -96,6 +99,13 @@ class Photo(Locked):
             return np.asarray(cells.mean(axis=(1, 3)).reshape(height, width, *picture.shape[2:]), np.float32)
 
         return Photo(coarser(self.gray), view, None if self.chroma is None else coarser(self.chroma))
+
+    def fields(
+        self, *, reduction: int, levels: int, region: tuple[int, int, int, int] | None = None
+    ) -> tuple[DirectionField, ...]:
+        """Return the direction fields in which the part is searched for (`image.direction_field`), finest first."""
+        ways = {"reduction": reduction, "levels": levels}
+        return direction_fields(self.lines, self.camera, **ways, region=region, explained=self.explained)
 
     @property
     def lines(self) -> Picture:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Flag, auto
 from typing import Any, NamedTuple, Protocol
@@ -12,12 +12,12 @@ import numpy.typing as npt
 
 from cadcam.arrays import Ids, Locked, Mask, Picture, frozen
 from cadcam.cad.edges import FeatureEdges, feature_edges
-from cadcam.cad.mesh import Mesh
+from cadcam.cad.mesh import Mesh, merge
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.picture import to_gray
-from cadcam.kinds import FrozenMap, expect, expect_number, expect_numbers, expect_several
+from cadcam.kinds import FrozenMap, expect, expect_each, expect_number, expect_numbers, expect_several
 
 # Muted, and distinct for people with any colour vision: hues of Okabe and Ito (2008), lightened for shading.
 PALETTE = np.array(
@@ -120,6 +120,19 @@ class Scene(Locked):
         paint = mesh.part.copy()
         paint[own] = len(of_parts) + np.arange(own.sum())
         return cls(mesh, edges, np.concatenate([of_parts, mesh.face_colors[own]]), paint)
+
+    def repeated(self, poses: Sequence[Rigid]) -> Scene:
+        """Return the scene with all that is in this one at each of n poses (world_from_scene): instances of a part.
+
+        Parts and edges come in that order; from the second pose on the parts' names get a number. Where instances
+        touch, no edges of contact are added. Raises `BadValue` where there is no pose.
+        """
+        poses = expect_each(poses, "poses", Rigid)
+        n, parts = len(poses), len(self.mesh.part_names)
+        mesh = merge([self.mesh.transformed(pose) for pose in poses])
+        colors = np.concatenate([np.tile(self.colors[:parts], (n, 1)), self.colors[parts:]])
+        of_part = [np.where(self.paint < parts, self.paint + k * parts, self.paint + (n - 1) * parts) for k in range(n)]
+        return Scene(mesh, self.edges.repeated(self.mesh, n), colors, np.concatenate(of_part).astype(np.int32))
 
     def __repr__(self) -> str:
         return f"Scene({self.mesh!r}, {len(self.edges.vertices)} edges)"

@@ -30,6 +30,21 @@ def location_tables(location: Location, photos: Sequence[Photo], *, radius_mm: f
     return tables
 
 
+def instances_table(instances: Sequence[Location], photo: Photo, *, radius_mm: float) -> Table:
+    """Return a row for each instance of a part: its pose in the camera of a photo, its weakest motion, its quality."""
+    rows = []
+    for number, one in enumerate(instances, 1):
+        camera_from_part = photo.camera_from_world @ one.pose.world_from_part
+        at, turn = camera_from_part.translation, np.degrees(so3.log(camera_from_part.rotation))
+        known = weakest(one.pose, radius_mm=radius_mm)
+        rows.append((str(number), _three(at, 2), _three(turn, 2), known, f"{one.quality:.2f}"))
+    columns = ("", "origin in the camera, mm", "rotation vector, deg", "weakest, sigma", "quality")
+    notes = [f"{k}: {one.covered}" for k, one in enumerate(instances, 1) if one.covered]
+    alike = max((len(one.alternatives) for one in instances), default=0)
+    notes += [f"each of them could be turned to {alike} other poses: the part looks the same"] if alike else []
+    return Table("Instances", columns, tuple(rows), columns[1:4], tuple(notes))
+
+
 def pose_table(pose: PoseEstimate, photo: Photo, *, radius_mm: float) -> Table:
     """Return the pose of the part in the world and in the camera, and its uncertainty.
 

@@ -6,13 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb
+from cadcam.cli.arguments import NO, Verbs, add_json, refuse, verb, whole
 from cadcam.cli.locating import (
     START_HELP,
     VIEWS_HELP,
     add_start_options,
     add_view_options,
     freedom_as_asked,
+    instances_located,
     located,
     overlaid,
     part_as_asked,
@@ -30,15 +31,19 @@ if TYPE_CHECKING:
 
     from cadcam.arrays import Picture
     from cadcam.cad.read import LoadReport
+    from cadcam.geometry.rigid import Rigid
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
+    from cadcam.locate.photo import Photo
 
+MOST_INSTANCES = 100
 _REFUSED = (1.0, 0.15, 0.1)  # colour of the lines of a pose that is not accepted
 _EXAMPLES = f"""\
   cadcam locate photo.png part.step --camera camera.json -o overlay.png
   cadcam locate photo.png part.obj --unit m --camera camera.json --start rough.txt --pose-out pose.json
   cadcam locate photo.png part.stl --camera camera.json --points picked.csv --json
   cadcam locate photo.png part.stl --camera camera.json --seen-from above --distance 800,1500
+  cadcam locate tray.png part.stl --camera camera.json --instances -o tray_found.png --pose-out pose.json
   cadcam locate left.png right.png part.stl --camera left.json --camera right.json -o both.png
   cadcam locate left.png right.png part.stl --rig rig.json
   cadcam locate photo.png plate.stl --camera camera.json --start rough.txt --freedom plane:0,0,1@part
@@ -46,6 +51,10 @@ _EXAMPLES = f"""\
 {START_HELP}
 {VIEWS_HELP}
 several photos: of a rig's cameras, or of one camera that was moved. Every camera file says where it stood.
+
+instances: of several equal parts in one photo (a tray, a belt, a heap) none stands out, so that without --instances
+the answer is "not certain". With it all of them are found that show enough of themselves, also partly one behind the
+other, the surest first; --instances 12 ends after 12. --pose-out pose.json writes pose-1.json, pose-2.json ...
 
 exit code: 0 found, 3 not found, 2 wrong input. Not found means that no pose fits the edges in the picture: another
 part, a hidden part, a mirrored or blurred picture, or the file of another camera. The reason is printed, the overlay
@@ -65,6 +74,14 @@ def add_to(verbs: Verbs) -> None:
     add_photo_options(parser)
     add_start_options(parser)
     add_view_options(parser)
+    parser.add_argument(
+        "--instances",
+        nargs="?",
+        type=whole,
+        const=MOST_INSTANCES,
+        metavar="N",
+        help=f"find all instances of the part, at most N (default {MOST_INSTANCES}), not just the only one",
+    )
     group = parser.add_argument_group("results")
     group.add_argument("-o", "--output", metavar="FILE", help="photo with the model's lines on it: .png or .jpg")
     group.add_argument("--pose-out", metavar="FILE", help="write the pose with its covariance: .json")
@@ -82,26 +99,28 @@ def run(arguments: argparse.Namespace) -> int:
     check_target(arguments.pose_out, (".json",))
     check_order(arguments.photos, arguments.model)
     shots = read_shots(arguments.photos, arguments)
+    if arguments.instances is not None:
+        searched = "no start: instances are searched for"
+        refuse(arguments, "--start", "--points", "--freedom", why="beside --instances", expected=searched)
     start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
     views = views_as_asked(arguments, "--start", "--points")
     mesh, report = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
-    location = located(part, shots, start, freedom, views)
-    faults = [] if location.found else faults_in_words(shots)
+    if arguments.instances is None:
+        every = [located(part, shots, start, freedom, views)]
+    else:
+        every = instances_located(part, shots, views, arguments.instances)
+    faults = [] if every[0].found else faults_in_words(shots)
     if arguments.output:
-        _write_overlay(arguments, part, shots, location)
-    if arguments.pose_out and location.found:
-        from cadcam.files.pose_estimate import write_part_pose
-
-        model = {"path": str(report.path), "sha256": report.sha256, "unit": report.unit}
-        cameras = [photo.viewpoint for photo in shots.photos]
-        write_part_pose(arguments.pose_out, location.pose, viewpoints=cameras, model=model)
+        _write_overlay(arguments, part, shots, every)
+    written = _write_poses(arguments, every, shots, report) if arguments.pose_out and every[0].found else []
     if arguments.json:
-        document = _as_json(arguments, location, shots, report)
+        document = _as_json(arguments, every, shots, report)
         print_json(document | {"faults": faults, "model": model_as_json(report, mesh)})
     else:
-        _print(arguments, part, location, shots, faults)
-    return 0 if location.found else NO
+        _print(arguments, part, every, shots, faults)
+        say_written(arguments.output, *written)
+    return 0 if every[0].found else NO
 
 
 def faults_in_words(shots: Shots) -> list[str]:
@@ -119,20 +138,55 @@ def radius_of(part: Part) -> float:
     return float(np.linalg.norm(np.abs(part.scene.mesh.bounds).max(axis=0)))
 
 
-def _write_overlay(arguments: argparse.Namespace, part: Part, shots: Shots, location: Location) -> None:
+def _write_overlay(arguments: argparse.Namespace, part: Part, shots: Shots, every: Sequence[Location]) -> None:
+    """Write the photos with the lines of what was found, instances with the numbers of their rows."""
+    from cadcam.geometry.rigid import Rigid
     from cadcam.image.camera_picture import read_camera_picture
     from cadcam.image.picture import write_picture
+    from cadcam.render.lines.visible import LineDrawer
 
-    color = LINE if location.found else _REFUSED
-    pictures = [
-        read_camera_picture(file, full_scale=white)
-        for file, white in zip(_photo_files(shots), shots.whites, strict=True)
-    ]
-    drawn = [
-        overlaid(arguments, part, picture, photo, location.pose.world_from_part, color)
-        for picture, photo in zip(pictures, shots.photos, strict=True)
-    ]
+    color = LINE if every[0].found else _REFUSED
+    poses = [one.pose.world_from_part for one in every]
+    lines, pose = (part.lines, poses[0]) if len(every) == 1 else (LineDrawer(part.scene.repeated(poses)), Rigid())
+    drawn = []
+    for file, white, photo in zip(_photo_files(shots), shots.whites, shots.photos, strict=True):
+        picture = overlaid(arguments, lines, read_camera_picture(file, full_scale=white), photo, pose, color)
+        drawn.append(picture if arguments.instances is None else _numbered(picture, part, photo, poses))
     write_picture(arguments.output, drawn[0] if len(drawn) == 1 else _beside(drawn))
+
+
+def _numbered(picture: Picture, part: Part, photo: Photo, poses: Sequence[Rigid]) -> Picture:
+    """Return a picture with the number of each pose at the middle of the part there."""
+    from cadcam.image.draw import draw_text
+
+    height = max(12.0, photo.camera.height / 32)
+    middle = part.scene.mesh.bounds.mean(axis=0)
+    for number, pose in enumerate(poses, 1):
+        q = photo.camera.project(photo.camera_from_world @ pose @ middle)
+        if photo.camera.sees(q):
+            for at, color in ((q + 1.5, (0.0, 0.0, 0.0)), (q, (1.0, 1.0, 1.0))):
+                picture = draw_text(picture, at, str(number), color=color, height=height)
+    return picture
+
+
+def _write_poses(
+    arguments: argparse.Namespace, every: Sequence[Location], shots: Shots, report: LoadReport
+) -> list[str]:
+    """Write the pose, or those of instances in numbered files; return the files."""
+    from cadcam.files.pose_estimate import write_part_pose
+
+    model = {"path": str(report.path), "sha256": report.sha256, "unit": report.unit}
+    cameras = [photo.viewpoint for photo in shots.photos]
+    target = Path(arguments.pose_out)
+    files = [target]
+    if arguments.instances is not None:
+        files = [target.with_stem(f"{target.stem}-{number}") for number in range(1, len(every) + 1)]
+    for file, one in zip(files, every, strict=True):
+        write_part_pose(file, one.pose, viewpoints=cameras, model=model)
+    stale = target.with_stem(f"{target.stem}-{len(every) + 1}")
+    if arguments.instances is not None and stale.exists():
+        say(f"{stale} and what follows it are of an earlier run")
+    return [str(file) for file in files]
 
 
 def _beside(pictures: Sequence[Picture]) -> Picture:
@@ -149,16 +203,19 @@ def _photo_files(shots: Shots) -> list[str]:
     return [path for role, path, _ in shots.files if role == "photo"]
 
 
-def _as_json(arguments: argparse.Namespace, location: Location, shots: Shots, report: LoadReport) -> dict[str, Any]:
-    """Return the document, which `cadcam state add` reads as a record without deviations."""
+def _as_json(
+    arguments: argparse.Namespace, every: Sequence[Location], shots: Shots, report: LoadReport
+) -> dict[str, Any]:
+    """Return the document; that of one part `cadcam state add` reads as a record without deviations."""
     from datetime import UTC, datetime
 
     from cadcam import __version__
     from cadcam.report.locate import location_as_json
     from cadcam.report.photos import photos_as_json
 
+    several = arguments.instances is not None
     head = {
-        "format": "cadcam location",
+        "format": "cadcam instances" if several else "cadcam location",
         "version": 1,
         "software": f"cadcam {__version__}",
         "time_utc": datetime.now(UTC).replace(tzinfo=None).isoformat() + "Z",
@@ -166,19 +223,31 @@ def _as_json(arguments: argparse.Namespace, location: Location, shots: Shots, re
     }
     files = [*shots.files, ("cad", str(report.path), report.sha256)]
     sources = [dict(zip(("role", "path", "sha256"), file, strict=True)) for file in files]
-    said = location_as_json(location, shots.photos) | {"photos": photos_as_json(shots.read)}
-    return head | said | {"deviations": [], "sources": sources}
+    each = [location_as_json(one, shots.photos) for one in every]
+    said = each[0]
+    if several and every[0].found:
+        said = {"found": True, "instances": each}
+    elif several:
+        said = each[0] | {"instances": []}
+    photos = {"photos": photos_as_json(shots.read)}
+    return head | said | photos | ({} if several else {"deviations": []}) | {"sources": sources}
 
 
-def _print(arguments: argparse.Namespace, part: Part, location: Location, shots: Shots, faults: Sequence[str]) -> None:
-    from cadcam.report.locate import evidence_table, location_tables
+def _print(
+    arguments: argparse.Namespace, part: Part, every: Sequence[Location], shots: Shots, faults: Sequence[str]
+) -> None:
+    from cadcam.report.locate import evidence_table, instances_table, location_tables
 
-    if location.found:
-        print_tables(location_tables(location, shots.photos, radius_mm=radius_of(part)))
+    best = every[0]
+    if best.found and arguments.instances is not None:
+        print_tables([instances_table(every, shots.photos[0], radius_mm=radius_of(part))])
+    elif best.found:
+        print_tables(location_tables(best, shots.photos, radius_mm=radius_of(part)))
     else:
-        print_tables([evidence_table(location)])
+        print_tables([evidence_table(best)])
         said = [f"{arguments.model} was not found in {', '.join(_photo_files(shots))}", *faults]
-        if not faults:
+        if best.reason.startswith("not certain") and arguments.instances is None:
+            said.append("if there are several of it, --instances finds each of them")
+        elif not faults:
             said.append("the picture itself is fit for use: is it this part, this camera, not mirrored, all in view?")
         say("\n".join(said))
-    say_written(arguments.output, arguments.pose_out if location.found else None)

@@ -196,7 +196,7 @@ def _write_overlay(arguments: argparse.Namespace, part: Part, frame: Frame, entr
         if entry["found"]:
             which = "filtered" if arguments.smooth else "pose"
             pose = pose_at(Place(arguments.output, (which,), entry[which]["world_from_part"]))
-            picture = overlaid(arguments, part, picture, photo, pose)
+            picture = overlaid(arguments, part.lines, picture, photo, pose)
         write_picture(path, picture)
 
 

@@ -18,6 +18,7 @@ from cadcam.render.lines.wireframe import LineOptions
 _LINES = LineOptions(margin_px=0.0)
 _STRONG = 240  # cells from which the blur is estimated
 _TELLING, _ENOUGH = 3.0, 12  # blurs that a cell must reach to be evidence of its blur; wide cells that suffice
+_TOUCHING = 1e-3  # radii: what lies this near before a line touches it rather than hiding it
 _FAINT = 0.4  # share of the strongest slope nearby below which a step is no edge
 
 
@@ -64,6 +65,18 @@ class Sight:
     def select(self, which: Mask | Longs | slice) -> Sight:
         """Return the sight with the chosen samples."""
         return Sight(self.photo, self.noise, self.drawn, self.samples.select(which))
+
+    def before(self, part: Part, others: Sequence[Rigid]) -> Sight:
+        """Return the sight without the samples that other instances of the part, world_from_part, hide."""
+        hidden = np.zeros(len(self.samples), bool)
+        for other in others:
+            p = other.inv @ self.drawn @ self.samples.p
+            away = (self.photo.camera_from_world @ other).origin - p
+            reach = np.linalg.norm(away, axis=1)
+            sight = away / reach[:, None]
+            slack = _TOUCHING * part.caster.radius
+            hidden |= part.caster.first_hit(p + slack * sight, sight, reach - slack) >= 0
+        return self.select(~hidden) if hidden.any() else self
 
     def candidates(
         self, q: Array, normal: Array, *, half_length: float, reach: int, most: int = 4, clear: float = 4.0

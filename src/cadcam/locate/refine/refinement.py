@@ -83,11 +83,11 @@ def refine_pose(
         raise BadValue("chosen", chosen, "a whole number of constraints")
     expect_flag(wider, "wider")
 
-    def found_in(photos: Sequence[Photo], times: Sequence[int]) -> Location:
+    def found_in(photos: Sequence[Photo], times: Sequence[int]) -> list[Location]:
         told = evidence if max(times, default=1) == 1 else [one.reduced(times[one.photo]) for one in evidence]
-        return Refinement(part, photos, freedom, told, options, chosen, wider).around(start)[0]
+        return [Refinement(part, photos, freedom, told, options, chosen, wider).around(start)[0]]
 
-    return at_their_sharpness(photos, found_in) if wider else found_in(photos, [1] * len(photos))
+    return (at_their_sharpness(photos, found_in) if wider else found_in(photos, [1] * len(photos)))[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +95,8 @@ class Refinement:
     """The arguments of `refine_pose` except for the start, and the steps by which it reaches an answer.
 
     least: quality that the lines must have once they are pulled onto the photos' steps, approximately that after the
-    fit; else nothing is fitted.
+    fit; else nothing is fitted. others: poses (world_from_part) of other instances of the part, which may hide its
+    lines.
     """
 
     part: Part
@@ -106,6 +107,7 @@ class Refinement:
     chosen: int = 0
     wider: bool = True
     least: float = 0.0
+    others: Sequence[Rigid] = ()
 
     def around(self, start: Rigid) -> tuple[Location, Sequence[Sight]]:
         """Return the answer of `refine_pose`, and the photos with the part's lines drawn near it."""
@@ -325,7 +327,8 @@ class Refinement:
 
     def sights(self, pose: Rigid, before: Sequence[Sight] = ()) -> list[Sight]:
         """Return the lines drawn at a pose; the photos' noise known from `before` is kept."""
-        return drawn(self.part, self.photos, pose, self.options, noise=[s.noise for s in before])
+        seen = drawn(self.part, self.photos, pose, self.options, noise=[s.noise for s in before])
+        return [sight.before(self.part, self.others) for sight in seen]
 
 
 def drawn(

@@ -24,39 +24,40 @@ _LARGE_PX = 300.0  # size of the part in view down to which a photo is reduced; 
 _REACH_PX, _HALF_PX = 9.0, 2.0  # cells in which the blur is estimated, across the lines and along them
 _SEEN = 0.3  # weight of a place on a line that the fit believed
 
-Look = Callable[[Sequence[Photo], Sequence[int]], Location]  # in photos, each reduced so many times
+# What is found in photos, each reduced so many times: the surest first; one that is not found, if nothing is.
+Look = Callable[[Sequence[Photo], Sequence[int]], list[Location]]
 
 
-def in_spite_of_noise(photos: Sequence[Photo], times: Sequence[int], found_in: Look) -> Location:
+def in_spite_of_noise(photos: Sequence[Photo], times: Sequence[int], found_in: Look) -> list[Location]:
     """Return what is found in the photos; if nothing is, and noise hides lines, what is found in smoothed ones.
 
     times: by how many times each of them is reduced.
     """
     first = found_in(photos, times)
-    if first.found:
+    if first[0].found:
         return first
     calm = [photo.calmed() for photo in photos]
     return first if all(photo.calm is None for photo in calm) else _better(first, found_in(calm, times))
 
 
-def at_their_sharpness(photos: Sequence[Photo], found_in: Look) -> Location:
+def at_their_sharpness(photos: Sequence[Photo], found_in: Look) -> list[Location]:
     """Return what is found in spite of noise; if nothing is, and photos are blurred, what is found in reduced ones.
 
     How much they are blurred is asked of the lines that the answer believed. Its pixels are always those of the photos.
     """
     first = in_spite_of_noise(photos, [1] * len(photos), found_in)
-    if first.found:
+    if first[0].found:
         return first
-    times = [_reduction(photo, first, k) for k, photo in enumerate(photos)]
+    times = [_reduction(photo, first[0], k) for k, photo in enumerate(photos)]
     if max(times) == 1:
         return first
     reduced = [photo.reduced(by) for photo, by in zip(photos, times, strict=True)]
     second = in_spite_of_noise(reduced, times, found_in)
-    return _better(first, _in_pixels_of_photos(second, np.array(times)))
+    return _better(first, [_in_pixels_of_photos(one, np.array(times)) for one in second])
 
 
-def _better(first: Location, second: Location) -> Location:
-    return second if second.found or second.quality > first.quality + CLEARLY else first
+def _better(first: list[Location], second: list[Location]) -> list[Location]:
+    return second if second[0].found or second[0].quality > first[0].quality + CLEARLY else first
 
 
 def _reduction(photo: Photo, location: Location, number: int) -> int:

@@ -22,7 +22,6 @@ from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.direction_field import direction_fields
 from cadcam.kinds import expect_numbers
 from cadcam.locate.freedom import FREE, Freedom, aligned
 from cadcam.locate.part import Part
@@ -105,7 +104,7 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
         size = float(np.max(span[1] - span[0]))
         k = max(1, math.ceil(size / _FINE_PX))
         levels = min(1 + max(int(math.log2(size / k / _COARSE_PX)), 0), _LEVELS) if size else _LEVELS
-        fields.append(direction_fields(photo.lines, photo.camera, reduction=k, levels=levels, region=region))
+        fields.append(photo.fields(reduction=k, levels=levels, region=region))
         places.append(pose)
     if not fields:
         raise NothingInView(_outside(aspects, photos[0], start))

@@ -23,7 +23,7 @@ from cadcam.cores import on_cores
 from cadcam.errors import NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.direction_field import DirectionField, direction_fields
+from cadcam.image.direction_field import DirectionField
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.search.approach import Reach, approach
@@ -41,6 +41,7 @@ from cadcam.locate.search.climb import (
     turned,
 )
 from cadcam.locate.search.hypothesis import Hypothesis
+from cadcam.locate.search.quota import ONCE, Quota, places_of
 from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 from cadcam.native.fields import PoseEdges
@@ -52,6 +53,8 @@ _FINELY, _ROUGHLY = (180.0, 0.8), (90.0, 2.0)
 _SMALLEST, _LARGEST = 0.2, 1.2  # size of the part over the photo's shorter side, where no distance is declared
 _SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: ratio of distances, roll in the picture
 _SWEPT = 42  # samples of an aspect that are swept
+_PLACES = 2  # places in the photo that each view keeps of a sweep
+_PLACE = 0.5  # radii: size of a place, where places share what is kept
 _TAKEN = 1000  # hypotheses per distance that climb
 _CLIMBS = (
     Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 250),
@@ -71,28 +74,31 @@ _WIDEST_PX = 1100  # larger photos are reduced first
 _NARROWEST_PX = 12  # fields are at least this large
 
 
-def search(part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE) -> list[Hypothesis]:
+def search(
+    part: Part, photos: Sequence[Photo], views: ViewRange = WHOLE_SPHERE, *, quota: Quota = ONCE
+) -> list[Hypothesis]:
     """Return poses (world_from_part) that the photos may show, from anywhere within `views`, best first.
 
     Accurate to about a pixel of the photo, for `refine_pose` to take up. score: log-likelihood ratio, in nats, of the
     part there and a little displaced, from the fine and the rough judgement together. Of the equivalent poses of a
-    symmetric part only one is returned. The part's aspects are computed on first use, which takes some seconds once.
+    symmetric part only one is returned. quota: how many are kept; `MANY` for a part that may be there several times.
+    The part's aspects are computed on first use, which takes some seconds once.
     """
     scales = _Scales(part.aspects, photos)
     looks = _rotations(part, views)
     rows = [
-        _promising(scales, eye, distance, looks)
+        _promising(scales, eye, distance, looks, quota)
         for eye, photo in enumerate(photos)
         for distance in _distances(part.aspects, photo.camera, views)
     ]
     eye = photos[0].camera_from_world.origin
     found = _of_one_side(part, eye, np.concatenate([np.zeros((0, 12)), *rows]))
-    starts = _to_approach(scales, found)
+    starts = _to_approach(scales, found, quota)
     around = _approached(part, photos, scales, rigids_of(found[starts]))
     found = _of_one_side(part, eye, np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12))
     around = [replace(h, world_from_part=T) for h, T in zip(around, rigids_of(found), strict=True)]
     finely, roughly = (_peaks(scales, found, *way) for way in (_FINELY, _ROUGHLY))
-    return _ranked(part.aspects, around, found, finely + roughly)
+    return _ranked(part.aspects, around, found, finely + roughly, quota.of(_RETURNED))
 
 
 def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
@@ -110,12 +116,12 @@ def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
     return np.concatenate([(R @ turn).reshape(-1, 9), (R @ shift[..., None])[..., 0] + t], axis=1)
 
 
-def _to_approach(scales: _Scales, found: Array) -> list[int]:
+def _to_approach(scales: _Scales, found: Array, quota: Quota) -> list[int]:
     """Return which of poses (N, 12) are approached: the best of all, and the best by rough judgement."""
     aspects = scales.aspects
     finely, roughly = (_peaks(scales, found, *way) for way in (_FINELY, _ROUGHLY))
     best = zip((finely + roughly, roughly), _APPROACHED, strict=True)
-    every = [k for score, most in best for k in distinct(aspects, found, score, most, within=_NEIGHBOURS)]
+    every = [k for score, most in best for k in distinct(aspects, found, score, quota.of(most), within=_NEIGHBOURS)]
     first = distinct(aspects, found[every], -np.arange(len(every), dtype=np.float64), len(every), within=_NEIGHBOURS)
     return [every[k] for k in first]
 
@@ -129,12 +135,12 @@ def unmade(part: Part, cameras: Sequence[Camera], views: ViewRange = WHOLE_SPHER
     return [key for step in steps for key in ((number, step) for number in numbers) if key not in aspects.made]
 
 
-def _ranked(aspects: Aspects, found: list[Hypothesis], poses: Array, score: Array) -> list[Hypothesis]:
+def _ranked(aspects: Aspects, found: list[Hypothesis], poses: Array, score: Array, most: int) -> list[Hypothesis]:
     """Return each pose once, most evidence first; of poses close to each other the one that fits the fine field best.
 
     Evidence is bounded per edge, so it distinguishes places but not poses that are some pixels apart.
     """
-    leaders = distinct(aspects, poses, score, _RETURNED, within=_NEIGHBOURS)
+    leaders = distinct(aspects, poses, score, most, within=_NEIGHBOURS)
     fit = np.array([h.score for h in found])
     best = [members[np.argmax(fit[members])] for members in (near(aspects, poses, k, _NEIGHBOURS) for k in leaders)]
     return [replace(found[k], score=float(score[j])) for k, j in zip(best, leaders, strict=True)]
@@ -177,7 +183,7 @@ class _Scales:
 
         Poses behind all cameras, and displaced ones that no camera sees, are returned unchanged.
         """
-        middle = self._middles(poses)
+        middle = self.middles(poses)
         depth = np.stack([(T @ middle)[:, 2] for T in self.places])
         eye = np.argmax(np.where(depth > 0, self.sizes(poses), 0.0), axis=0)
         out = [poses.copy() for _ in _ASIDE[::every]]
@@ -193,18 +199,18 @@ class _Scales:
 
     def sizes(self, poses: Array) -> Array:
         """Return the size (photos, N) px of the part in each photo at poses (N, 12)."""
-        middle = self._middles(poses)
+        middle = self.middles(poses)
         away = [np.linalg.norm(middle - T.origin, axis=1) for T in self.places]
         return np.stack([_size(self.aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
 
-    def _middles(self, poses: Array) -> Array:
+    def middles(self, poses: Array) -> Array:
         """Return the part's centre (N, 3) at poses (N, 12)."""
         return np.asarray(poses[:, :9].reshape(-1, 3, 3) @ self.aspects.centre + poses[:, 9:])
 
 
 def _fields(photo: Photo) -> list[DirectionField]:
     k = max(1, math.ceil(max(photo.camera.size) / _WIDEST_PX))
-    every = [f for b, n in _BASES for f in direction_fields(photo.lines, photo.camera, reduction=b * k, levels=n)]
+    every = [f for b, n in _BASES for f in photo.fields(reduction=b * k, levels=n)]
     return sorted((f for f in every if min(f.camera.size) >= _NARROWEST_PX), key=lambda f: f.reduction)
 
 
@@ -224,23 +230,39 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
     return [near * (far / near) ** ((k + 0.5) / n) for k in range(n)]
 
 
-def _promising(scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array]) -> Array:
+def _promising(scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array], quota: Quota) -> Array:
     """Return the poses (N, 12) of a sweep over one photo at one distance that survive on finer fields."""
     aspects = scales.aspects
     chosen = scales.chosen(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
-    poses = _swept(aspects, scales.swept(eye, chosen[0]), scales.places[eye], distance, looks)
+    poses = _swept(aspects, scales.swept(eye, chosen[0]), scales.places[eye], distance, looks, quota)
     for climb in _CLIMBS:
         stage = scales.alike(eye, chosen[min(climb.level, len(chosen) - 1)], poses)
         poses, score = climbed(aspects, stage, poses, np.eye(6), climb)
         moved = scales.beside(poses, _EVERY)
         beside = climbed(aspects, stage, np.concatenate(moved), np.eye(6), _BESIDE)[1]
         score = score - beside.reshape(len(moved), len(poses)).max(axis=0)
-        poses = poses[distinct(aspects, poses, score, climb.kept)]
+        poses = poses[_kept(scales, eye, poses, score, climb.kept, quota)]
     return poses
 
 
+def _kept(scales: _Scales, eye: int, poses: Array, score: Array, usual: int, quota: Quota) -> Longs:
+    """Return which of poses (N, 12) at one distance of a photo are kept, where usually so many are."""
+    aspects = scales.aspects
+    if not quota.shared:
+        return np.array(distinct(aspects, poses, score, quota.of(usual)), np.int64)
+    every = np.array(distinct(aspects, poses, score, len(poses)), np.int64)
+    middle = scales.places[eye] @ scales.middles(poses[every])
+    place = places_of(middle, _PLACE * aspects.radius / float(np.median(middle[:, 2])))
+    return every[quota.best(score[every], place, usual)]
+
+
 def _swept(
-    aspects: Aspects, field: DirectionField, camera_from_world: Rigid, distance: float, looks: tuple[Longs, Array]
+    aspects: Aspects,
+    field: DirectionField,
+    camera_from_world: Rigid,
+    distance: float,
+    looks: tuple[Longs, Array],
+    quota: Quota,
 ) -> Array:
     """Return the best poses (N, 12) at one distance, each where it fits one photo best."""
     numbers, R = looks
@@ -248,11 +270,13 @@ def _swept(
     world = composed(camera_from_world.inv, seen)
     edges = _edges(aspects, FieldLevel((field,), (camera_from_world,)), numbers, distance)
     some = [slice(k, k + 2048) for k in range(0, len(world), 2048)]
-    done = on_cores(lambda s: edges.part(s).sweep(0, world[s], keep=2, apart=2), some)
+    done = on_cores(lambda s: edges.part(s).sweep(0, world[s], keep=quota.of(_PLACES), apart=2), some)
     shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
-    best = np.argsort(-score.ravel(), kind="stable")[:_TAKEN]
-    to = shift.reshape(-1, 2)[best] - field.camera.principal_point
-    moved = turned(aspects, field.camera, seen[best // 2], to)
+    every = shift.reshape(-1, 2)
+    place = (every // (_PLACE * _SWEPT_PX / 2)).astype(np.int64) @ np.array([1, 1 << 20])
+    best = quota.best(score.ravel(), place, _TAKEN)
+    to = every[best] - field.camera.principal_point
+    moved = turned(aspects, field.camera, seen[best // quota.of(_PLACES)], to)
     return composed(camera_from_world.inv, moved)
 
 
