@@ -196,10 +196,10 @@ def test_a_real_cube_is_found_from_nothing(shared: Callable[[str], Path]) -> Non
     part = Part.of(read_model(folder / "cube.obj", unit="m"))
     reference = np.loadtxt(folder / "poses_refined.csv", delimiter=",", skiprows=1)
     v = part.scene.mesh.vertices
-    for frame in (0, 72, 144, 216):
+    for frame in (0, 72, 144, 210):
         M = reference[frame, 1:13].reshape(3, 4)
         true = camera.project(v @ so3.nearest(M[:, :3]).T + 1000 * M[:, 3])
         shown = Photo.of(read_picture(folder / "cube" / f"image{frame:04d}.png"), camera)
         found = search(part, [shown])
-        errors = [np.linalg.norm(camera.project(h.world_from_part @ v) - true, axis=1).max() for h in found[:24]]
-        assert min(errors) < 5.0
+        alike = [h.world_from_part @ S for h in found[:10] for S in part.symmetries]  # of each 24, one is returned
+        assert min(np.linalg.norm(camera.project(T @ v) - true, axis=1).max() for T in alike) < 5.0

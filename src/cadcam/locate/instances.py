@@ -111,9 +111,7 @@ class _Instances:
     def refined(self, hypotheses: Sequence[Hypothesis]) -> list[Trial]:
         """Return the best hypotheses refined and checked against the part's look-alikes, best quality first."""
         poses = [one.pose.world_from_part for one in self.found]
-        # What a search meets by trying many poses is what it takes to know that the part is there at all.
-        chosen = 0 if self.found else SEARCHED
-        rivals = Rivals(self.part, self.photos, FREE, self.options, chosen)
+        rivals = Rivals(self.part, self.photos, FREE, self.options, SEARCHED)
         basins = Basins(FREE)
         trials: list[Trial] = []
         for h in hypotheses[:_TRIED]:
@@ -121,7 +119,7 @@ class _Instances:
             if any(not self.apart(h, trial) for trial in sure) or basins.hold(h.world_from_part, h.within_px):
                 continue
             near = replace(self.options, search_px=h.within_px)
-            refinement = Refinement(self.part, self.photos, options=near, chosen=chosen, others=poses)
+            refinement = Refinement(self.part, self.photos, options=near, chosen=SEARCHED, others=poses)
             location, sights = refinement.around(h.world_from_part)
             basins.add(location, sights)
             trials.append(Trial(h.score, rivals.checked(location, sights) if location.found else location))
