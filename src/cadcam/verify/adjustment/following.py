@@ -31,7 +31,10 @@ from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, Fit
 _ALIKE = 10.0  # quantisation of unit normals within which grounds are one, steps per unit
 _DIRECTIONS = 200  # of displacements that are sampled to find the possible sides
 _NEGLIGIBLE = 1e-3  # weight below which a side is ignored
-_SINKS_AND_TURNS = 0.01  # odds, before the measurement, that a body whose turn is judged sinks into its ground as well
+# Odds, before the measurement, that a body whose turn is judged sinks into its ground as well. Of 72 bodies that turned
+# and sank by 0.05 to 0.6 mm 28 % were off by over 2 sigma so, 12 % by even odds; but of displaced bodies that did not
+# turn, of which none was, these make sigma larger by 44 % in the mean.
+_SINKS_AND_TURNS = 0.01
 
 _Weighed: TypeAlias = tuple[float, Estimate]  # with the logarithm of its weight
 
