@@ -207,7 +207,7 @@ def test_edges_that_are_off_by_no_displacement_of_all_of_it_displace_nothing(rng
         for misfit in (alike, apart):
             state = State.UNCLEAR if chance > rare and misfit == apart else State.DISPLACED
             told = replace(moved.displacement, value=share * value, misfit=misfit)
-            found = Displacement(moved.seen, told, 1e-12, edges=4)
+            found = Displacement(moved.seen, told, 1e-12, edges=4, misfit=misfit)
             assert state_of(moved.presence, found, True, 6.5, near=True, rare=rare)[0] is state
 
 

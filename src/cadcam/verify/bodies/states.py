@@ -115,7 +115,7 @@ def state_of(
         return State.UNCLEAR, Unclear.ALONE  # others ought to be seen, or the body is far off
     if not alarm and believed(moved) is None:
         return State.UNCLEAR, None  # what cannot be measured is not known to be in place either
-    if alarm and moved.estimate.misfit > DISAGREE and _if_none(moved) > rare:
+    if alarm and moved.misfit > DISAGREE and _if_none(moved) > rare:
         return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no common displacement
     return (State.DISPLACED if alarm else State.IN_PLACE), None
 
@@ -128,9 +128,10 @@ def displaced_px(survey: Survey, number: int, moved: Displacement | None) -> flo
 def believed(moved: Displacement | None) -> Displacement | None:
     """Return a displacement if its size is known and it does not contradict edges that agree with the body's place.
 
-    It may do so where feet are no evidence of a body that sinks, and a bend of its one other edge suggests how far.
+    It may do so where feet are no evidence of a body that sinks, and a bend of its one other edge suggests how far. One
+    that turns is displaced although a shift alone of its edges does not show.
     """
-    if of_known_size(moved) is None or moved is None or moved.p_value <= AS_IN_PLACE:
+    if of_known_size(moved) is None or moved is None or moved.p_value <= AS_IN_PLACE or moved.misfit > DISAGREE:
         return of_known_size(moved)
     return None if _if_none(moved) < _CONTRADICTS else moved
 

@@ -85,7 +85,8 @@ class EdgeDeviation(Brief):
 class FeatureDeviation:
     """A feature as a rigid body: whether it is there, and its displacement relative to the datum.
 
-    displacement: mm in the directions `seen` (3, m), orthonormal in the part frame; in others it is unknown. size: its
+    displacement: mm in the directions `seen` (3, m), orthonormal in the part frame; in others it is unknown. It is that
+    of `p` (3,) mm, the middle of the places where the feature's edges are measured, should it turn as well. size: its
     length in mm, sigma: the standard deviation in the worst of the seen directions. turn, turn_sigma: rad about the
     line of sight `axis` (3,); nan where the edges do not determine it. p_value: probability of such a displacement for
     a feature in place. datum: whether the pose is fitted to it as well (but not for this result, which leaves its own

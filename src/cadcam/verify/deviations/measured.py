@@ -18,6 +18,9 @@ from cadcam.verify.edges.survey import Survey
 
 SEEN_PX = 0.5  # largest sd, in px, of a direction of displacement that counts as seen
 UNSEEN_PX = 4.0  # prior sd, in px, of a displacement in directions not seen, and of turns that are not judged
+# The same by which a displaced body's turn moves its rim. It is as large as those that matter: if larger turns are
+# expected, one that is seen but small looks less probable than a shift with edges that err.
+_TURNED_PX = 1.0
 _OPEN_PX = 1e3  # the same of what is wholly unknown
 _USUAL_PX = 0.01  # common error of an edge in most photos
 DISAGREE = 9.0  # misfit from which edges contradict a common displacement
@@ -29,14 +32,16 @@ STATION_PX = 24.0  # length of the pieces of an edge that are evaluated separate
 class Displacement:
     """A displacement in the seen directions `basis` (3, m): estimate, probability for a body in place, number of edges.
 
-    known: whether its size is; if not, the photos may still show that there is one, and the basis is the direction that
-    they measure best.
+    It is that of the middle of the places, should the body turn. misfit: of the edges with a body that does not. known:
+    whether its size is; if not, the photos may still show that there is one, and the basis is the direction that they
+    measure best.
     """
 
     basis: Array
     estimate: Estimate
     p_value: float
     edges: int
+    misfit: float = 1.0
     known: bool = True
 
     @property
@@ -151,17 +156,17 @@ class MeasuredEdges:
         basis, pose = told
         p_value = self._p_value(rows, basis, pose)
         if along is not None:
-            return Displacement(basis, self._followed(rows, basis, pose), p_value, self._edge_count(rows))
+            estimate, misfit = self._followed(rows, basis, pose)
+            return Displacement(basis, estimate, p_value, self._edge_count(rows), misfit)
         if not basis.shape[1]:
             return None
         every = np.column_stack([basis, _perpendicular(basis)])
-        estimate = self._followed(rows, every, pose)
+        estimate, misfit = self._followed(rows, every, pose)
         p_value = either(p_value, tail_probability(estimate.value, estimate.covariance, self.dof))
         plane = self._leaning(rows, basis, every @ estimate.covariance @ every.T)
         best, known = self._best_told(rows, estimate.along(plane.T @ every))
-        return Displacement(
-            plane @ best, estimate.along(best.T @ plane.T @ every), p_value, self._edge_count(rows), known
-        )
+        told_there = estimate.along(best.T @ plane.T @ every)
+        return Displacement(plane @ best, told_there, p_value, self._edge_count(rows), misfit, known)
 
     def p_value(self, rows: Mask) -> float:
         """Return the probability of offsets like those of these places if they are in place; nan: undetermined."""
@@ -183,9 +188,15 @@ class MeasuredEdges:
         in_place = self.adjustment.estimate(rows, self.lines.by_point[rows] @ basis, pose)
         return tail_probability(in_place.value, in_place.covariance, self.dof)
 
-    def _followed(self, rows: Mask, basis: Array, pose: FittedPose) -> Estimate:
-        """Return the displacement along a basis (3, m), allowing for feet that need not follow."""
-        return following(self.adjustment, rows, self._body(rows), pose, basis=basis, prior_mm=self._unseen_mm(rows))
+    def _followed(self, rows: Mask, basis: Array, pose: FittedPose) -> tuple[Estimate, float]:
+        """Return the displacement along a basis (3, m), and the misfit of a body that does not turn.
+
+        It allows for feet that need not follow, and for a turn.
+        """
+        body, mm = self._body(rows), self._unseen_mm(rows)
+        rim = float(np.linalg.norm(body.arms, axis=1).max())
+        turns = _TURNED_PX / UNSEEN_PX * mm / rim * np.eye(3) if rim > 0 else np.zeros((3, 0))
+        return following(self.adjustment, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
 
     def _body(self, rows: Mask) -> BodyLines:
         return BodyLines(self.lines.by_point[rows], self.lever[rows], self.ground[rows], self.lines.p[rows])
