@@ -34,8 +34,7 @@ _NEGLIGIBLE = 1e-3  # weight below which a side is ignored
 # and sank by 0.05 to 0.6 mm 28 % were off by over 2 sigma so, 12 % by even odds; but of displaced bodies that did not
 # turn, of which none was, these make sigma larger by 44 % in the mean.
 _SINKS_AND_TURNS = 0.01
-
-# Misfit of a shift alone, in variances of what edges do, from which the body may have turned: less does not show a turn.
+# Misfit of a shift alone, in variances of what edges do, from which the body may have turned: less shows no turn.
 # If one is weighed always, U of bodies in place is a fifth larger.
 _TURNS = 4.0
 
