@@ -11,7 +11,7 @@ from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.errors import NothingInView
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.in_photos import _ranked, _Trial, locate_part
+from cadcam.locate.in_photos import Trial, _ranked, locate_part
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -124,9 +124,9 @@ def test_a_pose_that_is_hardly_found_is_held_against_the_start(
 def test_of_answers_that_are_as_good_one_without_doubt_is_first() -> None:
     """A pose that needs a body of the part to be absent, half a lattice off, had 0.5619 and the right one 0.5612."""
     doubted, right = replace(location(Rigid(), 0.5619), doubted=True), location(Rigid(), 0.5612)
-    assert _ranked([_Trial(1.0, doubted), _Trial(0.9, right)])[0].location is right
+    assert _ranked([Trial(1.0, doubted), Trial(0.9, right)])[0].location is right
     for worse in (location(Rigid(), 0.3), location(Rigid(), 0.0)):
-        ranked = _ranked([_Trial(0.9, worse), _Trial(1.0, doubted)])
+        ranked = _ranked([Trial(0.9, worse), Trial(1.0, doubted)])
         assert ranked[0].location is doubted, "doubted, but the only one that holds"
 
 

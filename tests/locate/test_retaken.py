@@ -50,10 +50,10 @@ def test_a_sharp_photo_is_not_reduced(rng: np.random.Generator) -> None:
     photo = photo_of(pose, rng)
     asked: list[tuple[int, int]] = []
 
-    def refused(photos: Sequence[Photo], times: Sequence[int]) -> Location:
+    def refused(photos: Sequence[Photo], times: Sequence[int]) -> list[Location]:
         asked.extend(one.camera.size for one in photos)
         location = locate_part(block(), photos, pose)
-        return location.uncertain("for this test")
+        return [location.uncertain("for this test")]
 
     at_their_sharpness([photo], refused)
     assert set(asked) == {CAMERA.size}

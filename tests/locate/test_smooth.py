@@ -9,7 +9,7 @@ from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shape import circle, prism
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
-from cadcam.locate.in_photos import _distinct, locate_part
+from cadcam.locate.in_photos import distinct_poses, locate_part
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -82,5 +82,5 @@ def test_of_a_turned_part_only_what_a_photo_tells_apart_is_another_pose() -> Non
     at, slid = Rigid(), away @ Rigid(translation=np.array([0, 0, 2.0])) @ away.inv
     assert len(part.spins.T) == 1
     here, *others = (Location.nowhere(pose, "") for pose in (at, spun, over, over @ spun, slid))
-    assert _distinct(part, here, others) == [others[1], others[3]]
-    assert _distinct(part, here, others[2:], others[:2]) == [*others[:2], others[3]]
+    assert distinct_poses(part, here, others) == [others[1], others[3]]
+    assert distinct_poses(part, here, others[2:], others[:2]) == [*others[:2], others[3]]
