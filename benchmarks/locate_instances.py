@@ -29,7 +29,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.views.view_range import ViewRange
 from cadcam.render import open_renderer
-from cadcam.render.view import Channel
+from cadcam.render.view import Channel, Scene
 from locate_no_start import RIGHT_PX, Body, bodies, picture
 
 CAMERA = Camera.from_focal((1280, 960), 1800.0)
@@ -88,14 +88,14 @@ def pictured(body: Body, n: int, noise: float, rng: np.random.Generator, *, heap
     around, tilt = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(15, 40))
     eye = distance * np.array([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)])
     camera_from_world = Rigid.look_at(eye, np.zeros(3))
-    scene = Part.of(body.mesh).scene.repeated(poses)
+    scene = Scene.of(body.mesh).repeated(poses)
     gray = picture(open_renderer(scene), camera_from_world, noise, rng, camera=CAMERA)
     return Pictured(gray, [camera_from_world @ pose for pose in poses], distance)
 
 
 def shown(body: Body, poses: list[Rigid]) -> list[float]:
     """Return the share of each instance's silhouette that the picture shows."""
-    scene = Part.of(body.mesh).scene
+    scene = Scene.of(body.mesh)
     view = open_renderer(scene.repeated(poses)).render(CAMERA, Rigid(), channels=Channel.PART)
     alone = open_renderer(scene)
     wide = CAMERA.crop(-CAMERA.width, -CAMERA.height, (3 * CAMERA.width, 3 * CAMERA.height))

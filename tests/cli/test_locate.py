@@ -17,6 +17,7 @@ from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.error_source import distinct_sources
 from cadcam.camera.observations import Observations
 from cadcam.cli.photos import file_of, viewpoints_of
+from cadcam.cli.verbs.locate import MOST_INSTANCES
 from cadcam.files.camera import write_camera
 from cadcam.files.jsontext import parsed
 from cadcam.files.points import write_points
@@ -24,6 +25,7 @@ from cadcam.files.pose_estimate import pose_estimate_at, read_part_pose
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
+from cadcam.locate.instances import MOST
 from cadcam.locate.views.drawing import Drawer
 
 from ..cad.solids import prism
@@ -386,3 +388,11 @@ def test_instances_are_not_looked_for_from_a_start(cadcam: Cadcam, here: Path, o
     ran = cadcam(*LOCATE, "--instances", *option)
     assert ran.code == 2
     assert f"{option[0]} is given beside --instances" in ran.err
+
+
+@pytest.mark.parametrize("count", ["0", "-3"])
+def test_no_fewer_than_one_instance_is_looked_for(cadcam: Cadcam, here: Path, count: str) -> None:
+    ran = cadcam(*LOCATE, "--instances", count)
+    assert ran.code == 2
+    assert f"--instances is {count}; expected a whole number of at least 1" in ran.err
+    assert MOST_INSTANCES == MOST  # which --help tells without loading what searches need

@@ -132,15 +132,17 @@ def test_lines_behind_another_instance_are_left_out_and_no_others() -> None:
     photo = Photo.of(gray, Camera.from_focal((640, 480), 900.0), eye)
     here, before = Rigid(), Rigid(translation=[110.0, -20.0, 100.0])
     (sight,) = drawn(plate, [photo], here, EDGES)
-    kept = sight.before(plate, [before])
+    kept = sight.unoccluded(plate, [before])
     q = photo.camera.project(eye @ sight.samples.p)
     corners = photo.camera.project(eye @ before @ plate.scene.mesh.vertices)
     low, high = corners.min(axis=0), corners.max(axis=0)  # the camera looks straight down: a rectangle
     inside = ((q > low) & (q < high)).all(axis=1)
     assert 20 < inside.sum() < len(q) - 20
     assert np.array_equal(kept.samples.p, sight.samples.p[~inside])
-    assert len(sight.before(plate, [here]).samples) == len(sight.samples)  # itself hides nothing
-    assert len(sight.before(plate, [Rigid(translation=[0.0, 0, -100.0])]).samples) == len(sight.samples)  # behind it
+    assert len(sight.unoccluded(plate, [here]).samples) == len(sight.samples)  # itself hides nothing
+    assert len(sight.unoccluded(plate, [Rigid(translation=[0.0, 0, -100.0])]).samples) == len(
+        sight.samples
+    )  # behind it
 
 
 @pytest.mark.parametrize("lens", [None, BrownConrady(k1=-0.2)])
@@ -164,6 +166,8 @@ def test_searches_see_no_lines_in_what_is_explained(
     assert deep.sum() > 1000 / reduction**2
     assert not masked.planes.values[:, deep].any()
     assert np.array_equal(masked.planes.values[:, away], plain.planes.values[:, away])
+    photo = replace(Photo.of(gray, camera), explained=known)
+    assert np.array_equal(photo.fields(reduction=reduction, levels=1)[0].planes.values, masked.planes.values)
 
 
 def test_a_scene_repeated_is_the_scene_of_all_instances() -> None:

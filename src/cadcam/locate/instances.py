@@ -135,7 +135,8 @@ class _Instances:
         shown = np.isfinite(m.offset) & (m.weight > _BELIEVED)
         seen = m.q[shown] + m.offset[shown, None] * m.normal[shown]
         each = [mask[self.pixels(k, seen[m.photo[shown] == k])] for k, mask in enumerate(self.explained)]
-        return float(np.mean(np.concatenate(each))) if shown.any() else 1.0
+        every = np.concatenate(each)
+        return float(every.mean()) if len(every) else 1.0
 
     def add(self, location: Location) -> None:
         """Add an instance, and what its lines explain."""
@@ -148,7 +149,6 @@ class _Instances:
         self.found.append(replace(location, alternatives=tuple(alike)))
 
     def pixels(self, photo: int, q: Array) -> tuple[Longs, Longs]:
-        """Return the rows and columns of the pixels of a photo nearest to places q (N, 2) px."""
-        high = np.array(self.photos[photo].camera.size) - 1
-        x, y = np.clip(np.rint(q), 0, high).astype(np.int64).T
+        """Return the rows and columns of the pixels of a photo at places q (N, 2) px, of those that it shows."""
+        x, y = np.rint(q[self.photos[photo].camera.sees(q)]).astype(np.int64).T
         return y, x

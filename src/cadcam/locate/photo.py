@@ -104,8 +104,9 @@ class Photo(Locked):
         self, *, reduction: int, levels: int, region: tuple[int, int, int, int] | None = None
     ) -> tuple[DirectionField, ...]:
         """Return the direction fields in which the part is searched for (`image.direction_field`), finest first."""
-        ways = {"reduction": reduction, "levels": levels}
-        return direction_fields(self.lines, self.camera, **ways, region=region, explained=self.explained)
+        return direction_fields(
+            self.lines, self.camera, reduction=reduction, levels=levels, region=region, explained=self.explained
+        )
 
     @property
     def lines(self) -> Picture:

@@ -41,7 +41,7 @@ def instances_table(instances: Sequence[Location], photo: Photo, *, radius_mm: f
     columns = ("", "origin in the camera, mm", "rotation vector, deg", "weakest, sigma", "quality")
     notes = [f"{k}: {one.covered}" for k, one in enumerate(instances, 1) if one.covered]
     alike = max((len(one.alternatives) for one in instances), default=0)
-    notes += [f"each of them could be turned to {alike} other poses: the part looks the same"] if alike else []
+    notes += [f"each may be in up to {alike} other poses, in which the part looks the same"] if alike else []
     return Table("Instances", columns, tuple(rows), columns[1:4], tuple(notes))
 
 

@@ -24,6 +24,7 @@ from cadcam.cli.models import add_model_options, check_order, load_as_asked, mod
 from cadcam.cli.output import check_target, print_json, print_tables, say, say_written
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
 from cadcam.cli.wires import LINE, LOOKS, add_line_options
+from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
@@ -100,6 +101,8 @@ def run(arguments: argparse.Namespace) -> int:
     check_order(arguments.photos, arguments.model)
     shots = read_shots(arguments.photos, arguments)
     if arguments.instances is not None:
+        if arguments.instances < 1:
+            raise BadValue("--instances", arguments.instances, "a whole number of at least 1")
         searched = "no start: instances are searched for"
         refuse(arguments, "--start", "--points", "--freedom", why="beside --instances", expected=searched)
     start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)

@@ -66,8 +66,8 @@ class Sight:
         """Return the sight with the chosen samples."""
         return Sight(self.photo, self.noise, self.drawn, self.samples.select(which))
 
-    def before(self, part: Part, others: Sequence[Rigid]) -> Sight:
-        """Return the sight without the samples that other instances of the part, world_from_part, hide."""
+    def unoccluded(self, part: Part, others: Sequence[Rigid]) -> Sight:
+        """Return the sight without the samples that other instances of the part, at these world_from_part, hide."""
         hidden = np.zeros(len(self.samples), bool)
         for other in others:
             p = other.inv @ self.drawn @ self.samples.p

@@ -328,7 +328,7 @@ class Refinement:
     def sights(self, pose: Rigid, before: Sequence[Sight] = ()) -> list[Sight]:
         """Return the lines drawn at a pose; the photos' noise known from `before` is kept."""
         seen = drawn(self.part, self.photos, pose, self.options, noise=[s.noise for s in before])
-        return [sight.before(self.part, self.others) for sight in seen]
+        return [sight.unoccluded(self.part, self.others) for sight in seen]
 
 
 def drawn(

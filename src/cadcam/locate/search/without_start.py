@@ -273,7 +273,7 @@ def _swept(
     done = on_cores(lambda s: edges.part(s).sweep(0, world[s], keep=quota.of(_PLACES), apart=2), some)
     shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
     every = shift.reshape(-1, 2)
-    place = (every // (_PLACE * _SWEPT_PX / 2)).astype(np.int64) @ np.array([1, 1 << 20])
+    place = (every // (_PLACE * _SWEPT_PX / 2)).astype(np.int64) @ np.array([1, 1 << 20])  # one number for each cell
     best = quota.best(score.ravel(), place, _TAKEN)
     to = every[best] - field.camera.principal_point
     moved = turned(aspects, field.camera, seen[best // quota.of(_PLACES)], to)
