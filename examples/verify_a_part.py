@@ -47,7 +47,7 @@ def main(folder: Path, samples: int) -> None:
 
     show(verification_tables(found), sys.stdout)
     origin = cadcam.VerificationOrigin("ship block", serial="example")
-    cadcam.write_verification_page(folder / "report.html", found, [photo], origin)
+    cadcam.write_verification_page(folder / "report.html", found, [photo], origin, scene=part.scene)
     if found.inspection is not None:
         write_overlay_svg(folder / "verify.svg", photo, 0, found.inspection, quality=75)
 

@@ -2,11 +2,8 @@
 
 from __future__ import annotations
 
-import html
 import json
 import re
-import shutil
-import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -24,6 +21,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.render import open_renderer
 from cadcam.render.view import Scene
 from cadcam.report.pick.page import write_pick_page
+
+from .browser import driven
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 CAMERA = Camera.from_focal((640, 480), 700.0, fy=720.0, cx=310.0, cy=250.0)
@@ -137,33 +136,11 @@ f.onload = picked;
 
 
 def test_clicks_become_points_that_calibrate_the_camera(tmp_path: Path) -> None:
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("no Chromium here")
     scene = stairs()
     write_pick_page(tmp_path / "pick.html", photo(), scene, names=("photo.png", "stairs.stl"))
     corners = np.array(told(tmp_path / "pick.html")["corners"])
     truth = CAMERA.project(POSE @ corners)
-    frame = '<iframe id="f" src="pick.html" width="1200" height="1000"></iframe>'
-    script = f"const truth = {json.dumps(truth.tolist())};{DRIVER}"
-    (tmp_path / "drive.html").write_text(f"<body>{frame}<script>{script}</script>")
-    flags = [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--allow-file-access-from-files",
-        "--virtual-time-budget=9000",
-    ]
-    done = subprocess.run(
-        [chromium, *flags, f"--user-data-dir={tmp_path / 'p'}", "--dump-dom", (tmp_path / "drive.html").as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    if "<body" not in done.stdout:
-        pytest.skip(f"Chromium does not run here: {done.stderr[-200:]}")
-    said = {key: html.unescape(value) for key, value in re.findall(r'data-(\w+)="([^"]*)"', done.stdout)}
+    said = driven(tmp_path / "pick.html", f"const truth = {json.dumps(truth.tolist())};{DRIVER}")
     (tmp_path / "points.csv").write_text(said["csv"])
     points = read_points(tmp_path / "points.csv")
     which = [int(np.argmin(np.linalg.norm(corners - p, axis=1))) for p in points.p_world]

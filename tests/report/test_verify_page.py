@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
-import subprocess
 from dataclasses import replace
 from html import escape
 from pathlib import Path
@@ -35,6 +33,7 @@ from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selecti
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
 from ..verify.scene import CAMERA, POSE, displaced, part, photo, plate
+from .browser import driven
 
 ORIGIN = VerificationOrigin("plate", (Source("photo", "photo.png", "0" * 64), Source("cad", "plate.step", "a" * 64)))
 ASKED = Tolerances(
@@ -319,7 +318,9 @@ def test_a_browser_shows_it_without_sideways_scrolling(
 ) -> None:
     """Headless Chromium, no network: it renders the page, and its own layout says that nothing is wider than it."""
     page = tmp_path / "report.html"
-    write_verification_page(page, called(name, found[0]), [found[1]], replace(ORIGIN, part=2 * LONG))
+    write_verification_page(
+        page, called(name, found[0]), [found[1]], replace(ORIGIN, part=2 * LONG), scene=part().scene
+    )
     assert beyond(page, width) == [0]
 
 
@@ -329,7 +330,7 @@ def test_on_paper_no_table_is_wider_than_its_section_and_no_row_is_split(
 ) -> None:
     """A4 with Chromium's margins of 0.4 inch is 717 px wide; US letter is wider. What is wider than that is cut off."""
     page = tmp_path / "report.html"
-    write_verification_page(page, called(name, found[0]), [found[1]], ORIGIN)
+    write_verification_page(page, called(name, found[0]), [found[1]], ORIGIN, scene=part().scene)
     text = page.read_text()
     assert re.search(r"@media print\{[^@]*\btr\b[^{]*\{break-inside:avoid\}[^@]*</style>", text), (
         "after all other rules"
@@ -341,31 +342,8 @@ def test_on_paper_no_table_is_wider_than_its_section_and_no_row_is_split(
 
 def beyond(page: Path, width: int, what: str = "html") -> list[int]:
     """Return by how many px the content of each such element is wider than it, by headless Chromium without network."""
-    chromium = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
-    if chromium is None:
-        pytest.skip("no Chromium here")
-    probe = page.parent / "probe.html"  # the layout's own figures, at the width of an inner frame
     script = (
         f"f.onload=()=>{{const all=[...f.contentDocument.querySelectorAll('{what}')];"
         "document.body.dataset.w=all.map(e=>e.scrollWidth-e.clientWidth).join(' ')}"
     )
-    frame = f'<iframe id="f" src="{page.name}" width="{width}" height="900" style="border:0"></iframe>'
-    probe.write_text(f"<body>{frame}<script>{script}</script>")
-    flags = [
-        "--headless",
-        "--no-sandbox",
-        "--disable-gpu",
-        "--allow-file-access-from-files",
-        "--virtual-time-budget=4000",
-    ]
-    done = subprocess.run(
-        [chromium, *flags, f"--user-data-dir={page.parent / 'profile'}", "--dump-dom", probe.as_uri()],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    sizes = re.search(r'data-w="([-\d ]+)"', done.stdout)
-    if sizes is None:
-        pytest.skip(f"Chromium does not run here: {done.stderr[-200:]}")
-    return [int(w) for w in sizes[1].split()]
+    return [int(w) for w in driven(page, script, width=width, height=900, ms=4000)["w"].split()]

@@ -6,10 +6,11 @@ rules, so that the picture shows for the whole surface what the tables say of th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from statistics import mode
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from cadcam.arrays import Array, Brief, Longs, Mask
 from cadcam.cad.edges import NO_EDGES
@@ -166,9 +167,22 @@ def _visibility(layout: Layout, pose: Rigid, p: Array, normal: Array) -> list[Vi
     ]
 
 
-def divided(mesh: Mesh) -> Mesh:
-    """Return the mesh with its large faces cut into pieces by halving their longest sides."""
-    limit = _PIECE * float(np.linalg.norm(mesh.size_mm))
+def coarser(painting: Painting, part: Mesh, most: int) -> Painting:
+    """Return a painting of a part in about `most` pieces, or as many as the part has faces, each as its middle was."""
+    fewer = max(painting.mesh.n_faces / most, 1.0)
+    pieces = divided(part, _PIECE * float(np.sqrt(fewer)))
+    size = _PIECE * float(np.linalg.norm(part.size_mm))
+
+    def middles(mesh: Mesh) -> Array:
+        return np.column_stack([mesh.vertices[mesh.faces].mean(axis=1), size * mesh.face_normals])
+
+    nearest = cKDTree(middles(painting.mesh)).query(middles(pieces))[1]
+    return replace(painting, mesh=pieces, level=painting.level[nearest])
+
+
+def divided(mesh: Mesh, share: float = _PIECE) -> Mesh:
+    """Return the mesh with its large faces cut by halving sides longer than this share of its diagonal."""
+    limit = share * float(np.linalg.norm(mesh.size_mm))
     corners, of = mesh.vertices[mesh.faces], np.arange(mesh.n_faces)
     done: list[Array] = []
     owners: list[Longs] = []

@@ -175,7 +175,7 @@ def edge_distances(
     """Return the distance (n,) in px of the visible lines from the photo's nearest sub-pixel edge, every `step_px`.
 
     Only edges within `within` rad of a line's direction count; inf where the photo has none. Image edges are points
-    about 1 px apart: for each step the nearest of `_PARTS` samples counts, so that the distance is measured across the
+    about 1 px apart: for each step the nearest of five samples counts, so that the distance is measured across the
     line and not along it. Only samples inside the picture are used. `edges` default to `canny` of the photo.
     """
     expect(wireframe, "wireframe", Wireframe)

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from cadcam.locate.part import Part
     from cadcam.locate.photo import Photo
     from cadcam.locate.views.view_range import ViewRange
+    from cadcam.render.view import Scene
     from cadcam.report.verify.json import VerificationOrigin
     from cadcam.verify.inspection import InspectionOptions
     from cadcam.verify.judge import Verification
@@ -235,13 +236,15 @@ def _verified(arguments: argparse.Namespace, part: Part, asked: _Asked, toleranc
         found = verify_part(
             part, shots.photos, located, tolerances, options=asked.options, freedom=asked.freedom, tell=tell
         )
-    _report(arguments, shots, found, _origin(arguments, shots))
+    _report(arguments, shots, found, _origin(arguments, shots), part.scene)
     if not found.judgements:
         return found.verdict.exit_code if found.verdict is Verdict.NOT_FOUND else 0
     return found.verdict.exit_code
 
 
-def _report(arguments: argparse.Namespace, shots: Shots, found: Verification, origin: VerificationOrigin) -> None:
+def _report(
+    arguments: argparse.Namespace, shots: Shots, found: Verification, origin: VerificationOrigin, scene: Scene
+) -> None:
     from cadcam.files.jsontext import as_json
     from cadcam.report.verify.json import verification_as_json
     from cadcam.report.verify.page import write_verification_page
@@ -251,7 +254,7 @@ def _report(arguments: argparse.Namespace, shots: Shots, found: Verification, or
     document = verification_as_json(found, origin)
     for path in arguments.output:
         if path.lower().endswith(".html"):
-            write_verification_page(path, found, shots.photos, origin)
+            write_verification_page(path, found, shots.photos, origin, scene=scene)
         else:
             write_whole(path, as_json(document))
     if arguments.json:

@@ -23,6 +23,7 @@ from cadcam.plan.coverage import Painting
 from cadcam.plan.layout import Layout
 from cadcam.plan.sight.candidate import Candidate
 from cadcam.plan.what_if import WhatIf
+from cadcam.report.layout.model import model_figure
 from cadcam.report.layout.plan import NOTHING, WANTED, floor_plan, full_bar, ratio_bar
 from cadcam.report.layout.words import (
     assumptions,
@@ -39,6 +40,7 @@ from cadcam.report.layout.words import (
     why,
 )
 from cadcam.report.page import cards, named, page, row, section
+from cadcam.report.solid.figure import HOW_TO_TURN, solid_script, solid_style
 from cadcam.report.table import Table
 from cadcam.whole import utf8, write_whole
 
@@ -80,14 +82,15 @@ def write_layout_page(path: str | os.PathLike[str], report: LayoutReport) -> Non
 def layout_page(report: LayoutReport) -> str:
     """Return the report as one HTML document."""
     layout = report.layout
-    parts = [_head(report), _limits(layout), _cameras(layout), _where(layout), _views(report), _coverage(report)]
+    parts = [_head(report), _limits(layout), _cameras(layout), _model(report), _where(layout)]
+    parts += [_views(report), _coverage(report)]
     if report.changes:
         parts.append(section("What if", _as_cards(what_if_table(report.changes))))
     if report.following:
         table = next_table(layout.survey, layout.chosen, report.following, most=5)
         parts.append(section("If one camera more were bought", _as_cards(table)))
     parts += [_each(layout), _assumed(layout), _signatures(), _provenance(report)]
-    return page(f"{layout.outcome.value}: {layout.survey.scene.name}", _STYLE, parts)
+    return page(f"{layout.outcome.value}: {layout.survey.scene.name}", _STYLE + solid_style(), parts)
 
 
 def _head(report: LayoutReport) -> str:
@@ -161,6 +164,12 @@ def _optics(camera: Candidate) -> tuple[str, str, str]:
         near, far = optics.depth_of_field()
         sharp = f"{near:.0f} to {far:.0f} mm" if np.isfinite(far) else f"from {near:.0f} mm"
     return f"{optics.distance_mm:.0f} mm", f"{width:.0f} x {height:.0f} mm, {optics.mm_per_pixel[0]:.3f} mm/px", sharp
+
+
+def _model(report: LayoutReport) -> str:
+    note = f"{HOW_TO_TURN} Each camera's field is drawn as far as it aims; the part is in its first pose."
+    figure = model_figure(report.layout, [painting for painting, _ in report.covered])
+    return section("The cameras around the part", f'{figure}<p class="soft">{note}</p>{solid_script()}')
 
 
 def _where(layout: Layout) -> str:

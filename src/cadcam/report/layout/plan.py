@@ -16,7 +16,7 @@ Point = tuple[float, float]
 ToPaper = Callable[[Array], Point]
 _WIDTH, _MARGIN = 560.0, 34.0
 _TALLEST = 520.0
-_HUES = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#7a6500")
+HUES = (BLUE, ORANGE, GREEN, PURPLE, SKY, "#7a6500")
 _MOST_LINES = 1500
 NOTHING, WANTED = "#c23b00", "#111111"  # a bar's lines: at 1, below which nothing can pass, and at the required ratio
 
@@ -45,7 +45,7 @@ def floor_plan(layout: Layout, axes: tuple[int, int]) -> str:
     """Return the part, the chosen cameras with their views, and the other candidates, along two axes of the world."""
     lines = _part_lines(layout, axes)
     eyes = np.array([c.eye for c in layout.survey.candidates])[:, axes]
-    fields = [_field(c)[:, axes] for c in layout.cameras]
+    fields = [field_corners(c)[:, axes] for c in layout.cameras]
     every = np.concatenate([lines.reshape(-1, 2), eyes, *fields])
     low, high = every.min(axis=0), every.max(axis=0)
     extent = np.maximum(high - low, 1.0)
@@ -60,7 +60,7 @@ def floor_plan(layout: Layout, axes: tuple[int, int]) -> str:
     body = [_path(lines, at)]
     body += ['<circle cx="{:.1f}" cy="{:.1f}" r="1.6" fill="#bbb"/>'.format(*at(e)) for e in np.unique(eyes, axis=0)]
     for i, camera in enumerate(layout.cameras):
-        body.append(_camera(camera, fields[i], at(camera.eye[list(axes)]), at, _HUES[i % len(_HUES)], i + 1))
+        body.append(_camera(camera, fields[i], at(camera.eye[list(axes)]), at, HUES[i % len(HUES)], i + 1))
     body.append(_scale_bar(scale, height))
     head = f'<svg viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="where cameras stand">'
     return head + "".join(body) + "</svg>"
@@ -83,7 +83,7 @@ def _path(lines: Array, at: ToPaper) -> str:
     return f'<path d="{d}" stroke="#8a8a8a" stroke-width="0.6" fill="none"/>'
 
 
-def _field(camera: Candidate) -> Array:
+def field_corners(camera: Candidate) -> Array:
     """Return the corners (4, 3) of a camera's field of view at the distance of its aim, in the world."""
     w, h = camera.camera.size
     corners = np.array([[-0.5, -0.5], [w - 0.5, -0.5], [w - 0.5, h - 0.5], [-0.5, h - 0.5]])

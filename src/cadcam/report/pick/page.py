@@ -27,10 +27,11 @@ from cadcam.errors import BadValue
 from cadcam.image.picture import checked, encoded
 from cadcam.kinds import expect, expect_names, expect_path, said
 from cadcam.render.view import Scene
+from cadcam.report import solid
 from cadcam.report.page import page, section
 from cadcam.whole import utf8, write_whole
 
-_SCRIPTS = ("canvas.js", "model_pane.js", "photo_pane.js", "fit.js", "pick.js")
+_SHARED, _OWN = ("canvas.js", "solid.js"), ("model_pane.js", "photo_pane.js", "fit.js", "pick.js")
 _LOSSLESS = 3_000_000  # px of a photo that is kept as PNG; larger ones as JPEG, which nobody can tell by eye
 _DIGITS = 8  # of coordinates, in all
 _SAME = 1e-6  # of the model's size: a point of a points file is this corner
@@ -132,7 +133,8 @@ def _page(picture: Picture, scene: Scene, offer: _Offer, names: tuple[str, str])
     }
     photo, part = (Path(name).name for name in names)
     image = f'<img id="picture" alt="{escape(photo)}" src="data:image/{form.lower()};base64,{_base64(data)}">'
-    script = "\n".join((files(__package__) / name).read_text() for name in _SCRIPTS)
+    scripts = [files(solid) / name for name in _SHARED] + [files(__package__) / name for name in _OWN]
+    script = "\n".join(path.read_text() for path in scripts)
     return page(
         f"Corners of {part} in {photo}",
         (files(__package__) / "pick.css").read_text(),

@@ -2,21 +2,17 @@
 
 const element = (id) => document.getElementById(id);
 const told = JSON.parse(element("told").textContent);
-const numbers = (name, type) => {
-  const bytes = Uint8Array.from(atob(told[name]), (c) => c.charCodeAt(0));
-  return new type(bytes.buffer);
-};
 const corners = told.corners; // [X, Y, Z] mm
-const normals = numbers("normals", Float32Array); // 3 of each side of each edge
+const normals = numbers(told.normals, Float32Array); // 3 of each side of each edge
 const picks = new Map(); // corner -> [x, y] px
 let active = -1;
 let fitted = { why: "" };
 
 const model = new ModelPane(element("model"), {
-  vertices: numbers("vertices", Float32Array),
-  faces: numbers("faces", Uint32Array),
-  edges: numbers("edges", Uint32Array),
-  corners: numbers("placed", Float32Array),
+  vertices: numbers(told.vertices, Float32Array),
+  faces: numbers(told.faces, Uint32Array),
+  edges: numbers(told.edges, Uint32Array),
+  corners: numbers(told.placed, Float32Array),
   said: (k) => `${told.names[k]}   X ${shown(corners[k][0])}   Y ${shown(corners[k][1])}   Z ${shown(corners[k][2])} mm`,
 }, choose);
 const photo = new PhotoPane(element("photo"), element("picture"), place, put);

@@ -232,7 +232,7 @@ def _label_text(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
 
     A name is shortened in its middle where what is said of it would leave the photo.
     """
-    said = _said(f, judgements)
+    said = displacement_words(f, judgements)
     most = max(_MOST_LETTERS - len(f": {said}"), 3)
     long = len(f.name) > most
     name = f"{f.name[: most // 2]}…{f.name[-((most - 1) // 2) :]}" if long else f.name
@@ -244,7 +244,8 @@ def _is_right_to_left(name: str) -> bool:
     return any(bidirectional(letter) in ("R", "AL") for letter in name)
 
 
-def _said(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
+def displacement_words(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
+    """Return the judgement of a feature's position, else its displacement; of a missing one, that it is missing."""
     if f.state is State.MISSING:
         return "missing"
     for j in judgements:

@@ -11,8 +11,11 @@ import numpy as np
 from cadcam import __version__
 from cadcam.kinds import expect, expect_each, expect_path
 from cadcam.locate.photo import Photo
+from cadcam.render.view import Scene
 from cadcam.report.page import cards, named, page, row, section
+from cadcam.report.solid.figure import solid_script, solid_style
 from cadcam.report.verify.json import VerificationOrigin
+from cadcam.report.verify.model import model_figure
 from cadcam.report.verify.overlay import EXTRA, MISSING, UNSEEN, deviation_color, full_scale, overlay_svg
 from cadcam.report.verify.plots import COLORS, edges_plot, shares_plot, stations_plot, tolerance_bar
 from cadcam.report.verify.words import (
@@ -45,23 +48,32 @@ td:last-child{overflow-wrap:anywhere;min-width:9em}
 
 
 def write_verification_page(
-    path: str | os.PathLike[str], found: Verification, photos: Sequence[Photo], origin: VerificationOrigin
+    path: str | os.PathLike[str],
+    found: Verification,
+    photos: Sequence[Photo],
+    origin: VerificationOrigin,
+    *,
+    scene: Scene | None = None,
 ) -> None:
-    """Write the report, whole or not at all."""
+    """Write the report, whole or not at all; scene: the CAD model, which the page then shows to be turned."""
     expect_path(path)
     expect(found, "found", Verification)
     photos = expect_each(photos, "photos", Photo)
     expect(origin, "origin", VerificationOrigin)
-    write_whole(path, utf8(verification_page(found, photos, origin)))
+    expect(scene, "scene", Scene, optional=True)
+    write_whole(path, utf8(verification_page(found, photos, origin, scene=scene)))
 
 
-def verification_page(found: Verification, photos: Sequence[Photo], origin: VerificationOrigin) -> str:
+def verification_page(
+    found: Verification, photos: Sequence[Photo], origin: VerificationOrigin, *, scene: Scene | None = None
+) -> str:
     """Return the report as one HTML document."""
     seen = found.inspection
     parts = [_head(found, origin), _to_do(found)]
     if seen is not None and seen.found:
         parts += [
             _overlays(found, seen, photos),
+            _model(found, seen, photos, scene),
             _judgements(found),
             _features(found, seen),
             _plots(found, seen),
@@ -71,7 +83,7 @@ def verification_page(found: Verification, photos: Sequence[Photo], origin: Veri
     else:
         parts += [_not_found(photos), _judgements(found)]
     parts.append(_provenance(origin))
-    return page(f"{found.verdict.value}: {origin.part}", _STYLE, parts)
+    return page(f"{found.verdict.value}: {origin.part}", _STYLE + solid_style(), parts)
 
 
 def _head(found: Verification, origin: VerificationOrigin) -> str:
@@ -111,6 +123,12 @@ def _overlays(found: Verification, seen: Inspection, photos: Sequence[Photo]) ->
     return section(
         "What the photo shows", f'{views}<div class="legend">{"".join(keys)}</div><p class="soft">{note}</p>'
     )
+
+
+def _model(found: Verification, seen: Inspection, photos: Sequence[Photo], scene: Scene | None) -> str:
+    if scene is None:
+        return ""
+    return section("On the model", model_figure(found, seen, photos, scene) + solid_script())
 
 
 def _key(color: str, text: str, style: str = "solid") -> str:

@@ -1,4 +1,4 @@
-// What both panes draw with and listen by.
+// What canvases draw with and listen by.
 
 // A canvas' context with one unit a CSS px, cleared, and its size in these.
 function sharp(canvas) {
@@ -21,7 +21,8 @@ function written(context, text, x, y, color) {
   context.fillText(text, x, y);
 }
 
-// Tell clicks from drags: start(x, y), move(dx, dy, event), end(), click(x, y), hover(x, y), leave(), wheel(x, y, factor).
+// Tell clicks from drags: start(x, y), move(dx, dy, event), end(), click(x, y), hover(x, y), leave(), wheel(x, y, factor);
+// wheels(event): whether the wheel is meant for the canvas, by default always.
 function dragged(canvas, on) {
   let from = null, moved = false, fingers = new Map();
   const at = (event) => {
@@ -65,6 +66,7 @@ function dragged(canvas, on) {
   canvas.addEventListener("pointerleave", () => { if (on.leave) on.leave(); });
   canvas.addEventListener("contextmenu", (event) => event.preventDefault());
   canvas.addEventListener("wheel", (event) => {
+    if (on.wheels && !on.wheels(event)) return;
     event.preventDefault();
     on.wheel(...at(event), Math.exp(-0.0015 * event.deltaY));
   }, { passive: false });

@@ -1,0 +1,1 @@
+"""A body that is turned in the browser, for pages that load nothing."""
