@@ -45,7 +45,7 @@ f.onload = () => {
   const rect = canvas.getBoundingClientRect();
   const said = ([x, y]) => {
     solid.pointer = [rect.width / 2 + x * rect.height, rect.height / 2 + y * rect.height];
-    const face = solid.under();
+    const face = solid.under("face", 0);
     return face < 0 ? "" : [solid.model.said[solid.model.part[face]], solid.words[solid.paint[face]] || ""].join("|");
   };
   const fire = (kind, type, more) => {

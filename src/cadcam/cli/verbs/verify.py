@@ -53,6 +53,7 @@ far as its file has a covariance. One photo shows no displacement along the line
 _EXAMPLES = f"""\
   cadcam verify part.step --list -o names.png                     what a tolerance file can name, on a picture
   cadcam verify part.step --list 'bar 1*'                         the edges (chains) of these parts
+  cadcam verify part.step --list -o names.html                    edges and bodies to be clicked, for a tolerance file
   cadcam verify photo.png part.step --camera camera.json --template -o tolerances.yaml
   cadcam verify photo.png part.step --camera camera.json --tolerances tolerances.yaml -o report.html
   cadcam verify photo.png part.step --camera camera.json --tolerances tolerances.yaml --start rough.txt --json
@@ -111,7 +112,7 @@ def add_to(verbs: Verbs) -> None:
         action="append",
         default=[],
         metavar="FILE",
-        help="report to write: .html or .json, may be repeated; with --list a picture, with --template a .yaml",
+        help="report: .html or .json, may be repeated; with --list a picture or .html, with --template a .yaml",
     )
     parser.add_argument(
         "--list",
@@ -323,7 +324,7 @@ def _list(arguments: argparse.Namespace) -> None:
     from cadcam.verify.tolerances.tolerance import Selection
 
     for path in arguments.output:
-        check_target(path, WRITABLE)
+        check_target(path, (*WRITABLE, ".html"))
     asked = _asked(arguments)
     mesh = _mesh(arguments)
     chosen = None if arguments.list is True else Selection(arguments.list)
@@ -335,11 +336,25 @@ def _list(arguments: argparse.Namespace) -> None:
         print_json({"columns": list(table.columns), "rows": [list(row) for row in table.rows]})
     else:
         print_tables([table])
-    if arguments.output:
+    pictures = [path for path in arguments.output if not path.lower().endswith(".html")]
+    for path in arguments.output:
+        if path not in pictures:
+            _write_names(path, part, chosen, arguments.model)
+    if pictures:
         over = None
         if asked is not None:
             over = asked.shots.photos[0], _located(arguments, part, asked).pose.world_from_part
-        _draw_names(arguments.output, part, chosen, over)
+        _draw_names(pictures, part, chosen, over)
+
+
+def _write_names(path: str, part: Part, chosen: Selection | None, model: str) -> None:
+    from pathlib import Path
+
+    from cadcam.report.verify.names_page import names_page
+    from cadcam.whole import utf8, write_whole
+
+    write_whole(path, utf8(names_page(part.scene, Path(model).name, chosen)))
+    say_written(path)
 
 
 def _draw_names(paths: Sequence[str], part: Part, chosen: Selection | None, over: tuple[Photo, Rigid] | None) -> None:

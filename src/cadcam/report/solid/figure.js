@@ -2,7 +2,7 @@
 
 class SolidFigure extends Solid {
   // told: as `report.solid.figure` writes it.
-  constructor(figure, told) {
+  constructor(figure, told, listened = {}) {
     super(figure.querySelector("canvas"), {
       ...told,
       vertices: numbers(told.vertices, Float32Array),
@@ -15,6 +15,7 @@ class SolidFigure extends Solid {
       leave: () => { [this.pointer, this.used] = [null, false]; this.show(); },
       start: () => { this.used = true; },
       wheels: (event) => event.ctrlKey || this.used, // else the page is being scrolled
+      ...listened,
     });
     [this.pointer, this.used] = [null, false];
     this.slider = figure.querySelector("input");
@@ -60,17 +61,29 @@ class SolidFigure extends Solid {
       written(context, text, Math.max(4, Math.min(x + 8, width - context.measureText(text).width - 4)), y - 6, color);
     }
     context.globalAlpha = 1;
-    const face = this.under();
-    if (face < 0) return;
-    const words = [this.model.said[this.model.part[face]], this.words[this.paint[face]]];
-    written(context, words.filter(Boolean).join(": "), 10, height - 12, "#1c1c1c");
+    const said = this.said();
+    if (said) written(context, said, 10, height - 12, "#1c1c1c");
   }
 
-  // The face under the pointer, or -1.
-  under() {
+  // What is told of the place under the pointer.
+  said() {
+    const face = this.under("face", 0);
+    if (face < 0) return "";
+    return [this.model.said[this.model.part[face]], this.words[this.paint[face]]].filter(Boolean).join(": ");
+  }
+
+  // The face, or line, nearest to the pointer, `within` px of the drawing; else -1.
+  under(what, within) {
     if (this.pointer === null) return -1;
-    const [x, y] = this.pointer.map((value) => Math.round(value * this.fine)), { w, h, face } = this.sheet;
-    return x >= 0 && y >= 0 && x < w && y < h ? face[y * w + x] : -1;
+    const [x, y] = this.pointer.map((value) => Math.round(value * this.fine)), { w, h } = this.sheet;
+    let best = -1, least = Infinity;
+    for (let v = Math.max(0, y - within); v <= Math.min(h - 1, y + within); v++) {
+      for (let u = Math.max(0, x - within); u <= Math.min(w - 1, x + within); u++) {
+        const far = (u - x) ** 2 + (v - y) ** 2, found = this.sheet[what][v * w + u];
+        if (found >= 0 && far < least) [best, least] = [found, far];
+      }
+    }
+    return best;
   }
 }
 
@@ -91,8 +104,9 @@ function arrow(context, x, y, u, v, color) {
   }
 }
 
+const KINDS = { solid: SolidFigure }; // by the figure's data-kind
 let solids = [];
 window.addEventListener("load", () => {
   const told = (figure) => JSON.parse(figure.querySelector("script").textContent);
-  solids = [...document.querySelectorAll("figure.solid")].map((figure) => new SolidFigure(figure, told(figure)));
+  solids = [...document.querySelectorAll("figure.solid")].map((f) => new KINDS[f.dataset.kind](f, told(f)));
 });

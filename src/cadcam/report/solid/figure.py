@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from importlib.resources import files
@@ -15,6 +15,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Longs
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
+from cadcam.kinds import FrozenMap
 
 _SCRIPTS = ("canvas.js", "solid.js", "figure.js")
 HOW_TO_TURN = "Drag to turn it, with Shift to move it; click, then the wheel zooms. The pointer tells what it is on."
@@ -90,15 +91,18 @@ class SolidFigure:
     looks: Sequence[Look] = (WHOLE,)
     marks: Sequence[Mark] = ()
 
-    def html(self, label: str) -> str:
-        """Return it as HTML; label: for who cannot see it. The page needs `solid_script` once, and `solid_style`."""
+    def html(self, label: str, *, kind: str = "solid", more: Mapping[str, object] = FrozenMap()) -> str:
+        """Return it as HTML; label: for who cannot see it. The page needs `solid_script` once, and `solid_style`.
+
+        kind: of figure, one of `KINDS` in the page's scripts; more: what that one is told beside this.
+        """
         buttons = "".join(f"<button>{escape(look.title)}</button>" for look in self.looks)
         titles = "".join(f"<option>{escape(paint.title)}</option>" for paint in self.paints)
         choice = f"<label>painted <select>{titles}</select></label>" if len(self.paints) > 1 else ""
         cut = '<label>cut open <input type="range" min="-1" max="1" step="0.005" value="-1"></label>'
-        told = json.dumps(self._told(), allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+        told = json.dumps({**self._told(), **more}, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
         return (
-            f'<figure class="solid"><canvas role="img" aria-label="{escape(label)}"></canvas>'
+            f'<figure class="solid" data-kind="{kind}"><canvas role="img" aria-label="{escape(label)}"></canvas>'
             f'<div class="tools">{buttons}{choice}{cut}</div><script type="application/json">{told}</script></figure>'
         )
 
@@ -111,23 +115,23 @@ class SolidFigure:
         vertices, index = np.unique(((points - middle) / radius).astype("<f4"), axis=0, return_inverse=True)
         index = index.reshape(-1).astype("<u4")
         return {
-            "vertices": _base64(vertices),
-            "faces": _base64(index[: 3 * n]),
-            "part": _base64(self.mesh.part[:n].astype("<u4")),
+            "vertices": packed(vertices),
+            "faces": packed(index[: 3 * n]),
+            "part": packed(self.mesh.part[:n].astype("<u4")),
             "said": list(self.said),
             "colors": list(self.colors),
-            "paints": [{"color": _base64(p.color[:n].astype("u1")), "words": list(p.words)} for p in self.paints],
-            "edges": _base64(index[3 * n :]),
-            "style": _base64(self.style.astype("u1")),
+            "paints": [{"color": packed(p.color[:n].astype("u1")), "words": list(p.words)} for p in self.paints],
+            "edges": packed(index[3 * n :]),
+            "style": packed(self.style.astype("u1")),
             "styles": [{"color": s.color, "width": s.width, "through": s.through} for s in self.styles],
             "looks": [_look(look, middle, radius) for look in self.looks],
             "marks": [_mark(mark, middle, radius) for mark in self.marks],
         }
 
 
-def solid_script() -> str:
-    """Return the script that shows every figure of a page."""
-    text = "\n".join((files(__package__) / name).read_text() for name in _SCRIPTS)
+def solid_script(more: str = "") -> str:
+    """Return the script that shows every figure of a page; more: scripts of other kinds of figures."""
+    text = "\n".join([*((files(__package__) / name).read_text() for name in _SCRIPTS), more])
     return f'<script>"use strict";\n{text}</script>'
 
 
@@ -152,5 +156,6 @@ def _mark(mark: Mark, middle: Array, radius: float) -> dict[str, object]:
     return {"at": at, "to": to, "text": mark.text, "color": mark.color}
 
 
-def _base64(array: npt.NDArray[np.generic]) -> str:
+def packed(array: npt.NDArray[np.generic]) -> str:
+    """Return the bytes of an array as base64, for a page's scripts."""
     return base64.b64encode(np.ascontiguousarray(array).tobytes()).decode()

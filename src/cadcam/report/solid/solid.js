@@ -62,7 +62,8 @@ class Solid {
     const scale = 0.46 * this.zoom * Math.min(w, h);
     this.frame = [scale, w / 2 + this.fine * this.shift[0], h / 2 + this.fine * this.shift[1]];
     const image = new ImageData(w, h), color = new Uint32Array(image.data.buffer).fill(0xffffffff);
-    const sheet = { w, h, depth: new Float32Array(w * h).fill(Infinity), color, face: new Int32Array(w * h).fill(-1) };
+    const [face, line] = [new Int32Array(w * h).fill(-1), new Int32Array(w * h).fill(-1)];
+    const sheet = { w, h, depth: new Float32Array(w * h).fill(Infinity), color, face, line };
     const v = this.placed(this.model.vertices), cut = this.cut * scale;
     const many = this.model.faces.length > 3 * MOST; // while such a body is being turned, its lines are shown alone
     if (coarse === 1 || !many) fill(sheet, v, this.model, this.paint, cut);
@@ -117,7 +118,7 @@ const THIN = { color: "#202830", width: 1, through: false };
 const PAPER = [1, 1, 0.97];
 
 // Draw those parts of edges that nothing hides, and those that show through, dotted.
-function stroke({ w, h, depth, color }, v, { edges, styles, style }, cut, fine) {
+function stroke({ w, h, depth, color, line }, v, { edges, styles, style }, cut, fine) {
   const order = [...Array(edges.length / 2).keys()];
   if (styles) order.sort((a, b) => style[a] - style[b]); // later styles upon earlier ones
   for (const e of order) {
@@ -130,6 +131,7 @@ function stroke({ w, h, depth, color }, v, { edges, styles, style }, cut, fine) 
       const x = Math.round(v[a] + t * (v[b] - v[a])), y = Math.round(v[a + 1] + t * (v[b + 1] - v[a + 1]));
       if (x < half || y < half || x >= w - half || y >= h - half || z < cut) continue;
       if (z > depth[y * w + x] && !(through && k % 8 < 4)) continue;
+      line[y * w + x] = e;
       for (let dy = -half; dy <= half; dy++) color.fill(inked, (y + dy) * w + x - half, (y + dy) * w + x + half + 1);
     }
   }
