@@ -36,7 +36,8 @@ def random_problem(seed: int, *, candidates: int = 13, targets: int = 25, seen: 
     basis[::4, :, 1:] = 0.0  # every fourth is judged along x alone
     limits = tuple(Limit(Quantity.POSITION, v) for v in rng.uniform(1, 4, targets))
     nothing = np.zeros((targets, 3, 3))
-    asked = Asked(np.arange(targets), limits, basis, np.zeros(targets, bool), nothing, nothing[..., 0])
+    world = np.full(targets, -1)
+    asked = Asked(np.arange(targets), limits, basis, np.zeros(targets, bool), nothing, nothing[..., 0], world)
     return SelectionProblem(information[:, None], asked)
 
 
@@ -91,7 +92,7 @@ def reference(information: Array, asked: Asked, chosen: tuple[int, ...]) -> Arra
 
 def test_ratios_are_those_of_plain_linear_algebra() -> None:
     seen = survey(scene(10))
-    information = informations(seen.visibility, seen.asked)
+    information = informations(seen.visibility, seen.asked, cameras=3)
     for chosen in ((0, 3, 6), (1, 2, 4, 8), tuple(range(10))):
         expected = reference(information, seen.asked, chosen).ravel()
         found = seen.problem.ratios(chosen)

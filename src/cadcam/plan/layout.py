@@ -18,6 +18,7 @@ from cadcam.plan.choice.problem import MEASURED, Score, SelectionProblem, score_
 from cadcam.plan.choice.search import BestSet, best_set, one_fewer, one_more, ranked
 from cadcam.plan.scene.layout_scene import LayoutScene
 from cadcam.plan.sight.candidate import Candidate, candidates, share_errors
+from cadcam.plan.sight.datum import Judging
 from cadcam.plan.sight.places import Places
 from cadcam.plan.sight.surroundings import Surroundings
 from cadcam.plan.sight.visibility import Visibility, Why, seen_from
@@ -42,6 +43,7 @@ class CandidateSurvey(Brief):
     places: Places
     asked: Asked
     surroundings: Surroundings
+    judging: Judging | None
     problem: SelectionProblem
     left_out: tuple[tuple[str, str], ...] = ()
 
@@ -70,7 +72,7 @@ class CandidateSurvey(Brief):
 
     def ratios(self, chosen: Sequence[int]) -> Array:
         """Return the ratios limit/U (P, L) of some candidates as `assess` states them: shared errors are shared."""
-        if share_errors(self.candidates[i] for i in chosen):
+        if self.judging is not None or share_errors(self.candidates[i] for i in chosen):
             return self.assess(chosen).ratio
         return self.problem.ratios(chosen).reshape(len(self.poses), -1)  # the same, at a fraction of the cost
 
@@ -134,7 +136,7 @@ def survey(scene: LayoutScene, *, step: Step = nothing) -> CandidateSurvey:
 
     Raises `BadValue` for a camera inside of the part or an obstacle, `UnseenFeatures` for features that none sees.
     """
-    around = Surroundings(scene.part, scene.obstacles)
+    around, judging = Surroundings(scene.part, scene.obstacles), Judging.of(scene)
     chosen, left_out = _outside(candidates(scene), around, scene)
     places = Places.of(scene.features)
     poses = tuple(scene.poses.values())
@@ -142,12 +144,20 @@ def survey(scene: LayoutScene, *, step: Step = nothing) -> CandidateSurvey:
     for candidate in chosen:
         visibility.append(
             seen_from(
-                candidate.viewpoint, candidate.optics, places, poses, around, finder=scene.finder, seeing=scene.seeing
+                candidate.viewpoint,
+                candidate.optics,
+                places,
+                poses,
+                around,
+                finder=scene.finder,
+                seeing=scene.seeing,
+                judging=judging,
             )
         )
         step()
     _refuse_unseen(scene, visibility)
-    asked = asked_of(scene.features, _plane_sigmas(scene))
+    asked = asked_of(scene.features, _plane_sigmas(scene), scene.judged)
+    cameras = scene.choose + sum(c.fixed for c in chosen)
     return CandidateSurvey(
         scene,
         chosen,
@@ -155,7 +165,8 @@ def survey(scene: LayoutScene, *, step: Step = nothing) -> CandidateSurvey:
         places,
         asked,
         around,
-        SelectionProblem(informations(visibility, asked), asked),
+        judging,
+        SelectionProblem(informations(visibility, asked, cameras=cameras), asked),
         left_out,
     )
 
@@ -186,13 +197,14 @@ def plan_layout(
     if len(chosen) < problem.candidates:
         growth[len(chosen) + 1] = seen.score((*fixed, *one_more(problem, found.chosen, fixed=fixed)))
     step()
+    every = range(problem.candidates)
     return Layout(
         seen,
         chosen,
         seen.assess(chosen),
         found,
         tuple(_role(seen, chosen, i) for i in chosen),
-        problem.score(range(problem.candidates)),
+        problem.score(every) if seen.judging is None else seen.score(every),
         tuple(sorted(growth.items())),
     )
 
@@ -204,7 +216,7 @@ def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candi
     every = range(len(seen.candidates))
     for i, number in enumerate(have):
         expect_count(number, f"have[{i}]", least=0, most=len(every) - 1)
-    if share_errors(seen.candidates):
+    if seen.judging is not None or share_errors(seen.candidates):
         scored = [(i, seen.score((*have, i))) for i in every if i not in set(have)]
         order = sorted(scored, key=lambda item: item[1].value, reverse=True)
     else:

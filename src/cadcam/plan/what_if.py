@@ -95,7 +95,14 @@ def looks_of(layout: Layout, scene: LayoutScene, cameras: Sequence[Candidate]) -
     seen = layout.survey
     return tuple(
         seen_from(
-            c.viewpoint, c.optics, seen.places, seen.poses, seen.surroundings, finder=scene.finder, seeing=scene.seeing
+            c.viewpoint,
+            c.optics,
+            seen.places,
+            seen.poses,
+            seen.surroundings,
+            finder=scene.finder,
+            seeing=scene.seeing,
+            judging=seen.judging,
         )
         for c in cameras
     )

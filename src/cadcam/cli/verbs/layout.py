@@ -56,7 +56,8 @@ scene file (YAML; mm and degrees; all keys are in docs/layout.md):
     mark: {circle_mm: [100, 200, 12], normal: [0, 0, 1], diameter_mm: 40, position_mm: 0.5}
     edge: {edge_mm: [[0, 0, 12], [4000, 0, 12]], position_mm: 1, angle_deg: 0.05}
     stiffener: {part: bar 1.1 port, position_mm: 1}                       as in a tolerance file
-  noise: {sigma_px: 0.05}                                                 or gray: 0.01, contrast: 0.4
+  datum: [{part: tank top}]              the stiffener judged relative to it, as by `cadcam verify`; default: the world
+  noise: {gray: 0.01, contrast: 0.4, sigma_px: 0.05}                      sigma_px for points, and without a datum
   calibration: {points: 30, sigma_px: 0.1}
   tur: 3
 

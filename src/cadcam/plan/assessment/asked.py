@@ -27,6 +27,7 @@ class Asked:
 
     turns (L,): whether the limit is one of the edge's slope. prior (L, 3, 3): what is known without a camera, 1/mm^2.
     along (L, 3): unit direction of a straight edge, in which no picture shows a displacement; zero for other features.
+    relative (L,): the number, among those judged relative to a datum, of the feature; -1 of a place in the world.
     """
 
     feature: Longs
@@ -35,13 +36,15 @@ class Asked:
     turns: Mask
     prior: Array
     along: Array
+    relative: Longs
 
     @classmethod
     def of_positions(cls, n: int) -> Asked:
         """Return the position of each of n features, in its worst direction, with a nominal limit of 1 mm."""
         limits = (Limit(Quantity.POSITION, 1.0),) * n
         every, nothing = np.tile(np.eye(3), (n, 1, 1)), np.zeros((n, 3, 3))
-        return cls(np.arange(n), limits, every, np.zeros(n, bool), nothing, np.zeros((n, 3)))
+        world = np.full(n, -1, np.int64)
+        return cls(np.arange(n), limits, every, np.zeros(n, bool), nothing, np.zeros((n, 3)), world)
 
     def __len__(self) -> int:
         return len(self.limits)
@@ -79,8 +82,11 @@ class Asked:
         return np.asarray(sigma), np.asarray((B @ V[..., -1:])[..., 0])
 
 
-def asked_of(features: Sequence[LayoutFeature], plane_mm: Array) -> Asked:
-    """Return the limits of some features; plane_mm (F,): sigma of the height of their known planes, NaN for none."""
+def asked_of(features: Sequence[LayoutFeature], plane_mm: Array, judged: Sequence[int] = ()) -> Asked:
+    """Return the limits of some features; plane_mm (F,): sigma of the height of their known planes, NaN for none.
+
+    judged: numbers of the features that are judged relative to a datum.
+    """
     owner, limits, bases, turns, prior, along = [], [], [], [], [], []
     for i, feature in enumerate(features):
         for limit in feature.limits:
@@ -92,9 +98,9 @@ def asked_of(features: Sequence[LayoutFeature], plane_mm: Array) -> Asked:
             height = np.isfinite(plane_mm[i]) and n is not None
             prior.append(np.outer(n, n) / plane_mm[i] ** 2 if height and n is not None else np.zeros((3, 3)))
             along.append(np.zeros(3) if feature.along is None else feature.along)
-    return Asked(
-        np.array(owner), tuple(limits), np.array(bases), np.array(turns, bool), np.array(prior), np.array(along)
-    )
+    relative = np.array([judged.index(i) if i in judged else -1 for i in owner], np.int64)
+    of_each = np.array(turns, bool), np.array(prior), np.array(along), relative
+    return Asked(np.array(owner), tuple(limits), np.array(bases), *of_each)
 
 
 def _basis(feature: LayoutFeature, limit: Limit) -> Array:

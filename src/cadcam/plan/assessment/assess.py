@@ -10,16 +10,18 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Brief
-from cadcam.camera.error_source import ErrorSource
+from cadcam.camera.error_source import ErrorSource, distinct_sources, index_of
 from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.assessment.asked import Asked
 from cadcam.plan.sight.candidate import Candidate
+from cadcam.plan.sight.datum import alone_from_datum, together_from_datum
 from cadcam.plan.sight.places import Places
 from cadcam.plan.sight.visibility import Visibility
 from cadcam.plan.uncertainty.evidence import Evidence, Together, symmetric, together
 from cadcam.plan.uncertainty.predict import shifts, sources_of
+from cadcam.verify.deviations.measured import UNSEEN_PX
 from cadcam.verify.tolerances.tolerance import Limit, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE
 
@@ -106,8 +108,34 @@ def assess(
         own = Evidence(evidence.J[:, part], evidence.W[:, part])
         parts.append(together(own, E[:, part], prior[part]))
     found = Together(*(np.concatenate([getattr(p, n) for p in parts]) for n in Together.__slots__))
+    _judged(found, viewpoints, visibility, sources, at, asked)
     names = [s.name for s in sources]
     return _assessed(asked, found, names, at, _count(visibility, asked), P)
+
+
+def _judged(
+    found: Together,
+    viewpoints: Sequence[Viewpoint],
+    visibility: Sequence[Visibility],
+    sources: Sequence[ErrorSource],
+    at: Sequence[slice],
+    asked: Asked,
+) -> None:
+    """Set what is found (P * L) of features that are judged relative to a datum."""
+    own = np.flatnonzero(asked.relative >= 0)
+    if not len(own):
+        return
+    evidence = [o.datum.of(asked.relative[own]) for o in visibility if o.datum is not None]
+    every, columns = np.arange(found.by_number.shape[-1]), []
+    for view in viewpoints:
+        errs = distinct_sources([source for source, _ in view.errors])
+        columns.append(np.concatenate([every[:0], *(every[at[index_of(sources, source)]] for source in errs)]))
+    rows = (np.arange(0, len(found.covariance), len(asked))[:, None] + own).ravel()
+    size = np.nanmean([o.mm_per_px[:, asked.feature[own]] for o in visibility], axis=0).ravel()
+    expected = np.eye(3) / (UNSEEN_PX * size)[:, None, None] ** 2
+    told = together_from_datum(evidence, columns, len(every), expected)
+    for name in Together.__slots__:
+        getattr(found, name)[rows] = getattr(told, name)
 
 
 def _of_limits(visibility: Sequence[Visibility], asked: Asked) -> Evidence:
@@ -146,13 +174,18 @@ def _shifts(
     return np.where(turns, (at_ends[1] - at_ends[0]) / np.where(turns, length, 1.0), at_ends[0]), at
 
 
-def informations(visibility: Sequence[Visibility], asked: Asked) -> Array:
-    """Return the information (V, P, L, 3, 3) of each camera alone, which a search adds up."""
+def informations(visibility: Sequence[Visibility], asked: Asked, *, cameras: int) -> Array:
+    """Return the information (V, P, L, 3, 3) of each camera alone, which a search for so many cameras adds up."""
     evidence = _of_limits(visibility, asked)
     turns = asked.turns[:, None, None]
     shift = np.stack([np.where(turns, o.bend[:, asked.feature], o.shift[:, asked.feature]) for o in visibility])
     P, L = shift.shape[1:3]
-    return np.asarray(evidence.alone(shift.reshape(len(visibility), P * L, 2, 2)).reshape(len(visibility), P, L, 3, 3))
+    out = evidence.alone(shift.reshape(len(visibility), P * L, 2, 2)).reshape(len(visibility), P, L, 3, 3)
+    own = asked.relative >= 0
+    if own.any():
+        told = alone_from_datum([o.datum for o in visibility if o.datum is not None], cameras)
+        out[:, :, own] = told[:, :, asked.relative[own]]
+    return out
 
 
 def _count(visibility: Sequence[Visibility], asked: Asked) -> npt.NDArray[np.int64]:

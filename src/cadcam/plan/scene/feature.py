@@ -31,6 +31,7 @@ class LayoutFeature(Brief):
     p (3,): the point, the circle's centre or the middle of the edges. normal (3,): unit vector out of the surface, from
     whose side alone it is seen; None: any side. segments (S, 2, 3): straight pieces of edges. plane_mm: standard
     deviation of the height of the known plane that it lies on; None: there is none, and two cameras are needed.
+    selection: by which edges of the part were chosen.
     """
 
     name: str
@@ -41,6 +42,7 @@ class LayoutFeature(Brief):
     diameter_mm: float | None = None
     segments: Array | None = None
     plane_mm: float | None = None
+    selection: Selection | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "p", frozen(self.p, f"place of {self.name}", (3,)))
@@ -88,7 +90,7 @@ class LayoutFeature(Brief):
             raise BadValue(f"edges of {name}", "contours only", "feature edges: contours differ from view to view")
         length = np.linalg.norm(ends[own, 1] - ends[own, 0], axis=1)
         middle = (ends[own].mean(axis=1) * length[:, None]).sum(axis=0) / length.sum()
-        return cls(name, Kind.EDGE, middle, limits, segments=ends[own])
+        return cls(name, Kind.EDGE, middle, limits, segments=ends[own], selection=selection)
 
     @property
     def straight(self) -> bool:

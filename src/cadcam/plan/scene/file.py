@@ -18,6 +18,7 @@ features:                           # limits as in a tolerance file
   top edge: {edge_mm: [[0, 0, 12], [4000, 0, 12]], position_mm: 1, angle_deg: 0.05}
   stiffener: {part: bar 1.1 port, kinds: [crease], position_mm: 1}
   on the floor: {point_mm: [500, 0, 0], normal: [0, 0, 1], known_plane_mm: 0.2, position_mm: 1}
+datum: [{part: tank top}]           # what `part` features are judged from, as by `cadcam verify`; default: the world
 noise: {sigma_px: 0.05}             # and/or gray: 0.01, contrast: 0.4 (white = 1); floor_px
 calibration: {points: 30, sigma_px: 0.1, points_mm: 0.05}   # of each camera, from points over picture and depth;
 #            or independent sigmas: {position_mm: 0.2, rotation_deg: 0.002, focal_px: 0.3, principal_point_px: 0.3}
@@ -33,6 +34,7 @@ choose: 4                           # cameras to choose beside the fixed ones
 from __future__ import annotations
 
 import os
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -53,7 +55,7 @@ from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutSce
 from cadcam.plan.scene.zones import arc, in_box
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.render.view import Scene
-from cadcam.verify.tolerances.file import limits_at, rule_at, selection_at
+from cadcam.verify.tolerances.file import datum_at, limits_at, rule_at, selection_at
 from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule, Selection
 
 if TYPE_CHECKING:
@@ -61,7 +63,7 @@ if TYPE_CHECKING:
 
 _TOP = (
     "part", "obstacles", "poses", "cameras", "mounts", "features", "noise", "calibration", "motion", "placement",
-    "seen", "k", "rule", "tur", "choose",
+    "seen", "k", "rule", "tur", "choose", "datum",
 )  # fmt: skip
 _MODEL = ("model", "unit", "tolerance_mm")
 _POSE = ("position_mm", "rotation_deg")
@@ -113,6 +115,7 @@ def read_layout_scene(path: str | os.PathLike[str]) -> LayoutScene:
             seeing=_seeing(place),
             tur=_number(place, "tur", 3.0),
             choose=_whole(place, "choose", 4),
+            datum=_datum(place, part),
             name=Path(file.path).stem,
             sources=tuple(sources),
         )
@@ -302,6 +305,16 @@ def _features(place: Place, part: Mesh) -> tuple[LayoutFeature, ...]:
         Scene.of(part) if any("part" in (v if isinstance(v, dict) else {}) for v in listed.object.values()) else None
     )
     return tuple(_feature(listed.at(name), name, k, rule, scene) for name in listed.object)
+
+
+def _datum(place: Place, part: Mesh) -> tuple[Selection, ...]:
+    if "datum" not in place.object:
+        return ()
+    at = place.at("datum")
+    datum = datum_at(at, without="then features are places in the world")
+    for item, chosen in zip(at.items(), datum, strict=True):
+        item.build(partial(chosen.among, part.part_names))
+    return datum
 
 
 def _feature(place: Place, name: str, k: float, rule: Rule, scene: Scene | None) -> LayoutFeature:

@@ -27,6 +27,7 @@ from cadcam.kinds import (
 )
 from cadcam.plan.scene.feature import LayoutFeature
 from cadcam.plan.uncertainty.finding import Finder
+from cadcam.verify.tolerances.tolerance import Quantity, Selection
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,7 +201,9 @@ class LayoutScene(Brief):
     calibration: of every camera's pose and internals, as sigmas or as the points it is made from; motion: of a camera
     that is moved, at each place; placement: of the part in its pose, which matters for features on known planes that
     one camera sees. tur: the test uncertainty ratio limit/U that every limit should reach. choose: how many cameras to
-    choose beside the fixed ones. sources: (role, path, sha256) of files.
+    choose beside the fixed ones. datum: edges that the part's pose is fitted to in the same pictures, relative to which
+    features that are edges of the part are judged, as by `cadcam verify`; none: places in the world, as all others.
+    sources: (role, path, sha256) of files.
     """
 
     part: Mesh
@@ -216,6 +219,7 @@ class LayoutScene(Brief):
     seeing: Seeing = field(default_factory=Seeing)
     tur: float = 3.0
     choose: int = 4
+    datum: tuple[Selection, ...] = ()
     name: str = "layout"
     sources: tuple[tuple[str, str, str], ...] = ()
 
@@ -249,3 +253,22 @@ class LayoutScene(Brief):
                     raise UnknownName(f"camera of mount {mount.name!r}", kind, self.cameras)
         expect_positive(self.tur, "tur", "a positive number: limit/U that every limit should reach")
         expect_count(self.choose, "choose", expected="at least 1 camera")
+        object.__setattr__(self, "datum", expect_each(self.datum, "datum", Selection))
+        if self.datum:
+            self._check_datum()
+
+    @property
+    def judged(self) -> tuple[int, ...]:
+        """Return the numbers of the features that are judged relative to the datum."""
+        return tuple(i for i, f in enumerate(self.features) if self.datum and f.selection is not None)
+
+    def _check_datum(self) -> None:
+        for chosen in self.datum:
+            chosen.among(self.part.part_names)
+        if not self.judged:
+            raise BadValue("datum", "given, but no feature is judged from it", "a feature by its part, or no datum")
+        if not self.finder.by_gray:
+            raise BadValue("noise beside a datum", "without gray and contrast", "both: edges are weighed by them")
+        for feature in (self.features[i] for i in self.judged):
+            if any(limit.quantity is Quantity.ANGLE for limit in feature.limits):
+                raise BadValue(f"angle_deg of {feature.name}", "beside a datum", "an edge_mm to ask it of")

@@ -34,12 +34,16 @@ class Surroundings:
         tolerance = np.full(len(p), self.tolerance_mm)
         hidden = self._part.occluders.hidden(p, eye[pose], tolerance)
         left = np.flatnonzero(~hidden)
-        if self._obstacles is not None and len(left):
-            which = pose[left]
-            in_world = np.einsum("nij,nj->ni", R[which], p[left]) + t[which]
-            eye_in_world = np.einsum("nij,nj->ni", R[which], eye[which]) + t[which]
-            hidden[left] = self._obstacles.occluders.hidden(in_world, eye_in_world, tolerance[left])
+        which = pose[left]
+        in_world = np.einsum("nij,nj->ni", R[which], p[left]) + t[which]
+        hidden[left] = self.behind_obstacles(np.einsum("nij,nj->ni", R[which], eye[which]) + t[which], in_world)
         return hidden
+
+    def behind_obstacles(self, eye: Array, p: Array) -> Mask:
+        """Return which points p (n, 3) in the world obstacles hide from cameras at `eye` (n, 3)."""
+        if self._obstacles is None or not len(p):
+            return np.zeros(len(p), bool)
+        return self._obstacles.occluders.hidden(p, eye, np.full(len(p), self.tolerance_mm))
 
     def holds(self, eye: Array, poses: dict[str, Rigid]) -> str:
         """Return what contains a camera at `eye` (3,) in the world: "an obstacle", "the part in pose ...", or ""."""

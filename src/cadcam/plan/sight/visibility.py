@@ -20,6 +20,7 @@ from cadcam.camera.optics import Optics
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
 from cadcam.plan.scene.layout_scene import Seeing
+from cadcam.plan.sight.datum import DatumEvidence, Judging
 from cadcam.plan.sight.places import Places
 from cadcam.plan.sight.surroundings import Surroundings
 from cadcam.plan.uncertainty.evidence import Evidence
@@ -67,7 +68,8 @@ class Visibility:
     why (P, F): codes of `Why`; mm_per_px, incidence (rad; NaN without a normal), blur_px (diameter of the circle of
     confusion), distance (mm), sigma_px (of the place in the picture, worst direction), each (P, F). evidence: of the
     features' displacements in part axes, (P, F); turns: of straight edges' slopes, (P, F). shift, bend (P, F, 2, 2):
-    covariance of the picture's shift by the camera's errors, px^2, and of its change along an edge, px^2/mm^2.
+    covariance of the picture's shift by the camera's errors, px^2, and of its change along an edge, px^2/mm^2. datum:
+    what is told of features that are judged relative to one.
     """
 
     why: Codes
@@ -80,6 +82,7 @@ class Visibility:
     turns: Evidence
     shift: Array
     bend: Array
+    datum: DatumEvidence | None = None
 
     @property
     def seen(self) -> Mask:
@@ -96,11 +99,21 @@ def seen_from(
     *,
     finder: Finder,
     seeing: Seeing,
+    judging: Judging | None = None,
 ) -> Visibility:
-    """Return what a camera sees of the features at some places of the part in some poses (world_from_part)."""
+    """Return what a camera sees of the features at some places of the part in some poses (world_from_part).
+
+    judging: the features that are judged relative to a datum; of these any part of an edge that is seen counts.
+    """
     view = _View(viewpoint, optics, places, poses)
     share = _share_seen(view, surroundings, seeing)
     why = _why(view, share, seeing)
+    datum = None
+    if judging is not None:
+        datum = judging.seen_from(viewpoint, optics, poses, surroundings, finder=finder, seeing=seeing)
+        own = why[:, judging.numbers]
+        own[own == Why.SEEN] = Why.SMALL
+        why[:, judging.numbers] = np.where(datum.length_px >= max(seeing.least_px, 1.0), Why.SEEN, own)
     seen = why == Why.SEEN
     evidence, turns, sigma = _evidence(view, finder, seen, share.visible)
     J = view.J[:, view.central]
@@ -115,6 +128,7 @@ def seen_from(
         turns=turns.where(seen),
         shift=view.shift(),
         bend=view.bend(),
+        datum=datum,
     )
 
 

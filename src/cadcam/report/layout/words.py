@@ -12,6 +12,7 @@ from cadcam.plan.choice.problem import MEASURED, Score
 from cadcam.plan.layout import CandidateSurvey, Layout
 from cadcam.plan.scene.layout_scene import CalibratedFrom, LayoutScene, Sigmas
 from cadcam.plan.sight.candidate import Candidate, share_errors
+from cadcam.plan.sight.datum import USUAL_PX
 from cadcam.plan.sight.visibility import Why
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.table import Table
@@ -250,10 +251,19 @@ def assumptions(layout: Layout) -> list[str]:
     out.append(
         f"The part is as drawn and lies in one of {len(scene.poses)} poses ({poses}); light and contrast suffice."
     )
-    out.append(
-        "U is that of a place in the world, as cadcam measure finds it. What cadcam verify finds is relative to a "
-        "datum in the same photos: add the datum's error and that of the edges themselves."
-    )
+    world = "U is that of a place in the world, as cadcam measure finds it."
+    if scene.datum:
+        judged = ", ".join(scene.features[i].name for i in scene.judged)
+        out.append(
+            f"U of {judged} is that of cadcam verify: relative to {', '.join(s.part for s in scene.datum)} in the same "
+            f"pictures, each edge off as a whole by {finder.floor_px or USUAL_PX:g} px, all of the same contrast."
+        )
+        world = f"Of all others {world}" if len(scene.judged) < len(scene.features) else ""
+    else:
+        world += (
+            " What cadcam verify finds is relative to a datum in the same photos: name it in the scene to have that."
+        )
+    out += [world] if world else []
     out.append("Features found wrongly, vibration, temperature and the part's own deformation are not in the numbers.")
     if layout.survey.left_out:
         n = len(layout.survey.left_out)

@@ -46,7 +46,7 @@ def uncovered_ratio(
     drawn: the part that the survey is of; near: its parts `around` that body alone.
     """
     lines, sights = sightlines(near, photos, world_from_part)
-    behind = _behind(survey.shown, body, lines) & searchable(lines, photos)
+    behind = _behind(survey.shown, body, lines) & searchable(lines, [photo.camera for photo in photos])
     if not behind.any():
         return 0.0
     every = zip(survey.shown, photos, strict=True)

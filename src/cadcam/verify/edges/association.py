@@ -14,9 +14,9 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.edges import EdgeKind
+from cadcam.camera.camera import Camera
 from cadcam.image.profile import CANDIDATE_ROOM_PX, step_candidates
 from cadcam.locate.lines.sight import Sight
-from cadcam.locate.photo import Photo
 from cadcam.verify.edges.shifts import CAPTURE_PX, NEAR_PX, all_round, best_shift, grown, supported
 from cadcam.verify.edges.sightlines import STEP_PX, Sightlines, pieces
 from cadcam.verify.edges.step_fit import NEIGHBOURS, ON_LINE_PX, fitted_steps, median, robust_line
@@ -62,18 +62,18 @@ class Association:
         return np.isfinite(self.offset)
 
 
-def searchable(lines: Sightlines, photos: Sequence[Photo]) -> Mask:
+def searchable(lines: Sightlines, cameras: Sequence[Camera]) -> Mask:
     """Return at which places (N,) an edge would be seen: those with room beside other lines, well inside the picture.
 
     Nearer to the picture's border there is no profile across the edge: that no edge is found tells nothing there.
     """
     out = lines.room >= _SEARCH_ROOM_PX
     along = np.stack([-lines.normal[:, 1], lines.normal[:, 0]], axis=1)
-    for i, photo in enumerate(photos):
+    for i, camera in enumerate(cameras):
         rows = np.flatnonzero((lines.photo == i) & out)
         across, beside = (CANDIDATE_ROOM_PX + CAPTURE_PX) * lines.normal[rows], 0.5 * STEP_PX * along[rows]
         corners = [lines.q[rows] + a * across + b * beside for a in (-1, 1) for b in (-1, 1)]
-        out[rows] = photo.camera.sees(np.array(corners)).all(axis=0)
+        out[rows] = camera.sees(np.array(corners)).all(axis=0)
     return np.asarray(out)
 
 

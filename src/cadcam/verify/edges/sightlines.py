@@ -8,8 +8,9 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
-from cadcam.camera.error_source import ErrorSource
+from cadcam.camera.error_source import ErrorSource, distinct_sources
 from cadcam.camera.sensitivity import project_with_sensitivity
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.lines.edges import EdgeSamples, project, sample_lines
@@ -104,30 +105,40 @@ def sightlines(part: Part, photos: Sequence[Photo], world_from_part: Rigid) -> t
 
     The places of a photo are consecutive, in the order of its sight's samples.
     """
-    sources = _sources(photos)
-    each = [_in_photo(part, photo, i, world_from_part, sources) for i, photo in enumerate(photos)]
+    lines, samples = lines_in_view(part, [photo.viewpoint for photo in photos], world_from_part)
+    pairs = zip(photos, samples, strict=True)
+    return lines, [Sight(photo, noise_of(photo.gray), world_from_part, of_photo) for photo, of_photo in pairs]
+
+
+def lines_in_view(
+    part: Part, views: Sequence[Viewpoint], world_from_part: Rigid
+) -> tuple[Sightlines, list[EdgeSamples]]:
+    """Return the places of `sightlines`, and their samples in each view: no photo is needed to know them."""
+    sources = distinct_sources([source for view in views for source, _ in view.errors])
+    each = [_in_view(part, view, i, world_from_part, sources) for i, view in enumerate(views)]
     joined = {f.name: np.concatenate([getattr(lines, f.name) for lines, _ in each]) for f in fields(Sightlines)}
     _, edge = np.unique(np.stack([joined["photo"], joined["chain"]], axis=1), axis=0, return_inverse=True)
     joined["edge"] = edge.reshape(-1).astype(np.int64)
     joined["along"] = _along(joined["q"], joined["edge"])
-    return Sightlines(**joined), [sight for _, sight in each]
+    return Sightlines(**joined), [samples for _, samples in each]
 
 
-def _in_photo(
-    part: Part, photo: Photo, number: int, world_from_part: Rigid, sources: list[ErrorSource]
-) -> tuple[Sightlines, Sight]:
-    camera_from_part = photo.camera_from_world @ world_from_part
-    wires = part.lines.draw(photo.camera, camera_from_part, options=_LINES).visible
-    samples = sample_lines(wires, photo.camera, step_px=STEP_PX, reach_px=2 * REACH_PX)
-    samples = samples.select(_imaged(samples, photo, camera_from_part))
-    at = project(samples, photo.camera, camera_from_part)
+def _in_view(
+    part: Part, view: Viewpoint, number: int, world_from_part: Rigid, sources: list[ErrorSource]
+) -> tuple[Sightlines, EdgeSamples]:
+    camera, camera_from_part = view.camera, view.camera_from_world @ world_from_part
+    wires = part.lines.draw(camera, camera_from_part, options=_LINES).visible
+    samples = sample_lines(wires, camera, step_px=STEP_PX, reach_px=2 * REACH_PX)
+    at = project(samples, camera, camera_from_part)
+    samples = samples.select(np.asarray(at.imaged & np.isfinite(at.row).all(axis=1) & at.row.any(axis=1)))
+    at = project(samples, camera, camera_from_part)
     n = len(samples)
     lines = Sightlines(
         at.q,
         at.normal,
         samples.p,
         at.row[:, :3],
-        _by_cause(photo, world_from_part @ samples.p, at.normal, sources),
+        _by_cause(view, world_from_part @ samples.p, at.normal, sources),
         np.zeros(n),
         np.minimum(samples.below, samples.above),
         np.zeros(n, np.int64),
@@ -136,12 +147,7 @@ def _in_photo(
         wires.chain[samples.line],
         np.full(n, number, np.int32),
     )
-    return lines, Sight(photo, noise_of(photo.gray), world_from_part, samples)
-
-
-def _imaged(samples: EdgeSamples, photo: Photo, camera_from_part: Rigid) -> Mask:
-    at = project(samples, photo.camera, camera_from_part)
-    return np.asarray(at.imaged & np.isfinite(at.row).all(axis=1) & at.row.any(axis=1))
+    return lines, samples
 
 
 def _along(q: Array, edge: Longs) -> Array:
@@ -155,19 +161,9 @@ def _along(q: Array, edge: Longs) -> Array:
     return np.asarray(run - (np.bincount(edge, run) / np.maximum(count, 1))[edge])
 
 
-def _sources(photos: Sequence[Photo]) -> list[ErrorSource]:
-    """Return the error sources of all photos, each once: photos with one owner share its errors."""
-    seen: dict[int, ErrorSource] = {}
-    for photo in photos:
-        for source, _ in photo.viewpoint.errors:
-            seen.setdefault(id(source.owner), source)
-    return list(seen.values())
-
-
-def _by_cause(photo: Photo, p_world: Array, normal: Array, sources: list[ErrorSource]) -> Array:
+def _by_cause(view: Viewpoint, p_world: Array, normal: Array, sources: list[ErrorSource]) -> Array:
     if not sources:
         return np.zeros((len(p_world), 0))
-    view = photo.viewpoint
     _, J = project_with_sensitivity(view.camera, view.camera_from_world, p_world)
     along_normal = np.einsum("ni,nij->nj", normal, J)
     mine = {id(source.owner): D for source, D in view.errors}

@@ -149,7 +149,7 @@ def surveyed(
     in_place = replace(lines, p=lines.p - by[lines.part])  # features are chosen by their places in the CAD
     names, members = _members(part.scene, in_place, asked)
     body = _bodies(members)
-    usable = searchable(lines, photos)
+    usable = searchable(lines, [photo.camera for photo in photos])
     moved_as_one = np.where(usable, body, -1)
     shown = [ShownFaces.of(part, photo, world_from_part) for photo in photos] if shown is None else shown
     beside = edge_surroundings(photos, shown, lines)

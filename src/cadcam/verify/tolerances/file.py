@@ -66,7 +66,7 @@ def read_tolerances(path: str | os.PathLike[str]) -> Tolerances:
     place.only("k", "rule", "datum", "features")
     k = _coverage(place) if "k" in place.object else _K
     rule = rule_at(place.at("rule")) if "rule" in place.object else Rule.GUARD_BAND
-    datum = _datum(place.at("datum")) if "datum" in place.object else ()
+    datum = datum_at(place.at("datum"), without="then it is all that is not judged") if "datum" in place.object else ()
     listed = place.at("features")
     if not isinstance(listed.value, dict) or not listed.value:
         raise listed.error("names no feature", _WRITE)
@@ -121,10 +121,11 @@ def _quoted(name: str) -> str:
     return name if plain else "'" + name.replace("'", "''") + "'"
 
 
-def _datum(place: Place) -> tuple[Selection, ...]:
+def datum_at(place: Place, *, without: str) -> tuple[Selection, ...]:
+    """Return the edges that the pose is fitted to; without: what follows where no datum is named."""
     items = place.items(_DATUM)
     if not items:
-        raise place.error("names nothing", f"{_DATUM}, or leave it out: then it is all that is not judged")
+        raise place.error("names nothing", f"{_DATUM}, or leave it out: {without}")
     for item in items:
         if not isinstance(item.value, dict):
             raise item.error(f"is {shortened(item.value)}", _DATUM)
