@@ -250,7 +250,7 @@ def _led_by(ranked: Sequence[Trial], preferred: Callable[[Location], bool]) -> l
 
 
 def _not_found(best: Location, tried: int, equivalent: Sequence[Location]) -> Location:
-    why = best.reason.removeprefix("not found: ")
+    why = best.reason.removeprefix("not found: ").removeprefix("not certain: ")
     reason = f"not found: the best of {tried} hypotheses does not hold: {why}"
     return replace(best, reason=reason, alternatives=tuple(equivalent))
 

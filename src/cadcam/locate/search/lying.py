@@ -29,6 +29,8 @@ from cadcam.locate.views.view_range import ViewRange
 _STATED_DEG = 5.0  # faces so near to a direction that was stated are meant
 _MOST_FACES = 48  # that are searched: of round bodies neighbours are left out
 _SAME_FACE = 1.0 - 1e-4  # cosine between a face and the image of another by a symmetry
+_SEARCHED = 1  # constraints met in any photo by the best of all poses on a plane, of which three numbers are unknown
+_TOLD = 3  # constraints that a free fit meets, but of which the plane tells whether they are right: height and tilts
 _SIGMAS = 4.0  # of the height above the plane: what is farther off does not lie on it
 _RAYS = 12  # along each side of a photo, to see whether it shows the plane
 
@@ -138,10 +140,12 @@ class Lying:
 
 
 def met_by_search(lying: Lying | None) -> int:
-    """Return how many constraints a pose meets because it is the best of a search without a start."""
-    import os
+    """Return how many constraints a pose meets because it is the best of a search without a start.
 
-    return SEARCHED if lying is None else int(os.environ.get("CH", "0"))
+    On a plane, less those met by its free fit that are evidence all the same: a wrong pose would not lie there. Turns
+    of the part that no photo shows are not fitted.
+    """
+    return SEARCHED if lying is None else _SEARCHED - max(_TOLD - lying.part.spins.shape[1], 0)
 
 
 def _turn_onto(directions: Array, there: Array) -> Array:

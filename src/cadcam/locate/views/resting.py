@@ -78,7 +78,7 @@ class RestingFaces(Brief):
         return cls(down, height, stable, corners)
 
     def chosen(self, down: Floats | None, within_deg: float) -> Longs:
-        """Return the numbers of those on which the part stays lying, or of all within some degrees of a direction."""
+        """Return the numbers of those on which the part stays lying, or of all within some degrees of a unit direction (3,)."""
         if down is None:
             return np.flatnonzero(self.stable)
         near = np.flatnonzero(self.down @ np.asarray(down) >= np.cos(np.radians(within_deg)))
