@@ -190,6 +190,7 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=7, help="of places, ground and noise (default %(default)s)")
     parser.add_argument("--farther", type=float, default=1.0, help="times the distance (default %(default)s)")
     parser.add_argument("--on", action="store_true", help="the plane that they lie on is known")
+    parser.add_argument("--parts", nargs="+", choices=CHOSEN, default=list(CHOSEN), help="(default: all)")
     parser.add_argument("--trays", action="store_true", help="no heaps")
     parser.add_argument("--save", type=Path, help="write the pictures into this folder")
     a = parser.parse_args()
@@ -201,7 +202,8 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     every = {body.name: body for body in bodies(a.scene)}
     chosen = {name: next(body for key, body in every.items() if key.startswith(name)) for name in CHOSEN}
-    for name, other in CHOSEN.items():
+    for name in a.parts:
+        other = CHOSEN[name]
         for heap in (False,) if a.trays else (False, True):
             print(row(chosen[name], Part.of(chosen[other].mesh), a, heap=heap), flush=True)
 

@@ -133,6 +133,8 @@ def views_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | Non
 
 def _plane_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | None) -> OnPlane | None:
     """Return the plane of --on, in the frame that the photos' cameras are placed in; None without it."""
+    import numpy as np
+
     from cadcam.geometry.plane import Plane
     from cadcam.locate.views.resting import OnPlane
 
@@ -142,14 +144,14 @@ def _plane_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | No
     refuse(arguments, "--roll", why="beside --on", expected="one of them: on a plane a part may be turned anyhow")
     text, _, within = arguments.on.partition(":")
     x, y, z, offset = numbers("--on", text, 4, form="four numbers: the normal X,Y,Z and the offset D in mm")
-    plane = Plane([x, y, z], offset)
+    plane = Plane(np.array([x, y, z]), np.array(offset))
     if len(arguments.camera) == 1:  # whose frame is the world
         if camera_from_world is None:
             wanted = "camera_from_world: --on is a plane in the world; calibrate on a board that lies on it"
             raise BadValue(f"the pose in {arguments.camera[0]}", "missing", wanted)
         normal = camera_from_world.rotation @ plane.normal
         plane = Plane.through(camera_from_world @ plane.foot([0.0, 0.0, 0.0]), normal)
-    down = None if arguments.lying is None else numbers("--lying", arguments.lying, 3)
+    down = None if arguments.lying is None else np.array(numbers("--lying", arguments.lying, 3))
     return OnPlane(plane, down, number("--on", within) if within else 1.0)
 
 

@@ -193,4 +193,4 @@ def _shows(photo: Photo, plane: Plane) -> Mask:
     sight = photo.camera.unproject(np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2))
     sight = sight[np.isfinite(sight).all(axis=1)] @ photo.camera_from_world.rotation
     origin = np.broadcast_to(photo.camera_from_world.origin, sight.shape)
-    return np.isfinite(plane.meet(Ray(origin, sight))).all(axis=1)
+    return np.asarray(np.isfinite(plane.meet(Ray(origin, sight))).all(axis=1))

@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Ids, Mask, Picture
 from cadcam.cores import on_cores
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -118,9 +118,12 @@ def _slid(
         return poses, np.zeros(0), q
     aspects, stage = lying.part.aspects, FieldLevel((field,), (place,))
     edges = pose_edges(aspects, stage, poses, _SLID, telling=False)
-    window = {"centre": (0, 0), "reach": (half, half), "keep": keep, "apart": 2}
+
+    def best(s: slice) -> tuple[Ids, Picture]:
+        return edges.part(s).slide(0, poses[s], centre=(0, 0), reach=(half, half), keep=keep, apart=2)
+
     some = [slice(k, k + _TOGETHER) for k in range(0, len(poses), _TOGETHER)]
-    done = on_cores(lambda s: edges.part(s).slide(0, poses[s], **window), some)
+    done = on_cores(best, some)
     shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
     which, by = np.repeat(np.arange(len(poses)), keep), shift.reshape(-1, 2).astype(np.float64)
     moved = turned(aspects, field.camera, composed(place, poses[which]), by)

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, Floats, Ids, Longs, frozen
+from cadcam.arrays import Array, Brief, Floats, Longs, Mask, frozen
 from cadcam.cad.mesh import Mesh, used_vertices
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
@@ -53,7 +53,7 @@ class RestingFaces(Brief):
 
     down: Array
     height: Array
-    stable: Array
+    stable: Mask
     corners: tuple[Array, ...]
 
     @classmethod
@@ -78,7 +78,7 @@ class RestingFaces(Brief):
         return cls(down, height, stable, corners)
 
     def chosen(self, down: Floats | None, within_deg: float) -> Longs:
-        """Return the numbers of those on which the part stays lying, or of all within some degrees of a unit direction (3,)."""
+        """Return the numbers of those on which the part stays lying, or of all near a unit direction (3,) down."""
         if down is None:
             return np.flatnonzero(self.stable)
         near = np.flatnonzero(self.down @ np.asarray(down) >= np.cos(np.radians(within_deg)))
@@ -117,7 +117,7 @@ def _areas(facets: Array) -> Array:
     return np.asarray(np.linalg.norm(np.cross(facets[:, 1] - facets[:, 0], facets[:, 2] - facets[:, 0]), axis=1))
 
 
-def _below(centre: Array, facets: Array, normal: Array) -> Ids:
+def _below(centre: Array, facets: Array, normal: Array) -> Mask:
     """Return which facets (F, 3, 3), triangles with normals (F, 3), have a point (3,) above them along the normal."""
     inside = np.ones(len(facets), bool)
     for k in range(3):
