@@ -25,6 +25,7 @@ from cadcam.locate.search.lying import Lying
 from cadcam.locate.search.on_plane import lying_poses
 from cadcam.locate.search.scales import Scales
 from cadcam.locate.search.without_start import unmade
+from cadcam.locate.track.log import head_of
 from cadcam.locate.views.resting import OnPlane
 from cadcam.locate.views.view_range import ViewRange
 from cadcam.render import open_renderer
@@ -167,6 +168,17 @@ def test_views_and_distances_that_are_declared_restrict_a_search_on_a_plane_too(
     for poses in swept(above):
         assert (poses[:, 8] > -0.5).all()  # no bracket lies across its wall: it would be seen from below
     assert not unmade(BRACKET, [CAMERA], VIEWS)
+
+
+def test_the_head_of_a_tracks_log_says_on_which_plane_it_was_searched() -> None:
+    """By it a log is continued or refused; one of before there were planes says nothing of it."""
+    photo = taken(BRACKET, lying(0, 0, 0))
+    known = (OnPlane(TABLE), OnPlane(TABLE, within_mm=2.0), OnPlane(TABLE, np.array([0.0, 0, -1])))
+    views = [ViewRange.above(), *(ViewRange(on=one) for one in known)]
+    said = [head_of(BRACKET, [photo.viewpoint], views=one)["views"] for one in views]
+    assert "on" not in said[0]
+    assert said[1]["on"] == {"normal": [0.0, 0.0, 1.0], "offset_mm": 0.0, "down": None, "within_mm": 1.0}
+    assert said[1] != said[2] != said[3] != said[1]
 
 
 def test_planes_that_no_photo_shows_are_refused() -> None:

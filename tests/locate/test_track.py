@@ -19,7 +19,6 @@ import pytest
 
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue, NothingInView, UnreadableFile, UnwritableFile
-from cadcam.geometry.plane import Plane
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.locate.freedom import Freedom
@@ -30,7 +29,6 @@ from cadcam.locate.track import tracker as module
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.log import COLUMNS, TrackLog, head_of, read_track_log, track_part_to_log
 from cadcam.locate.track.tracker import LoggedFrame, track_part
-from cadcam.locate.views.resting import OnPlane
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 from .moving import CAMERA, FIRST, STEP, Sighting, block, frames, location, measured, truth
@@ -288,11 +286,6 @@ def test_a_log_is_only_continued_with_the_same_range_of_views(sighting: Install,
     assert entries(log, above) == entries(log, ViewRange.above(within_deg=50.0))
     with pytest.raises(UnreadableFile, match="begun with another --seen-from, --roll, --distance, --on or --lying"):
         entries(log)
-    table = OnPlane(Plane(np.array([0.0, 0, 1]), np.array(700.0)))
-    _, written = log.unlink(), entries(log, ViewRange(on=table))
-    assert entries(log, ViewRange(on=replace(table))) == written
-    with pytest.raises(UnreadableFile, match="begun with another"):
-        entries(log, ViewRange(on=replace(table, within_mm=2.0)))
     _, written = log.unlink(), entries(log)
     log.write_text(log.read_text().replace(', "views": null', "", 1))
     assert (entries(log), "views" in log.read_text()) == (written, False)

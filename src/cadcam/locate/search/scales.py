@@ -8,6 +8,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField
 from cadcam.locate.photo import Photo
 from cadcam.locate.search.climb import FieldLevel, composed, turned
@@ -27,8 +28,8 @@ class Scales:
     def __init__(self, aspects: Aspects, photos: Sequence[Photo]) -> None:
         self.aspects = aspects
         self._fields = [_fields(photo) for photo in photos]
-        self.places = tuple(photo.camera_from_world for photo in photos)
-        self.focal = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
+        self.places: tuple[Rigid, ...] = tuple(photo.camera_from_world for photo in photos)
+        self.focal: list[float] = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
 
     def stage(self, reductions: Array) -> FieldLevel:
         """Return the field of each photo that is nearest to its given reduction (photos,)."""
