@@ -1,12 +1,14 @@
 """How many instances of a part are found where several lie in one photo: in a tray, and in a heap.
 
     python benchmarks/locate_instances.py ../shared/data/shipblock_clean --pictures 6
+    python benchmarks/locate_instances.py ../shared/data/shipblock_clean --farther 1.6 --on
 
 Draws 6 to 12 instances of the machined bracket, a box and a hexagonal prism on a mottled ground, with noise: apart from
 each other and flat on it (tray), or tilted by up to some 30 degrees, the later ones over the earlier (heap). The camera
 looks down from 15 to 40 degrees off the vertical; what is declared is that range to 60 degrees, any turn, and the
-distance to 20 %. An instance counts if half of it shows. It is found if no corner is 5 px off, in any of the part's
-symmetric poses. "Another part" is looked for in the same pictures, and should not be found.
+distance to 20 %; with --on the plane that they lie on in trays, instead of all that. An instance counts if half of it
+shows. It is found if no corner is 5 px off, in any of the part's symmetric poses. "Another part" is looked for in the
+same pictures, and should not be found.
 """
 
 from __future__ import annotations
@@ -20,6 +22,7 @@ import numpy as np
 
 from cadcam.arrays import Picture
 from cadcam.camera.camera import Camera
+from cadcam.geometry.plane import Plane
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
 from cadcam.image.picture import write_picture
@@ -27,6 +30,7 @@ from cadcam.locate.instances import locate_instances
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.views.resting import OnPlane
 from cadcam.locate.views.view_range import ViewRange
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
@@ -39,11 +43,12 @@ SHOWS = 0.5  # least share of an instance's silhouette that is not hidden or out
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Pictured:
-    """A picture, the poses camera_from_part of the instances in it, and the distance that was aimed at (mm)."""
+    """A picture, the poses camera_from_part of the instances in it, the distance aimed at (mm), and the ground."""
 
     gray: Picture
     poses: list[Rigid]
     distance: float
+    ground: Plane
 
 
 @dataclass(slots=True, eq=False)
@@ -82,15 +87,18 @@ def laid(body: Body, n: int, rng: np.random.Generator, *, heap: bool) -> tuple[l
     return poses, float(side)
 
 
-def pictured(body: Body, n: int, noise: float, rng: np.random.Generator, *, heap: bool) -> Pictured:
+def pictured(
+    body: Body, n: int, noise: float, rng: np.random.Generator, *, heap: bool, farther: float = 1.0
+) -> Pictured:
     poses, side = laid(body, n, rng, heap=heap)
-    distance = 1.25 * side * CAMERA.fx / CAMERA.height
+    distance = 1.25 * farther * side * CAMERA.fx / CAMERA.height
     around, tilt = rng.uniform(0, 2 * np.pi), np.radians(rng.uniform(15, 40))
     eye = distance * np.array([np.sin(tilt) * np.cos(around), np.sin(tilt) * np.sin(around), np.cos(tilt)])
     camera_from_world = Rigid.look_at(eye, np.zeros(3))
     scene = Scene.of(body.mesh).repeated(poses)
     gray = picture(open_renderer(scene), camera_from_world, noise, rng, camera=CAMERA)
-    return Pictured(gray, [camera_from_world @ pose for pose in poses], distance)
+    ground = Plane.through(camera_from_world @ np.zeros(3), camera_from_world.rotation[:, 2])
+    return Pictured(gray, [camera_from_world @ pose for pose in poses], distance, ground)
 
 
 def shown(body: Body, poses: list[Rigid]) -> list[float]:
@@ -139,25 +147,34 @@ def count(tally: Tally, body: Body, seen: Pictured, found: list[Location]) -> No
     tally.hidden += len(right - there)
 
 
-def row(body: Body, other: Part, n: int, noise: float, seed: int, save: Path | None, *, heap: bool) -> str:
-    tally, part = Tally(), Part.of(body.mesh)
-    for k in range(n):
-        rng = np.random.default_rng([seed, k, heap])
-        seen = pictured(body, int(rng.integers(6, 13)), noise, rng, heap=heap)
-        if save is not None:
-            write_picture(save / f"{body.name}_{'heap' if heap else 'tray'}_{k:02d}.png", seen.gray)
+def declared(seen: Pictured, *, on: bool) -> ViewRange:
+    """Return what is declared of a picture: the plane that they lie on, or directions and distances."""
+    if on:
+        return ViewRange(on=OnPlane(seen.ground))
+    return ViewRange(half_angle_deg=60, distance_mm=(0.8 * seen.distance, 1.2 * seen.distance))
+
+
+def row(body: Body, other: Part, a: argparse.Namespace, *, heap: bool) -> str:
+    tally, part, sizes = Tally(), Part.of(body.mesh), list[float]()
+    for k in range(a.pictures):
+        rng = np.random.default_rng([a.seed, k, heap])
+        seen = pictured(body, int(rng.integers(6, 13)), a.noise, rng, heap=heap, farther=a.farther)
+        sizes.append(2 * part.aspects.radius * CAMERA.fx / seen.distance)
+        if a.save is not None:
+            write_picture(a.save / f"{body.name}_{'heap' if heap else 'tray'}_{k:02d}.png", seen.gray)
         photo = Photo.of(seen.gray, CAMERA)
-        views = ViewRange(half_angle_deg=60, distance_mm=(0.8 * seen.distance, 1.2 * seen.distance))
+        views = declared(seen, on=a.on)
         locate_instances(part, [photo], views=views, most=1)  # makes the part's aspects for this distance
         began = time.process_time()
         found = [one for one in locate_instances(part, [photo], views=views) if one.found]
         tally.cpu.append((time.process_time() - began) / max(len(found), 1))
         count(tally, body, seen, found)
         tally.other += sum(one.found for one in locate_instances(other, [photo], views=views))
-    errors, rms = np.array(tally.error_mm), float(np.sqrt(np.mean(tally.normalised)))
+    errors = np.array(tally.error_mm or [np.nan])
+    rms = float(np.sqrt(np.mean(tally.normalised or [np.nan])))
     counts = f"{tally.found} of {tally.there} | {tally.hidden} | {tally.wrong} | {tally.twice}"
     return (
-        f"| {body.name} | {'heap' if heap else 'tray'} | {counts}"
+        f"| {body.name} | {'heap' if heap else 'tray'} | {min(sizes):.0f} to {max(sizes):.0f} | {counts}"
         f" | {np.median(errors):.3f} / {np.quantile(errors, 0.9):.3f} | {rms:.2f}"
         f" | {np.median(tally.cpu):.2f} | {tally.other} |"
     )
@@ -171,17 +188,24 @@ def main() -> None:
     )
     parser.add_argument("--noise", type=float, default=3.0, help="grey levels (default %(default)s)")
     parser.add_argument("--seed", type=int, default=7, help="of places, ground and noise (default %(default)s)")
+    parser.add_argument("--farther", type=float, default=1.0, help="times the distance (default %(default)s)")
+    parser.add_argument("--on", action="store_true", help="the plane that they lie on is known")
+    parser.add_argument("--parts", nargs="+", choices=CHOSEN, default=list(CHOSEN), help="(default: all)")
+    parser.add_argument("--trays", action="store_true", help="no heaps")
     parser.add_argument("--save", type=Path, help="write the pictures into this folder")
     a = parser.parse_args()
-    print("| part | lying | found | beside, half hidden ones | wrong | twice | centroid, mm, median / 90 %", end="")
+    print(
+        "| part | lying | px large | found | beside, half hidden ones | wrong | twice | centroid, mm, median / 90 %",
+        end="",
+    )
     print(" | normalised | CPU s each | another part found |")
-    print("|---|---|---|---|---|---|---|---|---|---|")
+    print("|---|---|---|---|---|---|---|---|---|---|---|")
     every = {body.name: body for body in bodies(a.scene)}
     chosen = {name: next(body for key, body in every.items() if key.startswith(name)) for name in CHOSEN}
-    for name, other in CHOSEN.items():
-        for heap in (False, True):
-            missing = Part.of(chosen[other].mesh)
-            print(row(chosen[name], missing, a.pictures, a.noise, a.seed, a.save, heap=heap), flush=True)
+    for name in a.parts:
+        other = CHOSEN[name]
+        for heap in (False,) if a.trays else (False, True):
+            print(row(chosen[name], Part.of(chosen[other].mesh), a, heap=heap), flush=True)
 
 
 if __name__ == "__main__":

@@ -142,6 +142,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.locate.track.log import read_track_log as read_track_log
     from cadcam.locate.track.log import track_part_to_log as track_part_to_log
     from cadcam.locate.track.tracker import track_part as track_part
+    from cadcam.locate.views.resting import OnPlane as OnPlane
     from cadcam.locate.views.view_range import ViewRange as ViewRange
     from cadcam.plan.layout import Layout as Layout
     from cadcam.plan.layout import next_cameras as next_cameras
@@ -269,6 +270,7 @@ _HOME = {
     "NamedCamera": "cadcam.files.foreign.model",
     "Observations": "cadcam.camera.observations",
     "OddRadial": "cadcam.camera.lens",
+    "OnPlane": "cadcam.locate.views.resting",
     "Optics": "cadcam.camera.optics",
     "Ordering": "cadcam.target.order.ordering",
     "Part": "cadcam.locate.part",

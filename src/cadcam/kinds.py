@@ -94,6 +94,7 @@ _WAYS: Mapping[tuple[str, str], str] = {
     ("str", "Rigid"): "cadcam.read_pose(path)",
     ("str", "Scene"): "cadcam.Scene.of(cadcam.read_model(path))",
     ("str", "Tolerances"): "cadcam.read_tolerances(path)",
+    ("OnPlane", "ViewRange"): "cadcam.ViewRange(on=...)",
     ("str", "ViewRange"): "such as cadcam.ViewRange.above()",
     ("type", "Lens"): "an instance, such as cadcam.BrownConrady()",
 }

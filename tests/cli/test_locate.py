@@ -91,6 +91,13 @@ def test_a_declared_range_of_views_is_searched_and_what_that_took_is_kept(
         (("--distance", "300"), "nearest,farthest"),
         (("--distance", "300,200"), "least, greatest"),
         (("--roll", "15", "--start", "start.txt"), "a start is not searched for"),
+        (("--on", "0,0,1,0", "--start", "start.txt"), "a start is not searched for"),
+        (("--on", "0,0,1,0"), "the pose in camera.json is missing"),
+        (("--on", "0,0,1"), "the normal X,Y,Z and the offset D"),
+        (("--on", "0,0,nan,0"), "--on"),
+        (("--on", "0,0,0,5"), "plane normal"),
+        (("--on", "0,0,1,0", "--roll", "30"), "--roll is given beside --on"),
+        (("--lying", "0,0,-1"), "--lying is given without --on"),
     ],
 )
 def test_a_range_of_views_that_means_nothing_is_refused(
@@ -99,6 +106,26 @@ def test_a_range_of_views_that_means_nothing_is_refused(
     ran = cadcam(*LOCATE, *words)
     assert ran.code == 2
     assert said in ran.err
+
+
+def test_a_part_on_a_plane_of_the_world_is_found_and_beside_it_refused(cadcam: Cadcam, here: Path) -> None:
+    world_from_part = Rigid.from_rotation_vector([0, 0, 0.7], [300.0, -200, 50])  # on a table 50 mm above the world's
+    write_camera("camera.json", CAMERA, camera_from_world=POSE @ world_from_part.inv)
+    (here / "found.json").write_text(cadcam(*LOCATE, "--on", "0,0,1,50", "--lying", "0,0,-1", "--json").out)
+    assert off_mm(read_part_pose("found.json")) < 0.3
+    ran = cadcam(*LOCATE, "--on", "0,0,1,42", "--pose-out", "pose.json")
+    assert ran.code == 3
+    assert "does not lie on the plane" in ran.out + ran.err
+    assert not Path("pose.json").exists()
+    assert cadcam(*LOCATE, "--on", "0,0,1,42:8", "--json").json["found"]
+    for words, said in (
+        (("--on", "0,0,1,5000"), "no photo shows it"),
+        (("--on", "0,0,1,50", "--lying", "1,1,-1"), "no face within 5 deg"),
+        (("--on", "0,0,1,50:-1"), "within_mm"),
+    ):
+        ran = cadcam(*LOCATE, *words)
+        assert ran.code == 2
+        assert said in ran.err
 
 
 def test_points_picked_in_the_photo_are_a_start(cadcam: Cadcam, here: Path) -> None:

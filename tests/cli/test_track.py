@@ -188,7 +188,10 @@ def test_another_camera_makes_another_log(cadcam: Cadcam, here: Path) -> None:
     other = cadcam(*TRACK, "--crease-angle", "100").err
     assert re.search(r"begun with another part, unit or crease angle \(\w{8}, now \w{8}\); name", other)
     assert "begun without --no-print; name" in cadcam(*TRACK, "--no-print").err
-    assert "begun with another --seen-from, --roll or --distance; name" in cadcam(*TRACK, "--roll", "30").err
+    assert (
+        "begun with another --seen-from, --roll, --distance, --on or --lying; name"
+        in cadcam(*TRACK, "--roll", "30").err
+    )
     assert re.search(r"another start \(at [^()]* mm, now none\); name", cadcam(*TRACK[:5], *TRACK[7:]).err)
     write_camera("camera.json", CAMERA.__class__.from_focal((480, 360), 601))
     ran = cadcam(*TRACK)

@@ -16,10 +16,13 @@ from cadcam.dataset.plan_file import read_plan
 from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.camera import write_camera
 from cadcam.files.poses import write_poses
+from cadcam.geometry.plane import Plane
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.image.sensor.light import PixelAspect
 from cadcam.image.sensor.sensor import Sensor
+from cadcam.locate.views.resting import OnPlane
+from cadcam.locate.views.view_range import ViewRange
 
 from .sets import CAMERA, plan, scene
 
@@ -154,6 +157,7 @@ def test_key_points_that_cannot_be_read_are_named_by_line(here: Path, text: str,
     [
         ({"sensor": Sensor(pixel_aspect=PixelAspect(2.0))}, "pixel_aspect of the sensor is given; expected none"),
         ({"gray": "no"}, "gray is"),
+        ({"around": ViewRange(on=OnPlane(Plane(np.array([0.0, 0, 1]), np.array(0.0))))}, "on of the views"),
         ({"key_points": np.zeros((1, 2)), "key_point_names": ("a",)}, "key_points"),
         ({"key_points": np.full((1, 3), np.nan), "key_point_names": ("a",)}, "key_points"),
         ({"key_points": np.zeros((1, 3)), "key_point_names": ("a", "b")}, "is 2 names; expected one for each of 1 p"),

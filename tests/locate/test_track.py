@@ -284,7 +284,7 @@ def test_a_log_is_only_continued_with_the_same_range_of_views(sighting: Install,
         return [entry for _, entry in track_part_to_log(path, PART, opened(folder), views=views)]
 
     assert entries(log, above) == entries(log, ViewRange.above(within_deg=50.0))
-    with pytest.raises(UnreadableFile, match="begun with another --seen-from, --roll or --distance"):
+    with pytest.raises(UnreadableFile, match="begun with another --seen-from, --roll, --distance, --on or --lying"):
         entries(log)
     _, written = log.unlink(), entries(log)
     log.write_text(log.read_text().replace(', "views": null', "", 1))

@@ -35,6 +35,7 @@ if TYPE_CHECKING:
     from cadcam.locate.location import Location
     from cadcam.locate.part import Part
     from cadcam.locate.photo import Photo
+    from cadcam.locate.views.resting import OnPlane
     from cadcam.locate.views.view_range import ViewRange
     from cadcam.render.lines.visible import LineDrawer
 
@@ -61,6 +62,16 @@ seen from: any            from all sides (default), where the part is 0.2 to 1.2
           above, above:60   from the side of the model's +z, up to 80 or 60 degrees from that axis
           X,Y,Z:30        from the direction X,Y,Z of the model (from its middle to the camera), up to 30 degrees off
           A narrower range is faster and surer.
+
+on:       0,0,1,0         the part lies on this plane (a table, a belt, a tray): normal X,Y,Z and offset D (mm) in the
+                          world of the camera file's pose, of several files, or of the rig; points p of the plane have
+                          X px + Y py + Z pz = D. The part is on the side of the cameras, wherever the normal points.
+                          Where the camera was calibrated on a board that lay there, 0,0,1,0 is the board's upper side
+          0,0,1,0:2       known to within 2 mm (default 1), uneven undersides included
+          --lying 0,0,-1  the part's direction that points to the plane; else it lies on any face on which it stays
+          Place and turn are then all that is searched for: faster, and small parts are found that otherwise are not
+          certain. A part found not to lie there, tilted or raised, is refused.
+
           The first search of a model draws its views (seconds) and keeps them in the cache folder: CADCAM_CACHE, else
           ~/.cache/cadcam; CADCAM_CACHE=off keeps nothing.
 """
@@ -87,13 +98,18 @@ def add_view_options(parser: argparse.ArgumentParser, *, when: str = "without a 
     group.add_argument(
         "--distance", metavar="NEAR,FAR", help="range of the camera's distance from the part's middle, mm"
     )
+    group.add_argument("--on", metavar="X,Y,Z,D", help="plane that the part lies on, in the world: see below")
+    group.add_argument("--lying", metavar="X,Y,Z", help="direction of the part that points to the plane of --on")
 
 
-VIEW_OPTIONS = ("--seen-from", "--roll", "--distance")
+VIEW_OPTIONS = ("--seen-from", "--roll", "--distance", "--on", "--lying")
 
 
-def views_as_asked(arguments: argparse.Namespace, *starts: str) -> ViewRange:
-    """Return the range of views that --seen-from, --roll and --distance declare; starts: options in place of them."""
+def views_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | None, *starts: str) -> ViewRange:
+    """Return the range of views that the options declare; starts: options in place of them.
+
+    camera_from_world: of the one camera whose file says where it stands.
+    """
     from cadcam.locate.views.view_range import ViewRange
 
     if given(arguments, *starts):
@@ -112,7 +128,31 @@ def views_as_asked(arguments: argparse.Namespace, *starts: str) -> ViewRange:
     if arguments.distance is not None:
         near, far = numbers("--distance", arguments.distance, 2, form="two numbers: nearest,farthest in mm")
         around["distance_mm"] = (near, far)
-    return ViewRange(**around)
+    return ViewRange(**around, on=_plane_as_asked(arguments, camera_from_world))
+
+
+def _plane_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | None) -> OnPlane | None:
+    """Return the plane of --on, in the frame that the photos' cameras are placed in; None without it."""
+    import numpy as np
+
+    from cadcam.geometry.plane import Plane
+    from cadcam.locate.views.resting import OnPlane
+
+    if arguments.on is None:
+        refuse(arguments, "--lying", why="without --on", expected="--on beside it: the plane that the part lies on")
+        return None
+    refuse(arguments, "--roll", why="beside --on", expected="one of them: on a plane a part may be turned anyhow")
+    text, _, within = arguments.on.partition(":")
+    x, y, z, offset = numbers("--on", text, 4, form="four numbers: the normal X,Y,Z and the offset D in mm")
+    plane = Plane(np.array([x, y, z]), np.array(offset))
+    if len(arguments.camera) == 1:  # whose frame is the world
+        if camera_from_world is None:
+            wanted = "camera_from_world: --on is a plane in the world; calibrate on a board that lies on it"
+            raise BadValue(f"the pose in {arguments.camera[0]}", "missing", wanted)
+        normal = camera_from_world.rotation @ plane.normal
+        plane = Plane.through(camera_from_world @ plane.foot([0.0, 0.0, 0.0]), normal)
+    down = None if arguments.lying is None else np.array(numbers("--lying", arguments.lying, 3))
+    return OnPlane(plane, down, number("--on", within) if within else 1.0)
 
 
 @contextmanager
@@ -215,7 +255,7 @@ def located(
     if start is not None:
         with working("looking for the part"):
             return locate_part(part, shots.photos, start, freedom=freedom)
-    if shots.camera_from_world is not None:
+    if shots.camera_from_world is not None and views.on is None:
         try:
             location = locate_part(part, shots.photos, shots.camera_from_world, freedom=freedom)
         except NothingInView:  # the file's world is not the part's

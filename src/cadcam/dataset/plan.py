@@ -104,6 +104,8 @@ class DatasetPlan(Brief):
         expect(self.camera, "camera", Camera)
         for name, kind in (("around", ViewRange), ("lights", Lights), ("occluders", Occluders)):
             expect(getattr(self, name), name, kind)
+        if self.around.on is not None:
+            raise BadValue("on of the views", "a plane", "none: views are drawn about the part, which lies nowhere")
         expect(self.sensor, "sensor", Sensor, optional=True)
         object.__setattr__(self, "poses", expect_each(self.poses, "poses", Rigid))
         object.__setattr__(self, "backgrounds", expect_each(self.backgrounds, "backgrounds", str, Path))

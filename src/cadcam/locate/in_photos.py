@@ -18,7 +18,6 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.support import SEARCHED
 from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
@@ -27,6 +26,7 @@ from cadcam.locate.refine.retaken import at_their_sharpness
 from cadcam.locate.rivals import Rivals
 from cadcam.locate.search.approach import REACH, Reach, approach
 from cadcam.locate.search.hypothesis import Hypothesis
+from cadcam.locate.search.lying import Lying, met_by_search
 from cadcam.locate.search.without_start import search
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
@@ -64,15 +64,20 @@ class _LocateTask:
     reach: Reach
     freedom: Freedom
     options: EdgeOptions
+    lying: Lying | None = None
 
     @property
     def chosen(self) -> int:
         """How many constraints a hypothesis meets by being the best of many."""
-        return SEARCHED if self.start is None else 0
+        return met_by_search(self.lying) if self.start is None else 0
+
+    def checked(self, location: Location) -> Location:
+        """Return a location as not found where it does not lie on a plane that is known."""
+        return location if self.lying is None else self.lying.checked(location)
 
     def alike(self, best: Location) -> list[Location]:
         """Return the other poses of a symmetric part; none from a start, which chooses among them."""
-        return equivalent(self.part, best) if self.start is None else []
+        return equivalent(self.part, best, self.lying) if self.start is None else []
 
 
 def locate_part(
@@ -105,7 +110,8 @@ def locate_part(
     searched = search(part, photos, views) if start is None else []
 
     def found_in(photos: Sequence[Photo], times: Sequence[int]) -> list[Location]:
-        task = _LocateTask(part, photos, start, reach, freedom, options)
+        lying = Lying.of(part, photos, views) if start is None else None
+        task = _LocateTask(part, photos, start, reach, freedom, options, lying)
         return [_located(task, searched) if start is None else _located(task, *_near(task, start))]
 
     return at_their_sharpness(photos, found_in)[0]
@@ -139,7 +145,7 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
     if not (clear(ranked[0]) or (none_clear and _alone(task.part, best, trials))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
     if task.start is None or best.quality < DOUBT[1] or rivals.contested(best).any():
-        checked = rivals.checked(best, basins.sights(best.pose.world_from_part))
+        checked = task.checked(rivals.checked(best, basins.sights(best.pose.world_from_part)))
         if checked.pose is not best.pose:
             alike = task.alike(checked)
         if not checked.found:
@@ -183,7 +189,7 @@ def _refined(
         nearby = replace(task.options, search_px=h.within_px)
         refinement = Refinement(task.part, task.photos, task.freedom, options=nearby, chosen=task.chosen)
         location, sights = refinement.around(h.world_from_part)
-        trials.append(Trial(h.score, location))
+        trials.append(Trial(h.score, task.checked(location)))
         basins.add(location, sights)
     return trials
 
@@ -244,7 +250,7 @@ def _led_by(ranked: Sequence[Trial], preferred: Callable[[Location], bool]) -> l
 
 
 def _not_found(best: Location, tried: int, equivalent: Sequence[Location]) -> Location:
-    why = best.reason.removeprefix("not found: ")
+    why = best.reason.removeprefix("not found: ").removeprefix("not certain: ")
     reason = f"not found: the best of {tried} hypotheses does not hold: {why}"
     return replace(best, reason=reason, alternatives=tuple(equivalent))
 
@@ -309,8 +315,8 @@ def _apart_to_see(part: Part, one: Rigid, other: Rigid) -> float:
     return float(np.linalg.norm(one @ points - other @ points, axis=1).max() / radius)
 
 
-def equivalent(part: Part, best: Location) -> list[Location]:
-    """Return the other poses in which a symmetric part looks the same as in the best."""
+def equivalent(part: Part, best: Location, lying: Lying | None = None) -> list[Location]:
+    """Return the other poses in which a symmetric part looks the same as in the best, of those that may lie so."""
     out = []
     for part_from_part in part.symmetries[1:]:
         pose = best.pose
@@ -323,7 +329,8 @@ def equivalent(part: Part, best: Location) -> list[Location]:
             freedom=np.linalg.qr(Ad @ pose.freedom)[0],
             undetermined=Ad @ pose.undetermined,
         )
-        out.append(replace(best, pose=moved, reason="the part looks the same in this pose"))
+        if lying is None or not lying.off(moved):
+            out.append(replace(best, pose=moved, reason="the part looks the same in this pose"))
     return out
 
 

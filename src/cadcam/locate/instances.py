@@ -21,13 +21,13 @@ from cadcam.locate.in_photos import Trial, check_photos, distinct_poses, elsewhe
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.support import SEARCHED
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.refinement import Refinement
 from cadcam.locate.refine.retaken import at_their_sharpness
 from cadcam.locate.rivals import Rivals
 from cadcam.locate.search.hypothesis import Hypothesis
+from cadcam.locate.search.lying import Lying, met_by_search
 from cadcam.locate.search.quota import MANY
 from cadcam.locate.search.without_start import search
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
@@ -68,7 +68,7 @@ def locate_instances(
     check_photos(photos)
 
     def found_in(photos: Sequence[Photo], times: Sequence[int]) -> list[Location]:
-        every = _Instances(part, photos, options)
+        every = _Instances(part, photos, options, Lying.of(part, photos, views))
         while len(every.found) < most:
             best, more = every.searched(views)
             step(len(every.found))
@@ -86,6 +86,7 @@ class _Instances:
     part: Part
     photos: Sequence[Photo]
     options: EdgeOptions
+    lying: Lying | None
     found: list[Location] = field(default_factory=list)
     explained: list[Mask] = field(default_factory=list)
 
@@ -111,7 +112,8 @@ class _Instances:
     def refined(self, hypotheses: Sequence[Hypothesis]) -> list[Trial]:
         """Return the best hypotheses refined and checked against the part's look-alikes, best quality first."""
         poses = [one.pose.world_from_part for one in self.found]
-        rivals = Rivals(self.part, self.photos, FREE, self.options, SEARCHED)
+        chosen = met_by_search(self.lying)
+        rivals = Rivals(self.part, self.photos, FREE, self.options, chosen)
         basins = Basins(FREE)
         trials: list[Trial] = []
         for h in hypotheses[:_TRIED]:
@@ -119,10 +121,11 @@ class _Instances:
             if any(not self.apart(h, trial) for trial in sure) or basins.hold(h.world_from_part, h.within_px):
                 continue
             near = replace(self.options, search_px=h.within_px)
-            refinement = Refinement(self.part, self.photos, options=near, chosen=SEARCHED, others=poses)
+            refinement = Refinement(self.part, self.photos, options=near, chosen=chosen, others=poses)
             location, sights = refinement.around(h.world_from_part)
             basins.add(location, sights)
-            trials.append(Trial(h.score, rivals.checked(location, sights) if location.found else location))
+            location = rivals.checked(location, sights) if location.found else location
+            trials.append(Trial(h.score, location if self.lying is None else self.lying.checked(location)))
         return sorted(trials, key=lambda trial: -trial.location.quality)
 
     def apart(self, h: Hypothesis, trial: Trial) -> bool:
@@ -145,7 +148,7 @@ class _Instances:
         for k, mask in enumerate(self.explained):
             q = location.matches.q[location.matches.photo == k]
             mask[self.pixels(k, (q[:, None] + disc).reshape(-1, 2))] = True
-        alike = distinct_poses(self.part, location, location.alternatives, equivalent(self.part, location))
+        alike = distinct_poses(self.part, location, location.alternatives, equivalent(self.part, location, self.lying))
         self.found.append(replace(location, alternatives=tuple(alike)))
 
     def pixels(self, photo: int, q: Array) -> tuple[Longs, Longs]:

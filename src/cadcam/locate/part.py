@@ -11,6 +11,7 @@ from cadcam.kinds import expect
 from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.likeness import Likeness, likenesses, mirror_image
 from cadcam.locate.views.own_edges import OwnEdges
+from cadcam.locate.views.resting import RestingFaces
 from cadcam.locate.views.symmetry import spins_of, symmetries
 from cadcam.render.caster import Caster
 from cadcam.render.lines.visible import LineDrawer
@@ -56,6 +57,11 @@ class Part:
     def spins(self) -> Array:
         """The twists (6, k) of rotations that no photo shows: 1 of a part of revolution, 3 of a ball, else 0."""
         return spins_of(self.scene.mesh, self.scene.edges)
+
+    @cached_property
+    def resting(self) -> RestingFaces:
+        """The faces that the part may lie on."""
+        return RestingFaces.of(self.scene.mesh)
 
     @cached_property
     def mirrored(self) -> Part:

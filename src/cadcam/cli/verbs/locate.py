@@ -45,6 +45,7 @@ _EXAMPLES = f"""\
   cadcam locate photo.png part.stl --camera camera.json --points picked.csv --json
   cadcam locate photo.png part.stl --camera camera.json --seen-from above --distance 800,1500
   cadcam locate tray.png part.stl --camera camera.json --instances -o tray_found.png --pose-out pose.json
+  cadcam locate tray.png part.stl --camera camera.json --instances --on 0,0,1,0 --lying 0,0,-1 -o tray_found.png
   cadcam locate left.png right.png part.stl --camera left.json --camera right.json -o both.png
   cadcam locate left.png right.png part.stl --rig rig.json
   cadcam locate photo.png plate.stl --camera camera.json --start rough.txt --freedom plane:0,0,1@part
@@ -106,7 +107,7 @@ def run(arguments: argparse.Namespace) -> int:
         searched = "no start: instances are searched for"
         refuse(arguments, "--start", "--points", "--freedom", why="beside --instances", expected=searched)
     start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
-    views = views_as_asked(arguments, "--start", "--points")
+    views = views_as_asked(arguments, shots.camera_from_world, "--start", "--points")
     mesh, report = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
     if arguments.instances is None:

@@ -119,11 +119,12 @@ def run(arguments: argparse.Namespace) -> int:
 
     _check_options(arguments)
     viewpoints, said = viewpoints_of(arguments.frames, arguments.camera, arguments.rig)
-    start, freedom = start_as_asked(arguments, viewpoints[0]) or said, freedom_as_asked(arguments)
+    start, freedom = start_as_asked(arguments, viewpoints[0]), freedom_as_asked(arguments)
     if freedom.basis.shape[1] < 6:
         alone = "one of them: such a part is looked for around its start alone"
         refuse(arguments, *VIEW_OPTIONS, why="beside --freedom", expected=alone)
-    views = views_as_asked(arguments)
+    views = views_as_asked(arguments, said)
+    start = said if start is None and views.on is None else start
     frames = Frames([file_of(path) for path in arguments.frames], viewpoints, full_scale=arguments.full_scale)
     refuse_own_folder(arguments.overlays, frames.files)
     for gap in frames.gaps:

@@ -207,7 +207,8 @@ def _asked(arguments: argparse.Namespace) -> _Asked | None:
     view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments, posed=bool(arguments.pose))
     if arguments.start or arguments.points:
         refuse(arguments, "--pose", why="beside --start or --points", expected="one of them")
-    start, views = start_as_asked(arguments, view), views_as_asked(arguments, "--start", "--points", "--pose")
+    start = start_as_asked(arguments, view)
+    views = views_as_asked(arguments, shots.camera_from_world, "--start", "--points", "--pose")
     if arguments.pose:
         start = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
     tolerances = None if arguments.tolerances is None else read_tolerances(arguments.tolerances)

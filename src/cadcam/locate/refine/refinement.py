@@ -283,7 +283,7 @@ class Refinement:
         except DegenerateGeometry as error:
             return PoseAnswer(lost(sights, pose, self.freedom, str(error)), None, sights)
         plain = self.answered(fitted)
-        hopeless = self.chosen > 0 and not plain.location.found
+        hopeless = self.chosen != 0 and not plain.location.found
         if not self.wider or hopeless or fitted.beside_bands < _BANDED:
             return plain
         return self.beside_bands(sights, pose, fitted, plain.location.found)

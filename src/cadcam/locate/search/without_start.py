@@ -12,18 +12,19 @@ is compared with the evidence for the part displaced by about a fifth of its siz
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs
+from cadcam.arrays import Array, Ids, Longs
 from cadcam.camera.camera import Camera
 from cadcam.cores import on_cores
 from cadcam.errors import NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField
+from cadcam.locate.freedom import FREE
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.search.approach import Reach, approach
@@ -41,12 +42,14 @@ from cadcam.locate.search.climb import (
     turned,
 )
 from cadcam.locate.search.hypothesis import Hypothesis
+from cadcam.locate.search.lying import Lying
+from cadcam.locate.search.on_plane import lying_poses
 from cadcam.locate.search.quota import ONCE, Quota, places_of
+from cadcam.locate.search.scales import SWEPT_PX, Scales, size_px
 from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 from cadcam.native.fields import PoseEdges
 
-_SWEPT_PX = 33.0  # size of the part in the field that it is swept over
 # Size of the part, px, in the fields in which evidence is judged, and tolerance of its lines, px. A fine field averages
 # noise and separates lines, but there a right pose seems wrong that its climb left off by some hundredths of the size.
 _FINELY, _ROUGHLY = (180.0, 0.8), (90.0, 2.0)
@@ -55,7 +58,7 @@ _SCALE, _ROLL_DEG = 1.2, 10.0  # steps of the sweep: ratio of distances, roll in
 _SWEPT = 42  # samples of an aspect that are swept
 _PLACES = 2  # places in the photo that each view keeps of a sweep
 _PLACE = 0.5  # radii: size of a place, where places share what is kept
-_TAKEN = 1000  # hypotheses per distance that climb
+_TAKEN, _TAKEN_LYING = 1000, 400  # hypotheses per distance that climb; of parts on a plane, per size in the photo
 _CLIMBS = (
     Climb(0, 64, (2.5, 1.5, 1.0, 1.0), 250),
     Climb(1, 96, (2.5, 1.5, 1.0, 1.0), 70),
@@ -65,13 +68,8 @@ _BESIDE = Climb(2, 64, (1.0,), 0)  # how displaced poses are judged: without cli
 _EVERY = 4  # in the sweep's climbs, by every so many-th of _ASIDE: 0.12 of its size to four sides
 _APPROACHED, _NEIGHBOURS = (16, 8), 0.25  # poses approached by either judgement; radii between them
 _NEAR = Reach(rotation_deg=12.0, shift_px=0.06, depth=0.12)  # of such approaches; shift_px by the part's size
-# Displacements at which lines are compared, as shares of the part's size in the picture.
-_ASIDE = np.array([[(0.12, 0.22)[k % 2] * f((k + 0.3) * math.pi / 8) for f in (np.cos, np.sin)] for k in range(16)])
 _RETURNED = 20  # twice as many as are refined (`in_photos`): the others tell how much speaks for places elsewhere
 _AMONG_EQUALS = np.array([0.6123, 0.3871, 0.6894])  # a direction in no symmetry plane: picks one of equivalent poses
-_BASES = ((1, 1), (2, 6), (3, 6))  # fields are reduced by the first number times up to so many powers of two
-_WIDEST_PX = 1100  # larger photos are reduced first
-_NARROWEST_PX = 12  # fields are at least this large
 
 
 def search(
@@ -84,17 +82,14 @@ def search(
     symmetric part only one is returned. quota: how many are kept; `MANY` for a part that may be there several times.
     The part's aspects are computed on first use, which takes some seconds once.
     """
-    scales = _Scales(part.aspects, photos)
-    looks = _rotations(part, views)
-    rows = [
-        _promising(scales, eye, distance, looks, quota)
-        for eye, photo in enumerate(photos)
-        for distance in _distances(part.aspects, photo.camera, views)
-    ]
+    scales = Scales(part.aspects, photos)
+    lying = Lying.of(part, photos, views)
+    begun = _everywhere(part, photos, scales, views, quota) if lying is None else _laid(lying, scales, views, quota)
+    rows = [_promising(scales, eye, chosen, poses, quota, lying) for eye, chosen, poses in begun]
     eye = photos[0].camera_from_world.origin
     found = _of_one_side(part, eye, np.concatenate([np.zeros((0, 12)), *rows]))
     starts = _to_approach(scales, found, quota)
-    around = _approached(part, photos, scales, rigids_of(found[starts]))
+    around = _approached(part, photos, scales, rigids_of(found[starts]), lying)
     found = _of_one_side(part, eye, np.array([row_of(h.world_from_part) for h in around]).reshape(-1, 12))
     around = [replace(h, world_from_part=T) for h, T in zip(around, rigids_of(found), strict=True)]
     finely, roughly = (_peaks(scales, found, *way) for way in (_FINELY, _ROUGHLY))
@@ -116,7 +111,7 @@ def _of_one_side(part: Part, eye: Array, poses: Array) -> Array:
     return np.concatenate([(R @ turn).reshape(-1, 9), (R @ shift[..., None])[..., 0] + t], axis=1)
 
 
-def _to_approach(scales: _Scales, found: Array, quota: Quota) -> list[int]:
+def _to_approach(scales: Scales, found: Array, quota: Quota) -> list[int]:
     """Return which of poses (N, 12) are approached: the best of all, and the best by rough judgement."""
     aspects = scales.aspects
     finely, roughly = (_peaks(scales, found, *way) for way in (_FINELY, _ROUGHLY))
@@ -128,6 +123,8 @@ def _to_approach(scales: _Scales, found: Array, quota: Quota) -> list[int]:
 
 def unmade(part: Part, cameras: Sequence[Camera], views: ViewRange = WHOLE_SPHERE) -> list[tuple[int, int]]:
     """Return the aspects that a search in their photos would have to compute first, as indices for `Aspects.aspect`."""
+    if views.on is not None:  # those that show the part lying are few, and depend on the cameras' places
+        return []
     aspects = part.aspects
     numbers = np.unique(_rotations(part, views)[0]).tolist()
     far = np.array([d for camera in cameras for d in _distances(aspects, camera, views)])
@@ -146,80 +143,6 @@ def _ranked(aspects: Aspects, found: list[Hypothesis], poses: Array, score: Arra
     return [replace(found[k], score=float(score[j])) for k, j in zip(best, leaders, strict=True)]
 
 
-class _Scales:
-    """The fields of all photos at reductions 1, 2, 3, 4, 6, 8, 12 ..., and how large a part is in them."""
-
-    def __init__(self, aspects: Aspects, photos: Sequence[Photo]) -> None:
-        self.aspects = aspects
-        self._fields = [_fields(photo) for photo in photos]
-        self.places = tuple(photo.camera_from_world for photo in photos)
-        self.focal = [math.sqrt(photo.camera.fx * photo.camera.fy) for photo in photos]
-
-    def stage(self, reductions: Array) -> FieldLevel:
-        """Return the field of each photo that is nearest to its given reduction (photos,)."""
-        both = zip(self._fields, reductions, strict=True)
-        fields = (min(own, key=lambda f: abs(math.log(f.reduction / k))) for own, k in both)
-        return FieldLevel(tuple(fields), self.places)
-
-    def chosen(self, eye: int, size: float) -> list[int]:
-        """Return reductions at which a part of `size` px in one photo is about _SWEPT_PX large, then twice that ..."""
-        known = [f.reduction for f in self._fields[eye]]
-        chosen = [min(known, key=lambda k: abs(math.log(size / k / _SWEPT_PX)))]
-        while chosen[-1] % 2 == 0 and chosen[-1] // 2 in known:
-            chosen.append(chosen[-1] // 2)
-        return chosen
-
-    def swept(self, eye: int, reduction: int) -> DirectionField:
-        """Return the field of one photo at one of its reductions."""
-        return next(f for f in self._fields[eye] if f.reduction == reduction)
-
-    def alike(self, eye: int, reduction: int, poses: Array) -> FieldLevel:
-        """Return fields in which the part at poses (N, 12) is about as large as in one photo's reduced field."""
-        sizes = self.sizes(poses)
-        return self.stage(reduction * np.median(sizes / sizes[eye], axis=1))
-
-    def beside(self, poses: Array, every: int = 1) -> list[Array]:
-        """Return poses (N, 12) displaced by every `every`-th vector of _ASIDE in the photo where the part is largest.
-
-        Poses behind all cameras, and displaced ones that no camera sees, are returned unchanged.
-        """
-        middle = self.middles(poses)
-        depth = np.stack([(T @ middle)[:, 2] for T in self.places])
-        eye = np.argmax(np.where(depth > 0, self.sizes(poses), 0.0), axis=0)
-        out = [poses.copy() for _ in _ASIDE[::every]]
-        for e, (T, fields) in enumerate(zip(self.places, self._fields, strict=True)):
-            own = np.flatnonzero(eye == e)
-            seen, camera = composed(T, poses[own]), fields[0].camera
-            size = self.sizes(poses[own])[e] / fields[0].reduction
-            for moved, aside in zip(out, _ASIDE[::every], strict=True):
-                there = composed(T.inv, turned(self.aspects, camera, seen, size[:, None] * aside))
-                seen_there = np.isfinite(there).all(axis=1)
-                moved[own[seen_there]] = there[seen_there]
-        return out
-
-    def sizes(self, poses: Array) -> Array:
-        """Return the size (photos, N) px of the part in each photo at poses (N, 12)."""
-        middle = self.middles(poses)
-        away = [np.linalg.norm(middle - T.origin, axis=1) for T in self.places]
-        return np.stack([_size(self.aspects, f, d) for f, d in zip(self.focal, away, strict=True)])
-
-    def middles(self, poses: Array) -> Array:
-        """Return the part's centre (N, 3) at poses (N, 12)."""
-        return np.asarray(poses[:, :9].reshape(-1, 3, 3) @ self.aspects.centre + poses[:, 9:])
-
-
-def _fields(photo: Photo) -> list[DirectionField]:
-    k = max(1, math.ceil(max(photo.camera.size) / _WIDEST_PX))
-    every = [f for b, n in _BASES for f in photo.fields(reduction=b * k, levels=n)]
-    return sorted((f for f in every if min(f.camera.size) >= _NARROWEST_PX), key=lambda f: f.reduction)
-
-
-def _size(aspects: Aspects, focal: float, distance: Array) -> Array:
-    """Return the size (px) of the part's sphere at distances (mm) of its centre."""
-    r = aspects.radius
-    return np.asarray(2 * focal * r / np.sqrt(np.maximum(distance**2 - r**2, (0.2 * r) ** 2)))
-
-
 def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float]:
     """Return the distances (mm) to try: a geometric series."""
     r, focal = aspects.radius, math.sqrt(camera.fx * camera.fy)
@@ -230,14 +153,36 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
     return [near * (far / near) ** ((k + 0.5) / n) for k in range(n)]
 
 
-def _promising(scales: _Scales, eye: int, distance: float, looks: tuple[Longs, Array], quota: Quota) -> Array:
-    """Return the poses (N, 12) of a sweep over one photo at one distance that survive on finer fields."""
+def _everywhere(
+    part: Part, photos: Sequence[Photo], scales: Scales, views: ViewRange, quota: Quota
+) -> Iterator[tuple[int, list[int], Array]]:
+    """Yield photos, reductions at which to climb, and the poses (N, 12) of a sweep at each distance."""
+    looks = _rotations(part, views)
+    for eye, photo in enumerate(photos):
+        for distance in _distances(part.aspects, photo.camera, views):
+            chosen = scales.chosen(eye, float(size_px(scales.aspects, scales.focal[eye], np.array(distance))))
+            field = scales.swept(eye, chosen[0])
+            yield eye, chosen, _swept(scales.aspects, field, scales.places[eye], distance, looks, quota)
+
+
+def _laid(lying: Lying, scales: Scales, views: ViewRange, quota: Quota) -> Iterator[tuple[int, list[int], Array]]:
+    """Yield the same of poses that lie on a plane."""
+    for eye in range(len(scales.places)):
+        for chosen, poses, score, at in lying_poses(scales, eye, lying, views, quota.of(_PLACES)):
+            yield eye, chosen, poses[quota.best(score, _cells(at), _TAKEN_LYING)]
+
+
+def _promising(
+    scales: Scales, eye: int, chosen: Sequence[int], poses: Array, quota: Quota, lying: Lying | None
+) -> Array:
+    """Return those of poses (N, 12) found in one photo that survive on finer fields, of these reductions."""
     aspects = scales.aspects
-    chosen = scales.chosen(eye, float(_size(aspects, scales.focal[eye], np.array(distance))))
-    poses = _swept(aspects, scales.swept(eye, chosen[0]), scales.places[eye], distance, looks, quota)
     for climb in _CLIMBS:
         stage = scales.alike(eye, chosen[min(climb.level, len(chosen) - 1)], poses)
-        poses, score = climbed(aspects, stage, poses, np.eye(6), climb)
+        if lying is None:
+            poses, score = climbed(aspects, stage, poses, np.eye(6), climb)
+        else:
+            poses, score = lying.climbed(stage, poses, climb)
         moved = scales.beside(poses, _EVERY)
         beside = climbed(aspects, stage, np.concatenate(moved), np.eye(6), _BESIDE)[1]
         score = score - beside.reshape(len(moved), len(poses)).max(axis=0)
@@ -245,7 +190,7 @@ def _promising(scales: _Scales, eye: int, distance: float, looks: tuple[Longs, A
     return poses
 
 
-def _kept(scales: _Scales, eye: int, poses: Array, score: Array, usual: int, quota: Quota) -> Longs:
+def _kept(scales: Scales, eye: int, poses: Array, score: Array, usual: int, quota: Quota) -> Longs:
     """Return which of poses (N, 12) at one distance of a photo are kept, where usually so many are."""
     aspects = scales.aspects
     if not quota.shared:
@@ -273,11 +218,15 @@ def _swept(
     done = on_cores(lambda s: edges.part(s).sweep(0, world[s], keep=quota.of(_PLACES), apart=2), some)
     shift, score = (np.concatenate([d[k] for d in done]) for k in range(2))
     every = shift.reshape(-1, 2)
-    place = (every // (_PLACE * _SWEPT_PX / 2)).astype(np.int64) @ np.array([1, 1 << 20])  # one number for each cell
-    best = quota.best(score.ravel(), place, _TAKEN)
+    best = quota.best(score.ravel(), _cells(every), _TAKEN)
     to = every[best] - field.camera.principal_point
     moved = turned(aspects, field.camera, seen[best // quota.of(_PLACES)], to)
     return composed(camera_from_world.inv, moved)
+
+
+def _cells(q: Array | Ids) -> Longs:
+    """Return a number (N,) for each of places (N, 2) px in a swept field, the same for those in one cell of it."""
+    return np.asarray((q // (_PLACE * SWEPT_PX / 2)).astype(np.int64) @ np.array([1, 1 << 20]))
 
 
 def _edges(aspects: Aspects, stage: FieldLevel, numbers: Longs, distance: float) -> PoseEdges:
@@ -311,7 +260,7 @@ def _rotations(part: Part, views: ViewRange) -> tuple[Longs, Array]:
     return np.repeat(chosen, n), (turn[None] @ upright[:, None]).reshape(-1, 3, 3)
 
 
-def _judged(scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
+def _judged(scales: Scales, poses: Array, size_px: float, blur: float) -> Array:
     """Return the evidence (N,) for poses (N, 12), each judged where the part is about size_px large in each photo."""
     if not len(poses):
         return np.zeros(0)
@@ -323,7 +272,7 @@ def _judged(scales: _Scales, poses: Array, size_px: float, blur: float) -> Array
     return out
 
 
-def _peaks(scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
+def _peaks(scales: Scales, poses: Array, size_px: float, blur: float) -> Array:
     """Return the evidence (N,) for poses (N, 12) minus the largest evidence for the part displaced a little.
 
     Where the lines are the part's own, a displaced part has less evidence.
@@ -333,13 +282,16 @@ def _peaks(scales: _Scales, poses: Array, size_px: float, blur: float) -> Array:
     return np.asarray(here - np.maximum.reduce(beside))
 
 
-def _approached(part: Part, photos: Sequence[Photo], scales: _Scales, starts: list[Rigid]) -> list[Hypothesis]:
+def _approached(
+    part: Part, photos: Sequence[Photo], scales: Scales, starts: list[Rigid], lying: Lying | None
+) -> list[Hypothesis]:
     """Return the hypotheses found around each of the starts."""
+    reach, freedom = (_NEAR, FREE) if lying is None else (replace(_NEAR, depth=0.0), lying.freedom)
 
     def around(start: Rigid) -> list[Hypothesis]:
-        size = float(scales.sizes(row_of(start)[None]).min())
+        within = replace(reach, shift_px=reach.shift_px * float(scales.sizes(row_of(start)[None]).min()))
         try:
-            return approach(part, photos, start, reach=replace(_NEAR, shift_px=_NEAR.shift_px * size))[:3]
+            return approach(part, photos, start, reach=within, freedom=freedom)[:3]
         except NothingInView:
             return []
 

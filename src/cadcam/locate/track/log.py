@@ -37,6 +37,7 @@ from cadcam.locate.track.appending import append, lock, opened_to_append, write
 from cadcam.locate.track.entries import Entries, check_frame
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, Tracker
+from cadcam.locate.views.resting import OnPlane
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 from cadcam.whole import utf8
 
@@ -46,7 +47,7 @@ _INPUTS = {  # entries of the first line, and what the caller knows them as
     "part_sha256": "part, unit or crease angle",
     "cameras_sha256": "camera",
     "freedom": "--freedom",
-    "views": "--seen-from, --roll or --distance",
+    "views": "--seen-from, --roll, --distance, --on or --lying",
 }
 _SWITCHES = {"velocity": "--no-velocity", "texture": "--no-print"}  # entries that these options turn off
 _MAX_BYTES = 4_000_000_000
@@ -240,9 +241,16 @@ def _views_as_json(views: ViewRange) -> dict[str, Any] | None:
     said, every = (
         {"axis": v.axis.tolist(), "half_angle_deg": v.half_angle_deg, "up": v.up.tolist(), "roll_deg": v.roll_deg}
         | {"distance_mm": None if v.distance_mm is None else list(v.distance_mm)}
+        | ({} if v.on is None else {"on": _plane_as_json(v.on)})
         for v in (views, WHOLE_SPHERE)
     )
     return None if said == every else said
+
+
+def _plane_as_json(on: OnPlane) -> dict[str, Any]:
+    down = None if on.down is None else on.down.tolist()
+    plane = {"normal": on.plane.normal.tolist(), "offset_mm": float(on.plane.offset)}
+    return plane | {"down": down, "within_mm": on.within_mm}
 
 
 def _check_white(path: str, entry: Mapping[str, Any], frame: Frame) -> None:

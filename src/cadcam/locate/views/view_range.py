@@ -10,6 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.errors import BadValue
 from cadcam.kinds import expect, expect_number, expect_numbers
+from cadcam.locate.views.resting import OnPlane
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -19,7 +20,8 @@ class ViewRange(Brief):
     axis (3,): from the part's centre to the camera, in the part frame; views within half_angle_deg of it are allowed.
     up (3,): a direction of the part that is at most roll_deg from upright in the picture. distance_mm: least and
     greatest distance of the part's centre from the camera; by default those at which the part's size is 0.2 to 1.2 of
-    the photo's shorter side.
+    the photo's shorter side. on: a plane that the part lies on; at each place of a photo that alone leaves few views
+    and one distance, so that none need be declared.
     """
 
     axis: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
@@ -27,6 +29,7 @@ class ViewRange(Brief):
     up: Array = field(default_factory=lambda: np.array([0.0, 0.0, 1.0]))
     roll_deg: float = 180.0
     distance_mm: tuple[float, float] | None = None
+    on: OnPlane | None = None
 
     def __post_init__(self) -> None:
         for name in ("axis", "up"):
@@ -42,6 +45,9 @@ class ViewRange(Brief):
         expect_numbers(self)
         if self.distance_mm is not None and not 0 < self.distance_mm[0] <= self.distance_mm[1] < math.inf:
             raise BadValue("distance_mm of the views", self.distance_mm, "(least, greatest), both positive")
+        expect(self.on, "on of the views", OnPlane, optional=True)
+        if self.on is not None and self.roll_deg < 180:
+            raise BadValue("roll_deg of the views", self.roll_deg, "180 (any) on a plane, where the part may be turned")
 
     @classmethod
     def above(cls, *, within_deg: float = 80.0, distance_mm: tuple[float, float] | None = None) -> ViewRange:
