@@ -18,8 +18,8 @@ from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
 from cadcam.verify.bodies.snooping import OF_DISPLACED, snooped
 from cadcam.verify.bodies.stages import each
 from cadcam.verify.bodies.tones import Tones
-from cadcam.verify.bodies.uncovered import around, uncovered_ratio
-from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
+from cadcam.verify.bodies.uncovered import around, taken_for_its_own, uncovered_ratio
+from cadcam.verify.deviations.measured import Displacement, MeasuredEdges, of_known_size
 from cadcam.verify.edges.association import on_other_lines
 from cadcam.verify.edges.presence import EdgeVisibility, Presence, edge_visibility, log_ratio
 from cadcam.verify.edges.survey import Survey, surveyed
@@ -51,7 +51,28 @@ def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
     """
     presence = _presences(case, drawn, survey)
     measured, left_out = snooped(survey, _there(presence), case)
-    return Findings(drawn, survey, presence, measured, left_out)
+    return Findings(drawn, survey, presence, _by_own_edges(case, drawn, survey, measured), left_out)
+
+
+def _by_own_edges(case: Case, drawn: Part, survey: Survey, measured: MeasuredEdges) -> MeasuredEdges:
+    """Return the measurement with displaced bodies measured without edges that may be lines of what they hide.
+
+    Unless the others do not tell how far they are displaced.
+    """
+    members = list(measured.members)
+    for i, rows in enumerate(measured.members):
+        part, moved = survey.whole_part(i), displaced(measured, i)
+        if part is None or moved is None or moved.p_value > OF_DISPLACED * case.alarms / len(members):
+            continue
+        near = around(drawn, case.photos, case.world_from_part, part, survey)
+        if not near.any():
+            continue
+        others = case.alone(near, survey.by)
+        off = taken_for_its_own(others, case.photos, case.world_from_part, measured, rows, survey.by[part])
+        if off.any() and of_known_size(measured.displacement(rows & ~off, apart=rows)) is not None:
+            members[i] = rows & ~off
+    kept = {i: found for i, found in measured.found.items() if members[i] is measured.members[i]}
+    return replace(measured, members=tuple(members), found=kept)
 
 
 def contradictions(case: Case, look: Findings) -> tuple[str, ...]:

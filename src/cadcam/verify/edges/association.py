@@ -212,11 +212,19 @@ def _explained(lines: Sightlines, found: Array, owner: Longs, shift: Array, *, b
 
 
 def on_other_lines(
-    places: Sightlines, offset: Array, owner: Longs, drawn: Sightlines, owners: Longs, *, by: Mask | None = None
+    places: Sightlines,
+    offset: Array,
+    owner: Longs,
+    drawn: Sightlines,
+    owners: Longs,
+    *,
+    by: Mask | None = None,
+    within_px: float = ON_LINE_PX,
 ) -> Mask:
     """Return which edges of the photos, `offset` (n,) px beside n places, lie on drawn lines (N,) of another owner.
 
-    owner (n,), owners (N,): a body or an edge; by (N,): drawn places whose lines count, by default all.
+    owner (n,), owners (N,): a body or an edge; by (N,): drawn places whose lines count, by default all. within_px:
+    largest distance from such a line.
     """
     from scipy.spatial import cKDTree
 
@@ -231,7 +239,7 @@ def on_other_lines(
             i, j = mine[known], there[neighbour[known]]
             across = np.abs(np.einsum("ni,ni->n", q[i] - drawn.q[j], drawn.normal[j]))
             parallel = np.abs(np.einsum("ni,ni->n", places.normal[i], drawn.normal[j])) > _PARALLEL
-            out[i] |= (owner[i] != owners[j]) & parallel & (across < ON_LINE_PX)
+            out[i] |= (owner[i] != owners[j]) & parallel & (across < within_px)
     return out
 
 
