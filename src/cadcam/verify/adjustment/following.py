@@ -151,7 +151,7 @@ def turning(adjustment: Adjustment, rows: Mask, body: BodyLines, pose: FittedPos
         follows, sinks = (log_weight for log_weight, _ in _turned(adjustment, rows, body, pose, upright))
         by_sinking = np.log(_SINKS) + sinks + np.log1p(-np.exp(follows - sinks)) if sinks > follows else -np.inf
         alone = follows, by_sinking
-        sides = [(np.logaddexp(w, v), e) for (w, e), v in zip(sides, alone, strict=True)]
+        sides = [(float(np.logaddexp(w, v)), e) for (w, e), v in zip(sides, alone, strict=True)]
     return _mixed(sides)
 
 
