@@ -274,7 +274,8 @@ def _gain_by_edges(before: Survey, after: Survey, part: int, seen: EdgeVisibilit
 
 def _feet(survey: Survey, part: int) -> Longs:
     """Return the feet of a part among a survey's edges, as numbers of `_chains`."""
-    return _chains(survey)[np.unique(survey.lines.edge[(survey.lines.part == part) & (survey.lever != 0)])]
+    feet = (survey.lines.part == part) & (survey.lever != 0)
+    return np.asarray(_chains(survey)[np.unique(survey.lines.edge[feet])], np.int64)
 
 
 def _chains(survey: Survey) -> Longs:

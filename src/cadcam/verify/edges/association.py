@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.image.profile import CANDIDATE_ROOM_PX, step_candidates
 from cadcam.locate.lines.sight import Sight
@@ -214,9 +214,9 @@ def _explained(lines: Sightlines, found: Array, owner: Longs, shift: Array, *, b
 def on_other_lines(
     places: Sightlines,
     offset: Array,
-    owner: Longs,
+    owner: Longs | Ids,
     drawn: Sightlines,
-    owners: Longs,
+    owners: Longs | Ids,
     *,
     by: Mask | None = None,
     within_px: float = ON_LINE_PX,
