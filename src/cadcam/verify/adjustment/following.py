@@ -8,8 +8,9 @@ that the displacement estimated there lies on that side. The estimate is the mea
 between sides add to its covariance.
 
 A body that turns moves by d + w x a at a place a from the middle of its places; its feet rise or sink together. Where
-its turn is judged, one that sinks as well is taken for it only if it is so much the more probable: what a tilt does to
-the lines of feet, sinking by as much takes back.
+its turn is judged, one that tilts and sinks as well is taken for it only if it is so much the more probable: what a
+tilt does to the lines of feet, sinking by as much takes back. One that stays upright may well sink: as far as that
+explains more than that its feet follow.
 
 Where a shift alone leaves the edges in disagreement, the body may have turned as well. Both are weighed, each with the
 probability of the offsets if motions are as large as they are usually; both sides of the ground are as probable
@@ -30,10 +31,10 @@ from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, Fit
 _ALIKE = 10.0  # quantisation of unit normals within which grounds are one, steps per unit
 _DIRECTIONS = 200  # of displacements that are sampled to find the possible sides
 _NEGLIGIBLE = 1e-3  # weight below which a side is ignored
-# Odds, before the measurement, that a body whose turn is judged sinks into its ground as well. Of 72 bodies that turned
-# and sank by 0.05 to 0.6 mm 28 % were off by over 2 sigma so, 12 % by even odds; but of displaced bodies that did not
-# turn, of which none was, these make sigma larger by 44 % in the mean.
-_SINKS_AND_TURNS = 0.01
+# Odds, before the measurement, that a body whose turn is judged sinks into its ground, if it stays upright: one in ten
+# is displaced, and half of these sink. For bodies that may tilt as well even odds make sigma of those that do not sink
+# larger by 44 % in the mean.
+_SINKS, _TILTS_AND_SINKS = 0.05, 0.01
 # Misfit of a shift alone, in variances of what edges do, from which the body may have turned: less shows no turn.
 # If one is weighed always, U of bodies in place is a fifth larger.
 _TURNS = 4.0
@@ -84,6 +85,18 @@ class BodyLines:
         G = self._followed(sunk)
         return np.column_stack([G, np.cross(self.arms, G)]) @ motions
 
+    def upright(self, motions: Array) -> Array | None:
+        """Return motions (6, k): the shifts among `motions` (6, m), and a turn about the ground's normal as large.
+
+        None without feet, or where that turn moves no line.
+        """
+        feet, turns = self.lever != 0, motions[3:].any(axis=0)
+        if not feet.any() or not turns.any():
+            return None
+        turn = np.concatenate([np.zeros(3), self.ground[feet].mean(axis=0)])[:, None]
+        most, own = (np.abs(self.turned_by(m, feet & ~feet)).max() for m in (motions[:, turns], turn))
+        return np.column_stack([motions[:, ~turns], turn * most / own]) if own > 0 else None
+
     def rise(self, motions: Array) -> Array:
         """Return by how much (g, m) mm feet rise on the average by unit motions (6, m); g: 1, or 0 without feet."""
         feet = self.lever != 0
@@ -132,7 +145,14 @@ def turning(adjustment: Adjustment, rows: Mask, body: BodyLines, pose: FittedPos
 
     motions: shifts (mm) with turns (rad) about the middle of the places, as large as they are usually, 1 sigma.
     """
-    return _mixed(_turned(adjustment, rows, body, pose, motions, odds=_SINKS_AND_TURNS))
+    sides = _turned(adjustment, rows, body, pose, motions, odds=_TILTS_AND_SINKS)
+    upright = body.upright(motions)
+    if upright is not None:
+        follows, sinks = (log_weight for log_weight, _ in _turned(adjustment, rows, body, pose, upright))
+        by_sinking = np.log(_SINKS) + sinks + np.log1p(-np.exp(follows - sinks)) if sinks > follows else -np.inf
+        alone = follows, by_sinking
+        sides = [(float(np.logaddexp(w, v)), e) for (w, e), v in zip(sides, alone, strict=True)]
+    return _mixed(sides)
 
 
 def _turned(

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.errors import DegenerateGeometry
 from cadcam.locate.part import Part
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
@@ -18,8 +18,9 @@ from cadcam.verify.bodies.redrawn import AGREES_PX, displaced, off_px, redrawn
 from cadcam.verify.bodies.snooping import OF_DISPLACED, snooped
 from cadcam.verify.bodies.stages import each
 from cadcam.verify.bodies.tones import Tones
-from cadcam.verify.bodies.uncovered import around, uncovered_ratio
-from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
+from cadcam.verify.bodies.uncovered import around, taken_for_its_own, uncovered_ratio
+from cadcam.verify.deviations.measured import Displacement, MeasuredEdges, of_known_size
+from cadcam.verify.edges.association import on_other_lines
 from cadcam.verify.edges.presence import EdgeVisibility, Presence, edge_visibility, log_ratio
 from cadcam.verify.edges.survey import Survey, surveyed
 
@@ -27,6 +28,7 @@ DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a body may be missin
 _RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which the edges behind a body are searched for
 _THERE = 3.5  # most that pixels say for a body: wrongly, at worst, for one missing body in 33
 _BY_CHANCE = 10.0  # log likelihood ratio of pixels that light and paint alone may make
+_AS_MANY = 0.5  # log likelihood ratio by edges of places that show as many: one that is not seen costs 1.5 or more
 _CELL_PX = 1.5  # distance of places at which a shifted feature is searched for
 _ROUNDS = 4  # of redrawing displaced bodies where they were found
 
@@ -49,7 +51,28 @@ def findings_of(case: Case, drawn: Part, survey: Survey) -> Findings:
     """
     presence = _presences(case, drawn, survey)
     measured, left_out = snooped(survey, _there(presence), case)
-    return Findings(drawn, survey, presence, measured, left_out)
+    return Findings(drawn, survey, presence, _by_own_edges(case, drawn, survey, measured), left_out)
+
+
+def _by_own_edges(case: Case, drawn: Part, survey: Survey, measured: MeasuredEdges) -> MeasuredEdges:
+    """Return the measurement with displaced bodies measured without edges that may be lines of what they hide.
+
+    Unless the others do not tell how far they are displaced.
+    """
+    members = list(measured.members)
+    for i, rows in enumerate(measured.members):
+        part, moved = survey.whole_part(i), displaced(measured, i)
+        if part is None or moved is None or moved.p_value > OF_DISPLACED * case.alarms / len(members):
+            continue
+        near = around(drawn, case.photos, case.world_from_part, part, survey)
+        if not near.any():
+            continue
+        others = case.alone(near, survey.by)
+        off = taken_for_its_own(others, case.photos, case.world_from_part, measured, rows, survey.by[part])
+        if off.any() and of_known_size(measured.displacement(rows & ~off, apart=rows)) is not None:
+            members[i] = rows & ~off
+    kept = {i: found for i, found in measured.found.items() if members[i] is measured.members[i]}
+    return replace(measured, members=tuple(members), found=kept)
 
 
 def contradictions(case: Case, look: Findings) -> tuple[str, ...]:
@@ -88,14 +111,13 @@ def _redrawn_one_by_one(case: Case, look: Findings) -> Findings:
     evidence, clutter = look.survey.evidence, look.survey.clutter.share
     seen = edge_visibility(evidence, np.ones(len(evidence.seen), bool))
     for _ in range(_ROUNDS):
-        before = _explained(look.survey, seen, clutter)
         for suspect in each(_suspects(case, look), "trying other places", case.tell):
             to, gain = _likeliest(case, look, suspect)
             again = None if to is None else _resurveyed(case, look, suspect.part, to)
             if again is None:
                 continue
-            by_edges, least = _explained(again[1], seen, clutter) - before, _least_gain(case, look, suspect)
-            if not _likelier(by_edges, gain, least=least, measured=suspect.moved is not None):
+            by_edges = _gain_by_edges(look.survey, again[1], suspect.part, seen, clutter)
+            if not _likelier(by_edges, gain, least=_least_gain(case, look, suspect, by_edges)):
                 continue  # before its bodies are looked for one by one, which takes long where there are many
             with suppress(DegenerateGeometry):
                 look = findings_of(case, *again)
@@ -137,7 +159,7 @@ def _suspects(case: Case, look: Findings) -> list[_Suspect]:
 def _likeliest(case: Case, look: Findings, suspect: _Suspect) -> tuple[Array | None, float]:
     """Return the displacement (3,) mm of a body that makes the drawn part resemble the photos most, and by how much.
 
-    The gain is 0 where it was measured there already; the place is None for the body as drawn, or absent.
+    The place is None for the body as drawn, or absent.
     """
     survey, number, part = look.survey, suspect.number, suspect.part
     measured = None if suspect.moved is None else suspect.moved.vector
@@ -149,18 +171,32 @@ def _likeliest(case: Case, look: Findings, suspect: _Suspect) -> tuple[Array | N
     best = int(np.argmax(likelihood))
     if best == 0 or likelihood[best] <= without:
         return None, 0.0
-    place = places[best - 1]
-    if measured is not None and off_px(survey, survey.rows(number), place - measured) <= AGREES_PX:
-        return place, 0.0  # measured from where it is drawn, with feet that may be hidden where it really is
-    return place, float(likelihood[best] - likelihood[0])
+    return places[best - 1], float(likelihood[best] - likelihood[0])
 
 
 def _places(case: Case, survey: Survey, number: int, now: Array, measured: Array | None) -> list[Array]:
     """Return displacements (3,) mm at which a body may be, within reach and other than the one drawn `now`."""
     places = [now + d for d in survey.guesses(number, reach_px=case.reach_px)]
     places += [] if measured is None else [measured]
+    places = [_standing(case, survey, number, p) for p in places]
     places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
     return [p for p in places if np.linalg.norm(p) <= case.reach_px * survey.mm_per_px(number)]
+
+
+def _standing(case: Case, survey: Survey, number: int, by: Array) -> Array:
+    """Return a displacement (3,) mm of a body, changed along the line of sight so that the body stands on its ground.
+
+    One photo does not show that component; without it a body that slides would be drawn sunk, its feet hidden. As it is
+    where the body would be drawn larger or smaller by that.
+    """
+    feet = survey.members[number] & (survey.lever != 0)
+    if case.eye is None or not feet.any():
+        return by
+    sight = survey.lines.p[survey.members[number]].mean(axis=0) - case.eye
+    sight, ground = sight / np.linalg.norm(sight), survey.ground[feet]
+    steep = ground @ sight
+    along = -float(steep @ (ground @ by)) / max(float(steep @ steep), 1e-12) * sight
+    return by + along if off_px(survey, survey.members[number], along) <= AGREES_PX else by
 
 
 def elsewhere_by(case: Case, look: Findings, part: int) -> float:
@@ -173,25 +209,28 @@ def elsewhere_by(case: Case, look: Findings, part: int) -> float:
     return float(drawn - in_place)
 
 
-def _likelier(by_edges: float, by_pixels: float, *, least: float, measured: bool) -> bool:
+def _likelier(by_edges: float, by_pixels: float, *, least: float) -> bool:
     """Return whether a body drawn elsewhere explains more of the photos, by edges and pixels (log likelihood ratios).
 
     The edges are made of the same pixels: the `least` that it has to explain more, one of the two has to by itself.
-    measured: whether its edges were, from where it was drawn. Then those that show elsewhere must say more: what tones
-    say is only as good as the light that they are predicted by, which a patch of sun or mottled paint belies.
     """
-    if measured and by_edges <= 0:
-        return False
     return by_edges + by_pixels > 0 and max(by_edges, by_pixels) > least
 
 
-def _least_gain(case: Case, look: Findings, suspect: _Suspect) -> float:
+def _least_gain(case: Case, look: Findings, suspect: _Suspect, by_edges: float) -> float:
     """Return how much more of the photos (log likelihood) a body drawn elsewhere has to explain.
 
-    As much as for an alarm, if its edges, measured from where it is drawn, say that it is in place.
+    Of a body whose edges were measured, from where it is drawn, those that show elsewhere must say more: what tones say
+    is only as good as the light that they are predicted by, which a patch of sun or mottled paint belies. As much as
+    for an alarm, if those measured say that it is in place; or if they say that it is not, but as many show elsewhere
+    as here. Then one may be taken for a line that the body hides where it is drawn.
     """
-    in_place = suspect.moved is not None and suspect.moved.p_value > AS_IN_PLACE
-    return surely_elsewhere(look.presence, case.alarms) if in_place else 0.0
+    if suspect.moved is None:
+        return 0.0
+    in_place = suspect.moved.p_value > AS_IN_PLACE
+    if by_edges <= (0.0 if in_place else -_AS_MANY):
+        return np.inf
+    return surely_elsewhere(look.presence, case.alarms) if in_place or by_edges <= 0 else 0.0
 
 
 def _with(by: Array, part: int, to: Array) -> Array:
@@ -212,12 +251,37 @@ def _resurveyed(case: Case, look: Findings, part: int, to: Array) -> tuple[Part,
     return (drawn, survey) if survey.names == look.survey.names else None
 
 
-def _explained(survey: Survey, seen: EdgeVisibility, clutter: float) -> float:
-    """Return the log likelihood ratio of the photos' edges with all bodies present to all absent.
+def _gain_by_edges(before: Survey, after: Survey, part: int, seen: EdgeVisibility, clutter: float) -> float:
+    """Return the log likelihood ratio of the photos' edges with a part drawn as in one survey to as before.
 
-    All looks are compared with the same estimate of how well edges are seen.
+    Both are compared with the same estimate of how well edges are seen. Edges are left out that were taken, before, for
+    a line which is another body's now: as a body moves aside, what it hid shows beside its own edges. So are edges that
+    lie too near to other lines now, and the part's feet, which stay where it sinks.
     """
-    return log_ratio(survey.evidence, np.ones(len(survey.evidence.seen), bool), seen, clutter)
+    edge, chains = before.lines.edge, _chains(before)
+    found = np.flatnonzero(before.matched.support & before.usable)
+    places, offset = before.lines.select(found), before.matched.coarse[found]
+    taken = on_other_lines(places, offset, before.lines.part[found], after.lines, after.lines.part)
+    others = 2 * np.bincount(edge[found], taken, len(chains)) > np.bincount(edge[found], minlength=len(chains))
+    crowded = ~np.isin(np.arange(len(_chains(after))), after.evidence.edge)
+    apart = [chains[others], _chains(after)[crowded], *(_feet(survey, part) for survey in (before, after))]
+    out = 0.0
+    for sign, survey in ((-1.0, before), (1.0, after)):
+        counted = ~np.isin(_chains(survey)[survey.evidence.edge], np.concatenate(apart))
+        out += sign * log_ratio(survey.evidence, counted, seen, clutter)
+    return out
+
+
+def _feet(survey: Survey, part: int) -> Longs:
+    """Return the feet of a part among a survey's edges, as numbers of `_chains`."""
+    feet = (survey.lines.part == part) & (survey.lever != 0)
+    return np.asarray(_chains(survey)[np.unique(survey.lines.edge[feet])], np.int64)
+
+
+def _chains(survey: Survey) -> Longs:
+    """Return a number of each edge (E,) that is the same in all surveys: of its chain in its photo."""
+    first, lines = np.unique(survey.lines.edge, return_index=True)[1], survey.lines
+    return np.asarray(lines.chain[first].astype(np.int64) * len(survey.shown) + lines.photo[first], np.int64)
 
 
 def sure(presence: Sequence[Presence], alarms: float) -> float:

@@ -1,4 +1,4 @@
-"""Edges that a body hides as long as it is there: if they are seen, it is missing."""
+"""Edges that a body hides as long as it is there: if they are seen, it is missing, or displaced."""
 
 from __future__ import annotations
 
@@ -10,13 +10,15 @@ from cadcam.arrays import Array, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.verify.edges.association import associated, nearby_edges, searchable
+from cadcam.verify.deviations.measured import MeasuredEdges
+from cadcam.verify.edges.association import associated, nearby_edges, on_other_lines, searchable
 from cadcam.verify.edges.presence import EdgeEvidence, edge_visibility, log_ratio
 from cadcam.verify.edges.shown import ShownFaces, in_window, may_show
 from cadcam.verify.edges.sightlines import REACH_PX, STEP_PX, Sightlines, sightlines
 from cadcam.verify.edges.surroundings import edge_surroundings
 from cadcam.verify.edges.survey import Survey
 
+_ON_PX = 0.5  # largest distance of an edge from a line that may be what was measured
 _INSIDE_PX = 3.0  # px to each side of the line that must lie on the body that hides it
 _ROOM_PX = int(2 * (REACH_PX + STEP_PX))  # around a body: as far as a place looks for other lines, and their cells
 
@@ -57,6 +59,24 @@ def uncovered_ratio(
     own = EdgeEvidence.of(lines, behind, matched, beside)
     seen = edge_visibility(survey.evidence, np.ones(len(survey.evidence.seen), bool))
     return -log_ratio(own, np.ones(len(own.seen), bool), seen, survey.clutter.share)
+
+
+def taken_for_its_own(
+    near: Part, photos: Sequence[Photo], world_from_part: Rigid, measured: MeasuredEdges, rows: Mask, by: Array
+) -> Mask:
+    """Return which of the places `rows` (n,) of a displaced body are of edges that may be lines of what it hides.
+
+    As it moves aside these show, and where they are stronger, its own edges beside them do not. near: the parts
+    `around` that body alone; by (3,) mm: where it is drawn.
+    """
+    lines, _ = sightlines(near, photos, world_from_part)
+    its = measured.lines.select(rows)
+    offset = measured.adjustment.offset[rows] - its.by_point @ by
+    on = on_other_lines(its, offset, its.part, lines, lines.part, within_px=_ON_PX)
+    n = int(its.edge.max(initial=-1)) + 1
+    out = np.zeros(len(rows), bool)
+    out[rows] = (2 * np.bincount(its.edge, on, n) > np.bincount(its.edge, minlength=n))[its.edge]
+    return out
 
 
 def _behind(shown: Sequence[ShownFaces], body: int, lines: Sightlines) -> Mask:

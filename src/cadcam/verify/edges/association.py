@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.camera import Camera
 from cadcam.image.profile import CANDIDATE_ROOM_PX, step_candidates
@@ -204,23 +204,42 @@ def _explained(lines: Sightlines, found: Array, owner: Longs, shift: Array, *, b
 
     shift (2,) or (N, 2) px: displacement of the places; by (N,): places whose lines count, by default all.
     """
-    from scipy.spatial import cKDTree
-
     out = np.zeros(found.shape, bool)
     row, k = np.nonzero(np.isfinite(found))
-    q = lines.q[row] + found[row, k, None] * lines.normal[row]
-    places = lines.q + shift
-    counts = np.ones(len(lines), bool) if by is None else by
-    for photo in np.unique(lines.photo[counts]):
-        mine, there = np.flatnonzero(lines.photo[row] == photo), np.flatnonzero((lines.photo == photo) & counts)
-        _, near = cKDTree(places[there]).query(q[mine], k=NEIGHBOURS, distance_upper_bound=STEP_PX)
+    drawn = replace(lines, q=lines.q + shift)
+    out[row, k] = on_other_lines(lines.select(row), found[row, k], owner[row], drawn, owner, by=by)
+    return out
+
+
+def on_other_lines(
+    places: Sightlines,
+    offset: Array,
+    owner: Longs | Ids,
+    drawn: Sightlines,
+    owners: Longs | Ids,
+    *,
+    by: Mask | None = None,
+    within_px: float = ON_LINE_PX,
+) -> Mask:
+    """Return which edges of the photos, `offset` (n,) px beside n places, lie on drawn lines (N,) of another owner.
+
+    owner (n,), owners (N,): a body or an edge; by (N,): drawn places whose lines count, by default all. within_px:
+    largest distance from such a line.
+    """
+    from scipy.spatial import cKDTree
+
+    out = np.zeros(len(places), bool)
+    q = places.q + offset[:, None] * places.normal
+    counts = np.ones(len(drawn), bool) if by is None else by
+    for photo in np.unique(drawn.photo[counts]):
+        mine, there = np.flatnonzero(places.photo == photo), np.flatnonzero((drawn.photo == photo) & counts)
+        _, near = cKDTree(drawn.q[there]).query(q[mine], k=NEIGHBOURS, distance_upper_bound=STEP_PX)
         for neighbour in np.asarray(near).T:
             known = np.flatnonzero(neighbour < len(there))
             i, j = mine[known], there[neighbour[known]]
-            across = np.abs(np.einsum("ni,ni->n", q[i] - places[j], lines.normal[j]))
-            parallel = np.abs(np.einsum("ni,ni->n", lines.normal[row[i]], lines.normal[j])) > _PARALLEL
-            other = owner[row[i]] != owner[j]
-            out[row[i], k[i]] |= other & parallel & (across < ON_LINE_PX)
+            across = np.abs(np.einsum("ni,ni->n", q[i] - drawn.q[j], drawn.normal[j]))
+            parallel = np.abs(np.einsum("ni,ni->n", places.normal[i], drawn.normal[j])) > _PARALLEL
+            out[i] |= (owner[i] != owners[j]) & parallel & (across < within_px)
     return out
 
 
