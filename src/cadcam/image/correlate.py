@@ -349,19 +349,22 @@ def _best_apart(
 
 def _peaks(picture: Pyramid, template: Template, poses: Array, options: CorrelateOptions) -> Peaks:
     """Return the peaks near poses, by cubic interpolation."""
-    refined = partial(_refined, picture, template, 1, motions=options.motions, cubic=True)
-    poses, score = refined(poses)
+    refined = partial(_refined, picture, template, 1, cubic=True)
+    poses, score = refined(poses, options.motions)
     high = (np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)) & (score != 0)
-    poses[high], score[high] = refined(poses[high], iterations=_TO_THE_END)
+    poses[high], score[high] = refined(poses[high], options.motions, iterations=_TO_THE_END)
     poses, score, _ = _best_apart(template, poses, score, options, len(poses), options.least_score)
     allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])
     plane, points = picture.level(1), template.settling(options.motions)
     range_of = _searched_over(picture, template, options)
-    covariance = peak_covariances(
-        plane, points, poses, score, range_of, lambda starts, steps: refined(starts, iterations=steps)[0]
-    )
+
+    def climb(starts: Array, steps: int, free: int) -> tuple[Array, Array]:
+        there, worth = refined(starts, free, iterations=steps)
+        return there, np.where(_in_picture(there, template, plane), worth, 0.0)
+
+    covariance = peak_covariances(plane, points, poses, score, range_of, climb)
     return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance)
 
 
