@@ -36,9 +36,8 @@ _MOST = 2e12  # products of a search: some 40 s of one core with AVX2
 # Steps of a climb, at most; along what a picture hardly shows they are many. Peaks of this share of the best score
 # climb to their end; lower ones, mostly false, would take most of the time.
 _STEPS, _TO_THE_END, _HIGH = 8, 40, 0.8
-_INWARDS = (
-    4  # times that a peak beyond the outline is sought inside: by half as far each, of an edge that meets it at 45 deg
-)
+# times that a peak beyond the outline is sought inside: by half as far each, of an edge that meets it at 45 deg
+_INWARDS = 4
 _REACH, _LEAST_REACH = 0.25, 3.0  # how far a climb may go: share of the template, and px of a level, at least
 
 
