@@ -36,6 +36,8 @@ _MOST = 2e12  # products of a search: some 40 s of one core with AVX2
 # Steps of a climb, at most; along what a picture hardly shows they are many. Peaks of this share of the best score
 # climb to their end; lower ones, mostly false, would take most of the time.
 _STEPS, _TO_THE_END, _HIGH = 8, 40, 0.8
+# times that a peak beyond the outline is sought inside: by half as far each, of an edge that meets it at 45 deg
+_INWARDS = 4
 _REACH, _LEAST_REACH = 0.25, 3.0  # how far a climb may go: share of the template, and px of a level, at least
 
 
@@ -349,19 +351,27 @@ def _best_apart(
 
 def _peaks(picture: Pyramid, template: Template, poses: Array, options: CorrelateOptions) -> Peaks:
     """Return the peaks near poses, by cubic interpolation."""
-    refined = partial(_refined, picture, template, 1, motions=options.motions, cubic=True)
-    poses, score = refined(poses)
+    refined = partial(_refined, picture, template, 1, cubic=True)
+    poses, score = refined(poses, options.motions)
     high = (np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)) & (score != 0)
-    poses[high], score[high] = refined(poses[high], iterations=_TO_THE_END)
+    poses[high], score[high] = refined(poses[high], options.motions, iterations=_TO_THE_END)
+    for _ in range(_INWARDS):  # along an edge that runs out of the picture it is as good inside
+        out = np.flatnonzero(high & (score != 0))
+        out = out[~_in_picture(poses[out], template, picture.level(1))]
+        poses[out, :2] -= _overhang(poses[out], template, picture.level(1))
+        poses[out], score[out] = refined(poses[out], options.motions)
     poses, score, _ = _best_apart(template, poses, score, options, len(poses), options.least_score)
     allowed = _within(poses, template, options) & _in_picture(poses, template, picture.level(1))
     poses, score = poses[allowed][: options.count], score[allowed][: options.count]
     poses[:, 2] = _wrapped(poses[:, 2])
     plane, points = picture.level(1), template.settling(options.motions)
     range_of = _searched_over(picture, template, options)
-    covariance = peak_covariances(
-        plane, points, poses, score, range_of, lambda starts, steps: refined(starts, iterations=steps)[0]
-    )
+
+    def climb(starts: Array, steps: int, free: int) -> tuple[Array, Array]:
+        there, worth = refined(starts, free, iterations=steps)
+        return there, np.where(_in_picture(there, template, plane), worth, 0.0)
+
+    covariance = peak_covariances(plane, points, poses, score, range_of, climb)
     return Peaks(poses[:, :2], poses[:, 2], poses[:, 3], score, covariance)
 
 
@@ -382,6 +392,11 @@ def _within(poses: Array, template: Template, options: CorrelateOptions) -> Mask
 
 
 def _in_picture(poses: Array, template: Template, picture: Picture) -> Mask:
+    return np.asarray((np.abs(_overhang(poses, template, picture)) <= 1).all(axis=1))
+
+
+def _overhang(poses: Array, template: Template, picture: Picture) -> Array:
+    """Return by how many px (N, 2) in x and y the template lies beyond the picture's outermost pixels; 0 within."""
     points = template.points(1, 3)
     u, v = points.u[: points.count], points.v[: points.count]
     extent = np.array([[a, b] for a in (u.min(), u.max()) for b in (v.min(), v.max())], np.float64)
@@ -390,7 +405,10 @@ def _in_picture(poses: Array, template: Template, picture: Picture) -> Mask:
     x = poses[:, :1] + c[:, None] * corners[:, 0] - s[:, None] * corners[:, 1]
     y = poses[:, 1:2] + s[:, None] * corners[:, 0] + c[:, None] * corners[:, 1]
     h, w = picture.shape
-    return np.asarray(((x >= -1) & (x <= w) & (y >= -1) & (y <= h)).all(axis=1))
+    beyond = [
+        np.minimum(a.min(axis=1), 0) + np.maximum(a.max(axis=1) - last, 0) for a, last in ((x, w - 1), (y, h - 1))
+    ]
+    return np.stack(beyond, axis=1)
 
 
 def _turned(a: Array, b: Array | float, by: float) -> Mask:

@@ -9,12 +9,17 @@ Along an edge they show nothing but noise, which has peaks of its own, all along
 agree, as at any peak, and H says that it is known to half a pixel. So H counts only for motions that change what is
 seen by clearly more than noise does, or from whose either side a climb returns to the peak. What is known of other
 motions is the range in which they were looked for.
+
+That range is hundreds of px, so that an error of an edge's direction, times it, would pass for one across the edge: by
+the slopes alone ten times what is known there. So the edge is followed as far as it goes, to both sides, and its
+direction is that of the line from end to end.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -35,31 +40,50 @@ _FAIRLY, _NEAR = 3.0, (2.0,)  # what noise hardly reaches, from less far off: a 
 _CLIMB = ((8, 0.8), (40, 0.25))  # after so many steps, what share of the way may be left
 _HIGH = 0.98  # share of the best score from which peaks are looked into so: the first, and those that may be it
 _BY_NOISE = 8.0  # sd, of white noise, of a share of a motion that the noise of smoothed slopes (twice that) may feign
+_FIRST, _ROUNDS, _FEW = (
+    0.5,
+    8,
+    4,
+)  # an edge is followed by half a rim at first, in so many rounds, by climbs of few steps
 _EXACT = 1e-12  # of what the best motion shows (squared): less is rounding
 
 
+# A climb to the peaks near poses, in at most so many steps, with so many motions free; and the scores there
+Climb = Callable[[Array, int, int], tuple[Array, Array]]
+
+
 def peak_covariances(
-    picture: Picture, points: Points, poses: Array, score: Array, range_of: Array, climb: Callable[[Array, int], Array]
+    picture: Picture, points: Points, poses: Array, score: Array, range_of: Array, climb: Climb
 ) -> Array:
     """Return the covariances (N, 4, 4) of x, y (px), angle (rad) and scale (0 where it was not free) of peaks.
 
-    range_of (4,): over how many px, rad and shares of the scale they were looked for; climb: to the peaks near poses.
+    range_of (4,): over how many px, rad and shares of the scale they were looked for.
     """
-    slopes, motions = _Slopes(points), len(points.slope)
+    whole, motions = _Slopes.of(points), len(points.slope)
     noise = (1 - score**2) / np.maximum(score**2, 1e-12) / max(points.count - 2 - motions, 1)
     high = np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)
     each = []
-    for pose, of, looked_into in zip(poses, noise, high, strict=True):
+    for pose, of, worth, looked_into in zip(poses, noise, np.abs(score), high, strict=True):
+        slopes, per_motion = whole, _per_motion(pose, motions)
         H, clear = _shown(picture, slopes, pose, _MOST)
-        if looked_into and clear.min() <= _CLEARLY:
+        weak = clear <= _CLEARLY
+        if np.count_nonzero(weak) > 1:
+            slopes = slopes.apart(weak, per_motion, range_of)
+        if looked_into and weak.any():
             H, clear = _shown(picture, slopes, pose, points.count)
+        elif slopes is not whole:
+            H, clear = _shown(picture, slopes, pose, _MOST)
         known = clear > _CLEARLY
         if looked_into:
             known |= _returned_to(slopes, pose, clear, range_of, climb)
-        each.append(_covariance(slopes, _per_motion(pose, motions), H, known, of, range_of))
+        left_open = (per_motion @ _plain(slopes, ~known)).T
+        if looked_into and not known.all():
+            left_open = _followed(left_open, pose, _HIGH * worth, _FIRST * slopes.rim * pose[3], climb)
+        each.append(_of_known(slopes, per_motion, H, known, of) + _anywhere(left_open, range_of))
     return np.array(each).reshape(-1, 4, 4)
 
 
+@dataclass(frozen=True, slots=True)
 class _Slopes:
     """A template's points, all in float64, and their slopes (m, N) by motions of which none shows what another does.
 
@@ -67,17 +91,44 @@ class _Slopes:
     what each shows has unit norm. rim (px): mean distance of the points from the centre.
     """
 
-    def __init__(self, points: Points) -> None:
+    u: Array
+    v: Array
+    value: Array
+    slope: Array
+    motions: Array
+    length: Array
+    rim: float
+
+    @classmethod
+    def of(cls, points: Points) -> _Slopes:
         n = points.count
-        self.u, self.v, self.value = (a[:n].astype(np.float64) for a in (points.u, points.v, points.value))
+        u, v, value = (a[:n].astype(np.float64) for a in (points.u, points.v, points.value))
         J = points.slope[:, :n].astype(np.float64)
-        self.length = np.linalg.norm(J, axis=1)
-        self.rim = math.sqrt(float(np.mean(self.u**2 + self.v**2)))
-        per_px = np.array([1.0, 1.0, 1 / self.rim, 1 / self.rim])[: len(J)]
+        rim = math.sqrt(float(np.mean(u**2 + v**2)))
+        per_px = np.array([1.0, 1.0, 1 / rim, 1 / rim])[: len(J)]
         shown, motion = np.linalg.eigh(per_px[:, None] * (J @ J.T) * per_px)
-        self.px = 1 / np.sqrt(np.maximum(shown, _EXACT * shown[-1]))
-        self.motions = per_px[:, None] * motion * self.px
-        self.slope = self.motions.T @ J
+        motions = per_px[:, None] * motion / np.sqrt(np.maximum(shown, _EXACT * shown[-1]))
+        return cls(u, v, value, motions.T @ J, motions, np.linalg.norm(J, axis=1), rim)
+
+    @property
+    def px(self) -> Array:
+        """Return by how many px at the rim each motion (m,) moves."""
+        per_px = np.array([1.0, 1.0, self.rim, self.rim])[: len(self.motions)]
+        return np.asarray(np.linalg.norm(per_px[:, None] * self.motions, axis=0))
+
+    def apart(self, weak: Mask, per_motion: Array, range_of: Array) -> _Slopes:
+        """Return them with those motions that show little told apart by how far they move the rim in the range.
+
+        Noise mixes them: of an edge of any scale, the shift along it with the growth. The furthest comes first.
+        """
+        ranged = per_motion @ self.motions[:, weak] / range_of[:, None]
+        U, _, _ = np.linalg.svd(ranged, full_matrices=False)
+        px = range_of * np.array([1.0, 1.0, self.rim, self.rim])
+        _, _, Vt = np.linalg.svd(px[:, None] * U)
+        mixed, _ = np.linalg.qr(np.linalg.pinv(ranged) @ U @ Vt.T)
+        motions, slope = self.motions.copy(), self.slope.copy()
+        motions[:, weak], slope[weak] = motions[:, weak] @ mixed, mixed.T @ slope[weak]
+        return replace(self, motions=motions, slope=slope)
 
 
 def _shown(picture: Picture, slopes: _Slopes, pose: Array, most: int) -> tuple[Array, Array]:
@@ -88,9 +139,7 @@ def _shown(picture: Picture, slopes: _Slopes, pose: Array, most: int) -> tuple[A
     return H, np.where(np.diag(H) > 0, clear, 0.0)
 
 
-def _returned_to(
-    slopes: _Slopes, pose: Array, clear: Array, range_of: Array, climb: Callable[[Array, int], Array]
-) -> Mask:
+def _returned_to(slopes: _Slopes, pose: Array, clear: Array, range_of: Array, climb: Climb) -> Mask:
     """Return which motions (m,) that do not show clearly lead back to a peak by climbs from either side."""
     motions = len(clear)
     along = (_per_motion(pose, motions) @ (slopes.motions / slopes.px)).T  # (m, 4), of a px at the rim
@@ -106,23 +155,48 @@ def _returned_to(
     px = np.array([1.0, 1.0, pose[3] * slopes.rim, slopes.rim])
     for steps, share in _CLIMB:
         left = back[motion]
-        motion, away, there = motion[left], away[left], climb(there[left], steps)
+        motion, away, there = motion[left], away[left], climb(there[left], steps, motions)[0]
         off = there - pose
         off[:, 2] = (off[:, 2] + math.pi) % (2 * math.pi) - math.pi
         back[motion[~(np.linalg.norm(off * px, axis=1) < share * pose[3] * np.abs(away))]] = False
     return back
 
 
-def _covariance(slopes: _Slopes, per_motion: Array, H: Array, known: Mask, noise: float, range_of: Array) -> Array:
-    """Return the covariance (4, 4) of a peak of which some motions are known."""
-    # these are as they are where the template does not move by the others
+def _of_known(slopes: _Slopes, per_motion: Array, H: Array, known: Mask, noise: float) -> Array:
+    """Return the covariance (4, 4) of a peak's known motions: where the template does not move by the others."""
     U, shown, Vt = np.linalg.svd(H[np.ix_(known, known)])
     error = per_motion @ slopes.motions[:, known] @ (Vt.T / np.maximum(shown, _LEAST)) @ U.T
-    covariance = noise * error @ error.T
-    for motion in slopes.motions[:, ~known].T:
-        along = per_motion @ _plain(motion, slopes)
-        covariance += np.outer(along, along) / (12 * float(np.sum((along / range_of) ** 2)))
-    return np.asarray(covariance)
+    return np.asarray(noise * error @ error.T)
+
+
+def _anywhere(left_open: Array, range_of: Array) -> Array:
+    """Return the covariance (4, 4) of what may be anywhere in the range, by motions (k, 4) that do not show."""
+    ranged = left_open / range_of
+    return np.asarray(left_open.T @ np.linalg.pinv(12 * ranged @ ranged.T, hermitian=True) @ left_open)
+
+
+def _followed(left_open: Array, pose: Array, least: float, first: float, climb: Climb) -> Array:
+    """Return what is left open with the direction of shifts measured: by places on both sides of at least a score.
+
+    first: px to the first of these; twice as far each time, and half as far again where there is none.
+    """
+    followed = left_open.copy()
+    for i, motion in enumerate(left_open):
+        length = float(np.linalg.norm(motion))
+        if length == 0 or motion[2:].any():
+            continue
+        along, far, ends = motion / length, np.array([-first, first]), np.stack([pose, pose])
+        for _ in range(_ROUNDS):
+            there, score = climb(ends + far[:, None] * along, _FEW, 3)
+            went = (there - ends)[:, :2] @ along[:2] / far
+            on = (np.abs(score) >= least) & (went > 0.5) & (went < 2)
+            ends[on] = there[on]
+            far *= np.where(on, 2.0, 0.5)
+            if on.any():
+                line = ends[1, :2] - ends[0, :2]
+                along[:2] = line / np.linalg.norm(line)
+        followed[i] = length * along
+    return followed
 
 
 def _compared(picture: Picture, slopes: _Slopes, pose: Array, some: Longs) -> tuple[Array, Array]:
@@ -140,12 +214,12 @@ def _compared(picture: Picture, slopes: _Slopes, pose: Array, some: Longs) -> tu
     return share * H @ slopes.motions, np.sqrt(variance)
 
 
-def _plain(motion: Array, slopes: _Slopes) -> Array:
-    """Return a motion that does not show, without shift, turn or growth that it holds only by noise."""
-    shows = np.abs(motion) * slopes.length
+def _plain(slopes: _Slopes, which: Mask) -> Array:
+    """Return motions (m, k) that do not show, without shift, turn or growth that they hold only by noise."""
+    shows = np.abs(slopes.motions[:, which]) * slopes.length[:, None]
     shows[:2] = np.hypot(*shows[:2])
-    held = shows >= min(_BY_NOISE / math.sqrt(len(slopes.u)), 0.5 * shows.max())
-    return np.asarray(np.where(held, motion, 0.0))
+    held = shows >= np.minimum(_BY_NOISE / math.sqrt(len(slopes.u)), 0.5 * shows.max(axis=0, initial=0.0))
+    return np.asarray(np.where(held, slopes.motions[:, which], 0.0))
 
 
 def _spread(count: int, most: int) -> Longs:

@@ -17,7 +17,8 @@ from cadcam.errors import BadValue, NotEnoughMemory
 from cadcam.native.core import addresses, functions
 
 _LARGEST_FACTOR = 1024  # largest reduction: STRIP in correlate.c
-_NOT_SHOWN = 1e-9  # of what the best of a template's motions shows: below is rounding, of float32 in A and of sums
+# Of what the best of a template's motions shows (squared): below are the steps of eight bits, which no picture shares
+_NOT_SHOWN = 1e-5
 _LONGEST = 32767  # px along a side: an index into the picture fits 31 bits
 
 
@@ -119,17 +120,18 @@ class Points:
             return np.ascontiguousarray(np.concatenate([a, np.zeros((*a.shape[:-1], spare))], axis=-1), np.float32)
 
         radius = float(np.hypot(u, v).max(initial=0.0))
-        inverse = np.ascontiguousarray(_inverse(slope @ (slope if seen is None else seen).T))
+        rim = max(float(np.sqrt(np.mean(u * u + v * v))), 1e-9)
+        per_px = np.array([1.0, 1.0, 1 / rim, 1 / rim])[: len(slope)]
+        inverse = np.ascontiguousarray(_inverse(slope @ (slope if seen is None else seen).T, per_px))
         return cls(filled(u), filled(v), filled(value), filled(slope), inverse, len(u), radius)
 
 
-def _inverse(A: Array) -> Array:
-    """Return the inverse; of motions that do not show at all, as along an exact edge, one that does not move by them.
+def _inverse(A: Array, per_px: Array) -> Array:
+    """Return the inverse; of motions that do not show, as along an edge without noise, one that does not move by them.
 
-    Each is put in units of what it shows, as px and rad have nothing to do with each other.
+    per_px: of each motion, what moves the rim by a px, as px and rad have nothing to do with each other.
     """
-    scale = 1 / np.sqrt(np.where(np.diag(A) > 0, np.diag(A), 1.0))
-    return np.asarray(scale[:, None] * np.linalg.pinv(scale[:, None] * A * scale, rcond=_NOT_SHOWN) * scale)
+    return np.asarray(per_px[:, None] * np.linalg.pinv(per_px[:, None] * A * per_px, rcond=_NOT_SHOWN) * per_px)
 
 
 def shrunken(picture: Picture, factor: int) -> Picture:
