@@ -173,7 +173,14 @@ def test_along_an_edge_the_place_is_said_not_to_be_determined(cadcam: Callable[.
     assert np.abs(best["not_determined"]["along"]) == pytest.approx(np.array([[0, 1]]), abs=0.02)
     assert best["not_determined"]["angle"] is False
     assert best["sigma_px"][1] == pytest.approx(160 / np.sqrt(12), rel=0.01)
-    assert "not determined along (" in cadcam("match", tmp_path / "photo.png", tmp_path / "edge.png").out
+    C = np.array(best["covariance"])
+    np.testing.assert_allclose(np.sqrt(np.diag(C)[:2]), best["sigma_px"])
+    across = np.sqrt(np.linalg.eigvalsh(C[:2, :2])[0])
+    assert abs(best["q"][0] - 89.5) < 4 * across < 0.2  # the template's middle, 23.5 px from its first column, 66
+    out = cadcam("match", tmp_path / "photo.png", tmp_path / "edge.png").out
+    assert "not determined along (" in out
+    row = next(line.split() for line in out.splitlines() if line.strip().startswith("1 "))
+    assert f"{across:.3f}" in row  # what is said of x and y is what is known, across the edge
     corner = edge.copy()
     corner[:60] = 0.3
     write_picture(tmp_path / "corner.png", corner)

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.files.jsontext import or_null
 from cadcam.files.matrix import pose_as_json
 from cadcam.image.correlate import Peaks
@@ -23,11 +24,12 @@ _HIGH = 0.95  # score that a slow change of brightness and noise hardly reach by
 def peaks_table(peaks: Peaks, title: str, *, template: Template | None = None) -> Table:
     """Return score, place, angle and scale of each peak with their sigmas, and the gap to the next.
 
-    template: what was looked for; notes say what it does not determine, and where it was not found well and has little
-    structure.
+    template: what was looked for; notes say what it does not determine, where sigmas are those of the rest, and where
+    it was not found well and has little structure.
     """
     sigma = peaks.sigma
     scaled = bool(sigma[:, 3].any()) if len(peaks) else False
+    left_open = [] if template is None else undetermined(peaks, template)
     rows = []
     for i in range(len(peaks)):
         gap = peaks.gap[i]
@@ -38,7 +40,7 @@ def peaks_table(peaks: Peaks, title: str, *, template: Template | None = None) -
                 "" if math.isnan(gap) else f"{gap:.4f}",
                 f"{peaks.q[i, 0]:.3f}",
                 f"{peaks.q[i, 1]:.3f}",
-                f"{np.hypot(*sigma[i, :2]) / math.sqrt(2):.3f}",
+                _px(peaks.covariance[i, :2, :2], left_open[i] if left_open else None),
                 f"{round(math.degrees(peaks.angle[i]), 2) + 0.0:.2f}",  # + 0.0: no -0.00
                 f"{math.degrees(sigma[i, 2]):.3f}",
                 *((f"{peaks.scale[i]:.4f}", f"{sigma[i, 3]:.4f}") if scaled else ()),
@@ -46,6 +48,13 @@ def peaks_table(peaks: Peaks, title: str, *, template: Template | None = None) -
         )
     columns = ("", "score", "gap", "x, px", "y, px", "+-", "angle, deg", "+-") + (("scale", "+-") if scaled else ())
     return Table(title, columns, tuple(rows), notes=_peak_notes(peaks, template))
+
+
+def _px(covariance: Array, left_open: Undetermined | None) -> str:
+    """Return the sigma of a coordinate, px; where the place along an edge is open, that across it."""
+    variance = np.linalg.eigvalsh(covariance)
+    known = variance[: 2 - len(left_open.along)] if left_open else variance
+    return f"{math.sqrt(max(float(known.mean()), 0.0)):.3f}" if len(known) else "open"
 
 
 def feature_table(matches: TemplateMatches) -> Table:
@@ -119,6 +128,7 @@ def peaks_as_json(peaks: Peaks, template: Template | None = None) -> dict[str, A
                 "sigma_px": sigma[i, :2].tolist(),
                 "sigma_deg": math.degrees(sigma[i, 2]),
                 "sigma_scale": float(sigma[i, 3]),
+                "covariance": peaks.covariance[i].tolist(),  # of x, y (px), angle (rad) and scale
                 **({"not_determined": _as_json(left_open[i])} if left_open else {}),
             }
             for i in range(len(peaks))
