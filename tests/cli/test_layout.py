@@ -18,6 +18,7 @@ from cadcam.cad.write import write_model
 from cadcam.files.camera import read_camera
 from cadcam.report.layout.words import tur_words
 
+from ..report.browser import beyond
 from .job import Ran
 
 Cadcam = Callable[..., Ran]
@@ -198,6 +199,7 @@ def test_the_report_is_one_file_that_names_everything(cadcam: Cadcam, small: Pat
     assert ": 0% of the surface" not in page
     assert json.loads((tmp_path / "r.json").read_text())["outcome"] == "SUITABLE"
     assert len(list((tmp_path / "views").glob("*.png"))) == 3 + 2 * 2
+    assert [beyond(tmp_path / "r.html", width) for width in (1280, 390)] == [[0], [0]]
 
 
 def test_each_camera_has_a_picture_of_its_own_where_names_of_files_would_be_alike(

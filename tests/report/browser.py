@@ -30,3 +30,12 @@ def driven(page: Path, script: str, *, width: int = 1200, height: int = 1000, ms
     if "<body" not in done.stdout:
         pytest.skip(f"Chromium does not run here: {done.stderr[-200:]}")
     return {key: html.unescape(value) for key, value in re.findall(r'data-(\w+)="([^"]*)"', done.stdout)}
+
+
+def beyond(page: Path, width: int, what: str = "html") -> list[int]:
+    """Return by how many px the content of each such element is wider than it."""
+    script = (
+        f"f.onload=()=>{{const all=[...f.contentDocument.querySelectorAll('{what}')];"
+        "document.body.dataset.w=all.map(e=>e.scrollWidth-e.clientWidth).join(' ')}"
+    )
+    return [int(w) for w in driven(page, script, width=width, height=900, ms=4000)["w"].split()]

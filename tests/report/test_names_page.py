@@ -16,7 +16,7 @@ from cadcam.report.verify.names_page import names_page
 from cadcam.verify.tolerances.file import read_tolerances
 from cadcam.verify.tolerances.tolerance import Selection
 
-from .browser import driven
+from .browser import beyond, driven
 
 NAMES = ('slab "a": 1', "no", "step")  # as YAML has them, they would be a mapping and a truth value
 
@@ -107,3 +107,4 @@ def test_of_chosen_bodies_alone_the_others_are_not_shown(tmp_path: Path) -> None
     seen = "f.onload = () => { const s = f.contentWindow.eval('solids[0]'); const all = new Set(s.sheet.face);"
     seen += "document.body.dataset.out = JSON.stringify([...all].filter((k) => k >= 0).map((k) => s.model.part[k])); };"
     assert set(json.loads(driven(page, seen)["out"])) == {2}
+    assert [beyond(page, width) for width in (1280, 390)] == [[0], [0]]

@@ -33,7 +33,7 @@ from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selecti
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
 from ..verify.scene import CAMERA, POSE, displaced, part, photo, plate
-from .browser import driven
+from .browser import beyond
 
 ORIGIN = VerificationOrigin("plate", (Source("photo", "photo.png", "0" * 64), Source("cad", "plate.step", "a" * 64)))
 ASKED = Tolerances(
@@ -338,12 +338,3 @@ def test_on_paper_no_table_is_wider_than_its_section_and_no_row_is_split(
     page.write_text(text.replace("@media print{", "@media all{"))
     sections = beyond(page, 717, "section")
     assert sections == [0] * text.count("<section")
-
-
-def beyond(page: Path, width: int, what: str = "html") -> list[int]:
-    """Return by how many px the content of each such element is wider than it, by headless Chromium without network."""
-    script = (
-        f"f.onload=()=>{{const all=[...f.contentDocument.querySelectorAll('{what}')];"
-        "document.body.dataset.w=all.map(e=>e.scrollWidth-e.clientWidth).join(' ')}"
-    )
-    return [int(w) for w in driven(page, script, width=width, height=900, ms=4000)["w"].split()]
