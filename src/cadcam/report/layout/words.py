@@ -230,6 +230,7 @@ def assumptions(layout: Layout) -> list[str]:
             f"Marks and edges of known size are found as well as noise of {finder.gray:g} and contrast "
             f"{finder.contrast:g} (white = 1) allow (Cramer-Rao bound)."
         )
+    out.append(f"An edge in focus is blurred by {finder.blur_px:g} px (sigma: lens, sensor and pixel), if not by more.")
     if finder.floor_px:
         out.append(f"No feature is found better than to {finder.floor_px:g} px.")
     out.append(calibration_words(scene.calibration))
