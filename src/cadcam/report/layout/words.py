@@ -93,7 +93,7 @@ def search_words(layout: Layout) -> str:
     how = (
         f"all {found.sets} sets were tried: no other is better"
         if found.complete
-        else f"{found.sets} starts, {found.exchanges} exchanges; not every set was tried"
+        else f"{found.sets} start{'s' * (found.sets > 1)}, {found.exchanges} exchanges; not every set was tried"
     )
     unmeasured = f", {all_of_them.unmeasured} not measured even then" if all_of_them.unmeasured else ""
     alone = ", if each place erred by itself" * share_errors(layout.survey.candidates)
