@@ -36,7 +36,7 @@ from cadcam.verify.edges.sightlines import STEP_PX, Sightlines, lines_in_view
 from cadcam.verify.edges.step_fit import ROOM_PX
 from cadcam.verify.tolerances.tolerance import Selection
 
-USUAL_PX = 0.02  # error common to each edge, where none is stated: see docs/layout.md, Limits
+USUAL_PX = 0.02  # error common to each edge, where none is stated: of parts as drawn (benchmarks/edge_errors.py)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
