@@ -58,10 +58,11 @@ def main() -> None:
     parser.add_argument("--pictures", type=int, default=3)
     arguments = parser.parse_args()
     for kind in arguments.only.split(","):
-        found = list(drawn(arguments.pictures) if kind == "drawn" else real(arguments.data))
-        for name in dict.fromkeys(name for name, _ in found):
-            print(name, " ".join(f"{tau:.3f}" for other, tau in found if other == name))
-        every = np.array([tau for _, tau in found])
+        found = []
+        for name, tau in drawn(arguments.pictures) if kind == "drawn" else real(arguments.data):
+            print(f"{name}: {tau:.3f}", flush=True)
+            found.append(tau)
+        every = np.array(found)
         least, middle, most = np.nanquantile(every, [0, 0.5, 1])
         print(f"{kind}: median {middle:.3f} px, {least:.3f} to {most:.3f}, {len(every)} pictures", flush=True)
 
