@@ -23,8 +23,8 @@ from cadcam.plan.scene.feature import LayoutFeature
 from cadcam.plan.scene.file import read_layout_scene
 from cadcam.plan.scene.layout_scene import LayoutScene, Sigmas
 from cadcam.plan.sight.candidate import Candidate
-from cadcam.plan.sight.datum import DatumEvidence, together_from_datum
-from cadcam.plan.uncertainty.finding import Finder, blur_sigmas
+from cadcam.plan.sight.datum import USUAL_PX, DatumEvidence, together_from_datum
+from cadcam.plan.uncertainty.finding import Finder
 from cadcam.plan.what_if import what_if
 from cadcam.render.view import Scene
 from cadcam.report.layout.words import assumptions
@@ -61,11 +61,11 @@ def adjusted(seen: CandidateSurvey, chosen: list[Candidate], pose: Any) -> Array
     views = [c.viewpoint for c in chosen]
     lines, _ = lines_in_view(drawn, views, pose)
     z = np.array([(views[i].camera_from_world @ pose @ p)[2] for i, p in zip(lines.photo, lines.p, strict=True)])
-    blur = blur_sigmas(chosen[0].optics, z)
+    finder = seen.scene.finder
+    blur = finder.blur(chosen[0].optics, z)
     use = searchable(lines, [v.camera for v in views]) & (lines.room >= ROOM_PX + 1.5 * blur) & (lines.chain >= 0)
     lines, blur = lines.select(use), blur[use]
-    finder = seen.scene.finder
-    errors = EdgeNoise.of(1 / np.sqrt(finder.per_px(blur) * STEP_PX), lines.edge, lines.along, 0.01)
+    errors = EdgeNoise.of(1 / np.sqrt(finder.per_px(blur) * STEP_PX), lines.edge, lines.along, USUAL_PX)
     names = np.array(drawn.scene.mesh.part_names)[lines.part]
     fit = Adjustment(
         np.zeros(len(lines)),
@@ -113,6 +113,15 @@ def test_errors_of_single_cameras_matter_less_than_to_a_place() -> None:
     assert (sigma(replace(off, datum=())) > 3 * sigma(off)).all()
 
 
+def test_blurred_pictures_tell_less_than_sharp_ones() -> None:
+    """Information falls as the blur grows: by itself, with edges that err by nothing else to speak of."""
+    noise = {"gray": 0.05, "contrast": 0.3, "floor_px": 1e-6}
+    sharp, blurred = (survey(judged(finder=Finder(**noise, blur_px=b), calibration=Sigmas())) for b in (0.6, 0.9))
+    told = [o for o in (seen.visibility[0].datum for seen in (sharp, blurred)) if o is not None]
+    own = [o.own[0, 0, :, :3] / o.length_px[0, 0] for o in told]
+    assert np.trace(own[0]) > 1.2 * np.trace(own[1])
+
+
 def test_a_datum_of_few_edges_makes_U_larger() -> None:
     exact = Sigmas()
     many, few = (sigma(judged(names, calibration=exact)) for names in (("floor", "wall"), ("wall",)))
@@ -150,9 +159,10 @@ def screen() -> Mesh:
     return box((280, 60, 95), (350, 116, 97), name="screen", color=(0.5, 0.5, 0.5))
 
 
-def test_a_search_finds_what_is_nearly_the_best_set() -> None:
+@pytest.mark.parametrize("common_px", [0.005, 0.01, 0.02, 0.05])
+def test_a_search_finds_what_is_nearly_the_best_set(common_px: float) -> None:
     """The search treats the pose's error as each camera's own; of all sets its choice is worst by a tenth at most."""
-    seen = survey(judged(n=8))
+    seen = survey(judged(n=8, finder=Finder(gray=0.01, contrast=0.3, floor_px=common_px)))
     best = max(seen.score(chosen).worst for chosen in combinations(range(8), 3))
     assert plan_layout(seen, 3).assessment.worst >= 0.9 * best
 

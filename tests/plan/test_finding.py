@@ -10,7 +10,6 @@ from cadcam.camera.sensor_format import sensor_format
 from cadcam.errors import BadValue
 from cadcam.plan.uncertainty.finding import (
     Finder,
-    blur_sigmas,
     circle_covariance,
     defocus,
     edge_variance,
@@ -44,7 +43,12 @@ def test_blur_of_many_distances_is_that_of_the_optics() -> None:
     z = np.array([900.0, 1500.0, 2500.0])
     disc = np.array([optics.defocus_px(float(d)) for d in z])
     np.testing.assert_allclose(defocus(optics, z), disc)
-    np.testing.assert_allclose(blur_sigmas(optics, z) ** 2, disc**2 / 16 + optics.airy_sigma_px() ** 2 + 1 / 12)
+    for finder, in_focus in (
+        (Finder(sigma_px=1.0, blur_px=0.0), optics.airy_sigma_px() ** 2 + 1 / 12),
+        (Finder(sigma_px=1.0, blur_px=0.7), 0.7**2),
+    ):
+        np.testing.assert_allclose(finder.blur(optics, z) ** 2, disc**2 / 16 + in_focus)
+        assert finder.blur(None, 1.0) ** 2 == pytest.approx(max(finder.blur_px**2, 1 / 12))
 
 
 def test_the_covariance_of_a_disc_is_the_cramer_rao_bound_of_its_picture() -> None:
@@ -105,3 +109,24 @@ def test_what_remains_whatever_the_noise_is_added_to_every_kind_of_feature(noise
 def test_noise_that_is_none_is_refused(stated: dict[str, float]) -> None:
     with pytest.raises(BadValue):
         Finder(**stated)
+
+
+@pytest.mark.parametrize("blur", [0.5, 0.6, 1.0])
+def test_the_variance_of_an_edge_is_the_cramer_rao_bound_of_pixels_that_integrate(blur: float) -> None:
+    """Lens and pixel's area together have the stated blur; the edge crosses pixels at all phases along its length."""
+    from scipy.special import ndtr
+
+    grey, contrast, length, step = 0.02, 0.6, 64, 1e-3
+    lens = np.sqrt(blur**2 - 1 / 12)
+    across = np.arange(-9, 10)[:, None] + np.arange(length) / length
+
+    def ramp(x: np.ndarray) -> np.ndarray:  # the integral of ndtr: a pixel's mean is its difference over the pixel
+        return x * ndtr(x) + np.exp(-(x**2) / 2) / np.sqrt(2 * np.pi)
+
+    def pixels(at: float) -> np.ndarray:
+        return contrast * lens * (ramp((across - at + 0.5) / lens) - ramp((across - at - 0.5) / lens))
+
+    information = (((pixels(step) - pixels(-step)) / (2 * step)) ** 2).sum() / grey**2
+    finder = Finder(gray=grey, contrast=contrast, blur_px=blur)
+    found = edge_variance(finder, float(length), finder.blur(None, 1.0), sharp_px=blur)
+    assert 1 / information == pytest.approx(float(found), rel=0.01)  # of a box in the blur, the second moment counts

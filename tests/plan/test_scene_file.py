@@ -43,7 +43,7 @@ features:
   hole: {circle_mm: [600, 800, 100], normal: [0, 0, 1], diameter_mm: 100, position_mm: 1, k: 3}
   post edges: {part: post, kinds: [crease], position_mm: 1, rule: simple acceptance}
   front: {edge_mm: [[200, 0, 100], [3800, 0, 100]], angle_deg: 0.1}
-noise: {sigma_px: 0.1, gray: 0.02, contrast: 0.3, floor_px: 0.01}
+noise: {sigma_px: 0.1, gray: 0.02, contrast: 0.3, floor_px: 0.01, blur_px: 0.7}
 calibration: {position_mm: 0.1, rotation_deg: 0.01, focal_px: 0.2, principal_point_px: 0.3}
 motion: {position_mm: 0.2, rotation_deg: 0.02}
 placement: {position_mm: 0.4}
@@ -198,6 +198,7 @@ noise: {sigma_px: 0.1}
     [
         ("calibration: {focal_px: 0.2}", "cameras: {own: {sensor: IMX264, focal_mm: 16}}"),
         ("calibration: {principal_point_px: 0.2}", "cameras: {own: {sensor: IMX264, focal_mm: 16}}"),
+        ("noise: {sigma_px: 0.1, blur_px: 0.7}", "cameras: {own: {sensor: IMX264, focal_mm: 16, f_number: 8}}"),
         ("seen: {blur_px: 3}", "cameras: {own: {sensor: IMX264, focal_mm: 16, f_number: 8}}"),
         ("seen: {share: 0.5}", "features: {top: {edge_mm: [[200, 0, 100], [3800, 0, 100]], position_mm: 2}}"),
         ("seen: {least_px: 3}", "features: {top: {edge_mm: [[200, 0, 100], [3800, 0, 100]], position_mm: 2}}"),

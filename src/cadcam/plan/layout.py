@@ -178,7 +178,7 @@ def plan_layout(
 
     keep: names of candidates that are treated as fixed. The criterion is the worst limit's test uncertainty ratio
     over all poses. The search treats each camera's errors as its own; the statement about the chosen set accounts for
-    shared ones. Raises as `survey`.
+    shared ones, and so, beside a datum, do exchanges of single cameras after the search. Raises as `survey`.
     """
     expect(scene, "scene", LayoutScene, CandidateSurvey)
     expect(k, "number of cameras", int, np.integer, optional=True)
@@ -190,6 +190,8 @@ def plan_layout(
     if k == 0 and not fixed:
         raise BadValue("number of cameras", 0, "at least 1, where none is fixed")
     found = best_set(problem, k, fixed=fixed, step=step)
+    if seen.judging is not None:
+        found = _exchanged(seen, found, fixed, step)
     chosen = (*fixed, *found.chosen)
     growth = {len(chosen): seen.score(chosen)}
     if len(chosen) > 2 and found.chosen:
@@ -207,6 +209,24 @@ def plan_layout(
         problem.score(every) if seen.judging is None else seen.score(every),
         tuple(sorted(growth.items())),
     )
+
+
+def _exchanged(seen: CandidateSurvey, found: BestSet, fixed: Sequence[int], step: Step) -> BestSet:
+    """Return a set after exchanges of one camera, as long as what is then stated of the set improves.
+
+    The search takes the datum's error for each camera's own: its best set may be worse by half.
+    """
+    chosen, best, exchanges = found.chosen, seen.score((*fixed, *found.chosen)), 0
+    while True:
+        step()
+        rest = [j for j in range(len(seen.candidates)) if j not in (*fixed, *chosen)]
+        sets = [(*chosen[:i], j, *chosen[i + 1 :]) for i in range(len(chosen)) for j in rest]
+        scores = [seen.score((*fixed, *s)) for s in sets]
+        at = max(range(len(sets)), key=lambda i: scores[i].value, default=None)
+        if at is None or not scores[at].beats(best):
+            break
+        chosen, best, exchanges = sets[at], scores[at], exchanges + 1
+    return BestSet(tuple(sorted(chosen)), best, complete=not rest, sets=1, exchanges=found.exchanges + exchanges)
 
 
 def next_cameras(seen: CandidateSurvey, have: Sequence[int]) -> list[tuple[Candidate, Score]]:

@@ -19,7 +19,7 @@ features:                           # limits as in a tolerance file
   stiffener: {part: bar 1.1 port, kinds: [crease], position_mm: 1}
   on the floor: {point_mm: [500, 0, 0], normal: [0, 0, 1], known_plane_mm: 0.2, position_mm: 1}
 datum: [{part: tank top}]           # what `part` features are judged from, as by `cadcam verify`; default: the world
-noise: {sigma_px: 0.05}             # and/or gray: 0.01, contrast: 0.4 (white = 1); floor_px
+noise: {sigma_px: 0.05}             # and/or gray: 0.01, contrast: 0.4 (white = 1); floor_px; blur_px: 0.6
 calibration: {points: 30, sigma_px: 0.1, points_mm: 0.05}   # of each camera, from points over picture and depth;
 #            or independent sigmas: {position_mm: 0.2, rotation_deg: 0.002, focal_px: 0.3, principal_point_px: 0.3}
 motion: {position_mm: 0.1, rotation_deg: 0.005}     # of cameras on mounts with one_camera: true
@@ -34,7 +34,6 @@ choose: 4                           # cameras to choose beside the fixed ones
 from __future__ import annotations
 
 import os
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -49,14 +48,11 @@ from cadcam.files.text import read_text
 from cadcam.files.yamltext import parsed_yaml
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
-from cadcam.plan.scene.feature import Kind, LayoutFeature
+from cadcam.plan.scene.asked import features_at, judged_from
 from cadcam.plan.scene.idle import refuse_idle
 from cadcam.plan.scene.layout_scene import CalibratedFrom, CameraType, LayoutScene, Mount, Seeing, Sigmas
 from cadcam.plan.scene.zones import arc, in_box
 from cadcam.plan.uncertainty.finding import Finder
-from cadcam.render.view import Scene
-from cadcam.verify.tolerances.file import datum_at, limits_at, rule_at, selection_at
-from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule, Selection
 
 if TYPE_CHECKING:
     from cadcam.files.camera import CameraFile
@@ -71,11 +67,6 @@ _CAMERA = ("file", "sensor", "pixels", "focal_mm", "f_number", "focus_mm", "imag
 _PLACES = ("positions_mm", "box_mm", "arc")
 _MOUNT = (*_PLACES, "count", "aim_mm", "up", "cameras", "fixed", "one_camera")
 _ARC = ("center_mm", "radius_mm", "from_deg", "to_deg", "axis")
-_OF_POINTS, _OF_PARTS = ("normal", "known_plane_mm"), ("chains", "box_mm", "kinds")
-_OF_MARKS = (*_OF_POINTS, "diameter_mm")
-_HAS = {"point_mm": _OF_POINTS, "circle_mm": _OF_MARKS, "edge_mm": (), "part": _OF_PARTS}  # beside those of limits
-_FEATURE = (*_HAS, *_OF_PARTS, *_OF_MARKS, "k", "rule", "direction")
-_JUDGED = (Quantity.POSITION, Quantity.ANGLE)  # what a layout is planned for
 _SIGMAS = ("position_mm", "rotation_deg", "focal_px", "principal_point_px")
 _MOST_POSES = 400
 Sources = list[tuple[str, str, str]]
@@ -106,7 +97,7 @@ def read_layout_scene(path: str | os.PathLike[str]) -> LayoutScene:
             poses=poses,
             cameras=cameras,
             mounts=mounts,
-            features=_features(place, part),
+            features=features_at(place, part),
             finder=_finder(place.at("noise")),
             obstacles=_obstacles(place, folder, sources),
             calibration=_calibration(place),
@@ -115,7 +106,7 @@ def read_layout_scene(path: str | os.PathLike[str]) -> LayoutScene:
             seeing=_seeing(place),
             tur=_number(place, "tur", 3.0),
             choose=_whole(place, "choose", 4),
-            datum=_datum(place, part),
+            datum=judged_from(place, part),
             name=Path(file.path).stem,
             sources=tuple(sources),
         )
@@ -297,61 +288,8 @@ def _aims(place: Place) -> Array:
     return aims
 
 
-def _features(place: Place, part: Mesh) -> tuple[LayoutFeature, ...]:
-    listed = place.at("features")
-    k = _number(place, "k", 2.0)
-    rule = rule_at(place.at("rule")) if "rule" in place.object else Rule.GUARD_BAND
-    scene = (
-        Scene.of(part) if any("part" in (v if isinstance(v, dict) else {}) for v in listed.object.values()) else None
-    )
-    return tuple(_feature(listed.at(name), name, k, rule, scene) for name in listed.object)
-
-
-def _datum(place: Place, part: Mesh) -> tuple[Selection, ...]:
-    if "datum" not in place.object:
-        return ()
-    at = place.at("datum")
-    datum = datum_at(at, without="then features are places in the world")
-    for item, chosen in zip(at.items(), datum, strict=True):
-        item.build(partial(chosen.among, part.part_names))
-    return datum
-
-
-def _feature(place: Place, name: str, k: float, rule: Rule, scene: Scene | None) -> LayoutFeature:
-    place.only(*_FEATURE, *(q.value for q in _JUDGED))
-    given = place.object
-    what = [key for key in _HAS if key in given]
-    if len(what) != 1:
-        raise place.error(f"is {' and '.join(what) or 'nothing'}", f"give one of {', '.join(_HAS)}")
-    for key in (*_OF_PARTS, *_OF_MARKS):
-        if key in given and key not in _HAS[what[0]]:
-            of = " and ".join(kind for kind, keys in _HAS.items() if key in keys)
-            raise place.error(f"has {key} beside {what[0]}", f"leave it out: it has a meaning beside {of}")
-    limits = limits_at(place, k, rule, _JUDGED)
-    if scene is not None and what[0] == "part":
-        selection: Selection = selection_at(place)
-        return place.build(lambda: LayoutFeature.selected(name, selection, scene, limits))
-    if what[0] == "edge_mm":
-        return place.build(lambda: LayoutFeature.edge(name, place.at("edge_mm").array((2, 3)), limits))
-    kind = Kind.CIRCLE if what[0] == "circle_mm" else Kind.POINT
-    return place.build(lambda: _mark(place, name, kind, what[0], limits))
-
-
-def _mark(place: Place, name: str, kind: Kind, key: str, limits: tuple[Limit, ...]) -> LayoutFeature:
-    given = place.object
-    return LayoutFeature(
-        name,
-        kind,
-        place.at(key).array((3,)),
-        limits,
-        normal=place.at("normal").array((3,)) if "normal" in given else None,
-        diameter_mm=place.at("diameter_mm").number() if "diameter_mm" in given else None,
-        plane_mm=place.at("known_plane_mm").number() if "known_plane_mm" in given else None,
-    )
-
-
 def _finder(place: Place) -> Finder:
-    names = ("sigma_px", "gray", "contrast", "floor_px")
+    names = ("sigma_px", "gray", "contrast", "floor_px", "blur_px")
     place.only(*names)
     return place.build(lambda: Finder(**{name: place.at(name).number() for name in names if name in place.object}))
 

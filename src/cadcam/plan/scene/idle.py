@@ -37,6 +37,15 @@ _RULES: tuple[_Rule, ...] = (  # the key; whether it has an effect; why not; wha
         "limits a blur that no camera has",
         "give a camera its f_number",
     ),
+    (
+        ("noise", "blur_px"),
+        lambda scene: (
+            scene.finder.by_gray
+            or any(scene.cameras[kind].f_number is not None for m in scene.mounts for kind in m.cameras)
+        ),
+        "is a blur that no camera's defocus adds to, and sigma_px holds for it",
+        "give a camera its f_number, or gray and contrast",
+    ),
     *(
         (
             ("noise", key),

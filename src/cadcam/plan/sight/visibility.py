@@ -26,7 +26,6 @@ from cadcam.plan.sight.surroundings import Surroundings
 from cadcam.plan.uncertainty.evidence import Evidence
 from cadcam.plan.uncertainty.finding import (
     Finder,
-    blur_sigmas,
     circle_covariance,
     defocus,
     edge_variance,
@@ -105,7 +104,7 @@ def seen_from(
 
     judging: the features that are judged relative to a datum; of these any part of an edge that is seen counts.
     """
-    view = _View(viewpoint, optics, places, poses)
+    view = _View(viewpoint, optics, places, poses, finder)
     share = _share_seen(view, surroundings, seeing)
     why = _why(view, share, seeing)
     datum = None
@@ -142,7 +141,14 @@ class _View:
     camera in the part frame; sharp: the blur in focus; central (F,): the place that stands for a feature.
     """
 
-    def __init__(self, viewpoint: Viewpoint, optics: Optics | None, places: Places, poses: Sequence[Rigid]) -> None:
+    def __init__(
+        self,
+        viewpoint: Viewpoint,
+        optics: Optics | None,
+        places: Places,
+        poses: Sequence[Rigid],
+        finder: Finder,
+    ) -> None:
         self.viewpoint, self.optics, self.places = viewpoint, optics, places
         self.R = np.stack([pose.rotation for pose in poses])
         self.t = np.stack([pose.translation for pose in poses])
@@ -150,7 +156,7 @@ class _View:
         self.central = self._central()
         self._image()
         self._slant()
-        self._blur()
+        self._blur(finder)
 
     def _image(self) -> None:
         """Set what the camera's projection of the places gives."""
@@ -172,13 +178,13 @@ class _View:
         cosine = np.einsum("pfi,fi->pf", towards, self.places.normal) / self.distance
         self.incidence = np.arccos(np.clip(cosine, -1, 1))
 
-    def _blur(self) -> None:
+    def _blur(self, finder: Finder) -> None:
         """Set how blurred the features are, by their depth."""
         z = (self.viewpoint.camera_from_world @ self.world(self.places.centre))[..., 2]
         z = np.where(z > 0, z, np.nan)
-        self.defocus, self.blur = defocus(self.optics, z), blur_sigmas(self.optics, z)
+        self.defocus, self.blur = defocus(self.optics, z), finder.blur(self.optics, z)
         in_focus = 1.0 if self.optics is None else self.optics.distance_mm
-        self.sharp = float(blur_sigmas(self.optics, in_focus))
+        self.sharp = float(finder.blur(self.optics, in_focus))
 
     def world(self, p: Array) -> Array:
         """Return part points (n, 3) in the world (P, n, 3)."""

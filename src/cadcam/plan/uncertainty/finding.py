@@ -29,6 +29,7 @@ from cadcam.errors import BadValue
 from cadcam.kinds import expect_positive
 
 _THIN = 1e-3  # b/a below which a disc is seen edge-on
+USUAL_BLUR_PX = 0.6  # of sharp edges in pictures of machine vision cameras (`image.sensor.presets.GLOBAL_SHUTTER`)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,13 +38,15 @@ class Finder:
 
     sigma_px: standard deviation of one pixel coordinate of a feature that faces the camera, in focus; of an edge as a
     whole, across it. gray, contrast: noise of a pixel's grey level and brightness step at an outline, white = 1; used,
-    where given, for features of known size. floor_px: what remains whatever the noise, added in quadrature.
+    where given, for features of known size. floor_px: what remains whatever the noise, added in quadrature. blur_px:
+    sigma of the Gaussian that blurs edges in focus, by lens, sensor and the pixel's own area together.
     """
 
     sigma_px: float | None = None
     gray: float | None = None
     contrast: float | None = None
     floor_px: float = 0.0
+    blur_px: float = USUAL_BLUR_PX
 
     def __post_init__(self) -> None:
         if (self.gray is None) != (self.contrast is None):
@@ -54,12 +57,24 @@ class Finder:
             value = getattr(self, name)
             if value is not None:
                 expect_positive(value, name)
-        expect_positive(self.floor_px, "floor_px", "a number of px from 0 on", zero=True)
+        for name in ("floor_px", "blur_px"):
+            expect_positive(getattr(self, name), name, "a number of px from 0 on", zero=True)
 
     @property
     def by_gray(self) -> bool:
         """Return whether the noise of grey levels is known."""
         return self.gray is not None
+
+    def blur(self, optics: Optics | None, z_mm: Floats) -> Array:
+        """Return the sigma (...) px of the Gaussian with the second moments of all blur at distances z (...).
+
+        Defocus: a disc of diameter d, d^2/16. In focus blur_px, but no less than the pixel's own area, 1/12 px^2, and
+        diffraction, the Airy disc's core, leave. Without an f-number nothing is known of defocus and diffraction.
+        """
+        disc, least = defocus(optics, z_mm), PIXEL_PX2
+        if optics is not None and optics.f_number is not None:
+            least += optics.airy_sigma_px() ** 2
+        return np.asarray(np.sqrt(disc**2 / 16 + max(self.blur_px**2, least)))
 
     def per_px(self, blur_px: Floats) -> Array:
         """Return the information (...), 1/px^2 per px of outline, of edges blurred by a Gaussian of blur_px."""
@@ -67,18 +82,6 @@ class Finder:
             raise BadValue("noise of grey levels", "not stated", "gray and contrast")
         s = np.asarray(blur_px, dtype=np.float64)
         return np.asarray(self.contrast**2 / (2 * np.sqrt(np.pi) * s * self.gray**2))
-
-
-def blur_sigmas(optics: Optics | None, z_mm: Floats) -> Array:
-    """Return the sigma (...) px of the Gaussian with the second moments of all blur at distances z (...).
-
-    Defocus: a disc of diameter d, d^2/16. Diffraction: the Airy disc's core. The pixel's own area: 1/12 px^2. Without
-    an f-number, or without optics, only the pixel's own area is known.
-    """
-    z = np.asarray(z_mm, dtype=np.float64)
-    if optics is None or optics.f_number is None:
-        return np.full(z.shape, np.sqrt(PIXEL_PX2))
-    return np.asarray(np.sqrt(defocus(optics, z) ** 2 / 16 + optics.airy_sigma_px() ** 2 + PIXEL_PX2))
 
 
 def defocus(optics: Optics | None, z_mm: Floats) -> Array:

@@ -93,7 +93,7 @@ def search_words(layout: Layout) -> str:
     how = (
         f"all {found.sets} sets were tried: no other is better"
         if found.complete
-        else f"{found.sets} starts, {found.exchanges} exchanges; not every set was tried"
+        else f"{found.sets} start{'s' * (found.sets > 1)}, {found.exchanges} exchanges; not every set was tried"
     )
     unmeasured = f", {all_of_them.unmeasured} not measured even then" if all_of_them.unmeasured else ""
     alone = ", if each place erred by itself" * share_errors(layout.survey.candidates)
@@ -230,6 +230,7 @@ def assumptions(layout: Layout) -> list[str]:
             f"Marks and edges of known size are found as well as noise of {finder.gray:g} and contrast "
             f"{finder.contrast:g} (white = 1) allow (Cramer-Rao bound)."
         )
+    out.append(f"An edge in focus is blurred by {finder.blur_px:g} px (sigma: lens, sensor and pixel), if not by more.")
     if finder.floor_px:
         out.append(f"No feature is found better than to {finder.floor_px:g} px.")
     out.append(calibration_words(scene.calibration))
