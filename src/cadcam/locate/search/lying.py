@@ -23,7 +23,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.support import SEARCHED
 from cadcam.locate.search.climb import Climb, FieldLevel, climbed
-from cadcam.locate.views.resting import apart
+from cadcam.locate.views.resting import few
 from cadcam.locate.views.view_range import ViewRange
 
 _STATED_DEG = 5.0  # faces so near to a direction that was stated are meant
@@ -168,11 +168,8 @@ def _unlike(part: Part, faces: Longs) -> Longs:
         alike = (resting.down[kept] @ images.T > _SAME_FACE).any(axis=1)
         if not (alike & (np.abs(middle[kept] - middle[k]) < (1 - _SAME_FACE) * part.aspects.radius)).any():
             kept.append(k)
-    every, step = np.array(kept, np.int64), 1.0
-    while len(every) > _MOST_FACES:
-        step *= 2
-        every = every[apart(resting.down[every], step)]
-    return every
+    every = np.array(kept, np.int64)
+    return every[few(resting.down[every], _MOST_FACES)]
 
 
 def _towards_cameras(plane: Plane, photos: Sequence[Photo]) -> Plane:
