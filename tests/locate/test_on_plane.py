@@ -25,7 +25,9 @@ from cadcam.locate.search.lying import Lying
 from cadcam.locate.search.on_plane import lying_poses
 from cadcam.locate.search.scales import Scales
 from cadcam.locate.search.without_start import unmade
+from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.log import head_of
+from cadcam.locate.track.tracker import track_part
 from cadcam.locate.views.resting import OnPlane
 from cadcam.locate.views.view_range import ViewRange
 from cadcam.render import open_renderer
@@ -189,6 +191,10 @@ def test_planes_that_no_photo_shows_are_refused() -> None:
     ):
         with pytest.raises(BadValue, match=said):
             locate_part(BRACKET, [photo], views=ViewRange(on=OnPlane(plane)))
+    unlike = OnPlane(TABLE, np.array([1.0, 1.0, -1.0]))
+    for wrong in (OnPlane(Plane([0.0, 0.0, 1.0], 5000.0)), unlike):  # not a part that is lost in every frame
+        with pytest.raises(BadValue, match=r"no photo shows|no face within"):
+            next(track_part(BRACKET, [Frame.of(0, photo)], views=ViewRange(on=wrong)))
     other = Photo.of(photo.gray, CAMERA, Rigid.look_at(np.array([150.0, -450, -800]), np.zeros(3)))
     with pytest.raises(BadValue, match="not below all cameras"):
         locate_instances(BRACKET, [photo, other], views=VIEWS)

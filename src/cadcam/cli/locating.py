@@ -142,7 +142,7 @@ def _plane_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | No
         refuse(arguments, "--lying", why="without --on", expected="--on beside it: the plane that the part lies on")
         return None
     refuse(arguments, "--roll", why="beside --on", expected="one of them: on a plane a part may be turned anyhow")
-    text, _, within = arguments.on.partition(":")
+    text, known, within = arguments.on.partition(":")
     x, y, z, offset = numbers("--on", text, 4, form="four numbers: the normal X,Y,Z and the offset D in mm")
     plane = Plane(np.array([x, y, z]), np.array(offset))
     if len(arguments.camera) == 1:  # whose frame is the world
@@ -152,7 +152,7 @@ def _plane_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | No
         normal = camera_from_world.rotation @ plane.normal
         plane = Plane.through(camera_from_world @ plane.foot([0.0, 0.0, 0.0]), normal)
     down = None if arguments.lying is None else np.array(numbers("--lying", arguments.lying, 3))
-    return OnPlane(plane, down, number("--on", within) if within else 1.0)
+    return OnPlane(plane, down, number("--on", within) if known else 1.0)
 
 
 @contextmanager

@@ -32,6 +32,7 @@ _SAME_FACE = 1.0 - 1e-4  # cosine between a face and the image of another by a s
 _SEARCHED = 1  # constraints met in any photo by the best of all poses on a plane, of which three numbers are unknown
 _TOLD = 3  # constraints that a free fit meets, but of which the plane tells whether they are right: height and tilts
 _SIGMAS = 4.0  # of the height above the plane: what is farther off does not lie on it
+OFF_PLANE = "it does not lie on the plane"  # the reason why a pose is refused, as it begins
 _RAYS = 12  # along each side of a photo, to see whether it shows the plane
 
 
@@ -134,7 +135,7 @@ class Lying:
         )
         side = "above" if height[k] > 0 else "below"
         return (
-            f"it does not lie on the plane: the face next to it is tilted by {tilt:.1f} deg and up to"
+            f"{OFF_PLANE}: the face next to it is tilted by {tilt:.1f} deg and up to"
             f" {abs(height[k]):.2g} mm {side} it (uncertainty {sd[k]:.2g} mm, plane {self.within_mm:g} mm)"
         )
 
