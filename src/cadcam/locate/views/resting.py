@@ -15,6 +15,7 @@ from cadcam.kinds import expect, expect_number
 _CLOSED = 1e-6  # of the area: a closed surface's vector area is less
 _INSIDE = 1e-6  # of a facet: its border counts as inside
 _ON = 1e-3  # radii: corners that are so far off a face are its own
+_UNSTATED_MM = 1.0  # how well a plane is known if that is not stated
 _ONE_DEG = 1.0  # directions closer than this are one face
 _MOST = 2048  # faces; of finer round bodies neighbours are left out
 
@@ -24,12 +25,14 @@ class OnPlane(Brief):
     """A plane of the world that a part lies on: a table, a belt, a tray, on the side where the cameras are.
 
     down (3,): direction of the part, in its frame, that points to the plane; by default it may lie on any of the faces
-    on which it stays lying. within_mm: how well the plane is known, together with how well the part lies on it.
+    on which it stays lying. within_mm: how far off the plane its face is at most, practically always: by errors of the
+    plane, of the cameras' places, and of how the part lies. Where it is stated, found poses are made more accurate by
+    the plane, too; else it serves to search and to check, to 1 mm.
     """
 
     plane: Plane
     down: Array | None = None
-    within_mm: float = 1.0
+    within_mm: float | None = None
 
     def __post_init__(self) -> None:
         expect(self.plane, "plane that the part lies on", Plane)
@@ -40,9 +43,16 @@ class OnPlane(Brief):
             if not np.linalg.norm(down) > 0:
                 raise BadValue("down of the part", down.tolist(), "a direction, not zero")
             object.__setattr__(self, "down", frozen(down / np.linalg.norm(down), "down of the part", (3,)))
+        if self.within_mm is None:
+            return
         expect_number(self.within_mm, "within_mm of the plane")
         if not 0 <= self.within_mm < np.inf:
             raise BadValue("within_mm of the plane", self.within_mm, "mm, at least 0")
+
+    @property
+    def checked_mm(self) -> float:
+        """Return to how many mm poses are checked."""
+        return _UNSTATED_MM if self.within_mm is None else self.within_mm
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
