@@ -146,7 +146,7 @@ class Lying:
         return replace(pose, world_from_part=moved, from_noise=pose.from_noise - noise + improved)
 
     def _heights(self, world_from_part: Rigid) -> tuple[Array, Array]:
-        """Return the height of the middle of the lowest face, those of its ends above it (3,), their Jacobian (3, 6)."""
+        """Return the height of the lowest face's middle, those of its ends above it (3,), their Jacobian (3, 6)."""
         normal = world_from_part.rotation.T @ self.plane.normal
         corners = self.part.resting.corners[self._face(normal)]
         axes = np.linalg.svd(corners - corners.mean(axis=0))[2][:2]

@@ -100,8 +100,8 @@ def track_part(
     `views` (unless `freedom` restricts its motion), less and less often the longer it is lost. Of the poses that are
     equivalent by the part's symmetry, the one nearest to the last is taken.
     history: frames of a run that this one continues as if there had been no break. In a frame without contrast the part
-    is lost. Raises `NothingInView` where the start puts the part outside of the first photos, and `BadValue` for a plane
-    of `views` that these do not show, or on which the part cannot lie as stated.
+    is lost. Raises `NothingInView` where the start puts the part outside of the first photos, `BadValue` for a plane of
+    `views` that these do not show, or on which the part cannot lie as stated.
     """
     tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture, views=views)
     expect_several(frames, "frames", Frame)

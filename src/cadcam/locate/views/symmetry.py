@@ -30,8 +30,9 @@ _ONE = 4.0  # tolerances: symmetries that move corners by less are one, as each 
 def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     """Return the motions `part_from_part` that bring the part's edges onto themselves, the identity first.
 
-    Nothing may stand out of the part then: a cone turned over has its rim where it was, but not its tip. Found by trial: two edge points far from the centroid may only map to points at the same distances from it and from
-    each other. A part of revolution yields as many rotations as its faceted circles have sides.
+    Nothing may stand out of the part then: a cone turned over has its rim where it was, but not its tip. Found by
+    trial: two edge points far from the centroid may only map to points at the same distances from it and from each
+    other. A part of revolution yields as many rotations as its faceted circles have sides.
     """
     from scipy.spatial import cKDTree
 
