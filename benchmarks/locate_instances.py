@@ -8,8 +8,8 @@ Draws 6 to 12 instances of the machined bracket, a box and a hexagonal prism on 
 each other and flat on it (tray), or tilted by up to some 30 degrees, the later ones over the earlier (heap). The camera
 looks down from 15 to 40 degrees off the vertical; what is declared is that range to 60 degrees, any turn, and the
 distance to 20 %; with --on the plane that they lie on in trays, instead of all that. An instance counts if half of it
-shows. It is found if no corner is 5 px off, in any of the part's symmetric poses.With --leaning every second one leans on
-its neighbour, by 8 to 30 degrees: it does not lie on the plane, and is not asked for where that is told; "leaning" are
+shows. It is found if no corner is 5 px off, in any of the part's symmetric poses. With --leaning every second one leans
+on its neighbour, by 8 to 30 degrees: it does not lie on the plane, is not asked for where that is told; "leaning" are
 those believed all the same, of all of which half shows. --within 0.5 states that the plane is known to 0.5 mm: it is
 told with errors of half of that (sd), in height and by its slope at the tray's border. "Another part" is looked for in
 the same pictures, and should not be found.
