@@ -1,12 +1,14 @@
 """Whether a part is found without a start: the right pose first, how fast, and all of a symmetry reported.
 
     python benchmarks/locate_no_start.py ../shared/data/shipblock_clean --views 40 --noise 3
+    python benchmarks/locate_no_start.py ../shared/data/shipblock_clean --views 10 --bodies bracket box --lying told
 
 Renders the ship block, the machined bracket and symmetric bodies from places drawn evenly from the whole declared range
 (from above, up to 75 degrees off the vertical, any azimuth, upright within 30 degrees, distances within 1 : 1.5), on a
 mottled ground, with noise. A pose is right if no corner is 5 px off. Symmetric bodies, looked for over the whole
 sphere, have several right poses: the first may be any, and the share of them among the answer and its alternatives is
-told.
+told. With --lying all bodies lie on a plane, seen from above and turned anyhow, and the plane is told instead of the
+range, or not told beside it.
 """
 
 from __future__ import annotations
@@ -25,6 +27,7 @@ from cadcam.cad.parts import machined_bracket
 from cadcam.cad.parts.shape import box, circle, prism
 from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
+from cadcam.geometry.plane import Plane
 from cadcam.geometry.rigid import Rigid
 from cadcam.geometry.rotation import exp
 from cadcam.image.picture import write_picture
@@ -32,6 +35,7 @@ from cadcam.locate.in_photos import locate_part
 from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.views.resting import OnPlane
 from cadcam.locate.views.view_range import ViewRange
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Look, Renderer
@@ -78,11 +82,23 @@ def closed(generators: Sequence[Array]) -> tuple[Array, ...]:
     return tuple(group)
 
 
-def declared(mesh: Mesh, *, whole: bool) -> ViewRange:
-    """Return the range that is searched; whole: any direction and any turn."""
-    distance = filling(mesh)
-    around = (180.0, 180.0) if whole else (WITHIN_DEG, ROLL_DEG)
-    return ViewRange(half_angle_deg=around[0], roll_deg=around[1], distance_mm=(distance / SPREAD, distance * SPREAD))
+@dataclass(frozen=True)
+class Asked:
+    """What views are drawn and declared: all around or from above, turned by so much, how much farther than filling."""
+
+    within_deg: float
+    roll_deg: float
+    farther: float = 1.0
+    told: bool = False  # the plane that the part lies on, not the range
+
+    def views(self, mesh: Mesh, truth: Rigid) -> ViewRange:
+        """Return what is declared of a picture."""
+        if self.told:
+            base = np.array([0.0, 0.0, mesh.bounds[0, 2]])
+            return ViewRange(on=OnPlane(Plane.through(truth @ base, truth.rotation[:, 2])))
+        far = self.farther * filling(mesh)
+        reach = (far / SPREAD, far * SPREAD)
+        return ViewRange(half_angle_deg=self.within_deg, roll_deg=self.roll_deg, distance_mm=reach)
 
 
 def filling(mesh: Mesh) -> float:
@@ -90,14 +106,14 @@ def filling(mesh: Mesh) -> float:
     return float(np.linalg.norm(mesh.size_mm)) * CAMERA.fx / (0.7 * CAMERA.height)
 
 
-def places(mesh: Mesh, n: int, rng: np.random.Generator, *, whole: bool) -> Iterator[Rigid]:
+def places(mesh: Mesh, n: int, rng: np.random.Generator, asked: Asked) -> Iterator[Rigid]:
     """Yield n poses camera_from_part, even over the range."""
-    lowest, turn = (-1.0, np.pi) if whole else (np.cos(np.radians(WITHIN_DEG)), np.radians(ROLL_DEG))
+    lowest, turn = np.cos(np.radians(asked.within_deg)), np.radians(asked.roll_deg)
     middle = mesh.bounds.mean(axis=0)
     for _ in range(n):
         z, azimuth = rng.uniform(lowest, 1), rng.uniform(0, 2 * np.pi)
         away = np.array([np.cos(azimuth) * np.sqrt(1 - z * z), np.sin(azimuth) * np.sqrt(1 - z * z), z])
-        distance = filling(mesh) * SPREAD ** rng.uniform(-1, 1)
+        distance = asked.farther * filling(mesh) * SPREAD ** rng.uniform(-1, 1)
         look = Rigid.exp(np.array([0, 0, 0, 0, 0, rng.uniform(-turn, turn)])) @ Rigid.look_at(
             middle + distance * away, middle
         )
@@ -137,10 +153,8 @@ def same(body: Body, truth: Rigid) -> list[Rigid]:
     return [truth @ middle @ Rigid(g, np.zeros(3)) @ middle.inv for g in body.symmetry]
 
 
-def row(body: Body, n: int, noise: float, seed: int, save: Path | None, *, whole: bool) -> str:
-    rng = np.random.default_rng(seed)
-    whole = whole or len(body.symmetry) > 1
-    part, views = Part.of(body.mesh), declared(body.mesh, whole=whole)
+def row(body: Body, n: int, noise: float, seed: int, save: Path | None, asked: Asked) -> str:
+    rng, part = np.random.default_rng(seed), Part.of(body.mesh)
     renderer = open_renderer(part.scene)
     complete: list[float] = []
     wall: list[float] = []
@@ -148,12 +162,12 @@ def row(body: Body, n: int, noise: float, seed: int, save: Path | None, *, whole
     good: list[float] = []
     bad: list[float] = []
     prepared = 0.0
-    for k, truth in enumerate(places(body.mesh, n + 1, rng, whole=whole)):
+    for k, truth in enumerate(places(body.mesh, n + 1, rng, asked)):
         gray = picture(renderer, truth, noise, rng)
         if save is not None:
             write_picture(save / f"{body.name}_{k:02d}.png", gray)
         began = time.perf_counter(), time.process_time()
-        location = locate_part(part, [Photo.of(gray, CAMERA)], views=views)
+        location = locate_part(part, [Photo.of(gray, CAMERA)], views=asked.views(body.mesh, truth))
         if k == 0:
             prepared = time.process_time() - began[1]
             continue  # the part's aspects are made at the first call
@@ -183,6 +197,8 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=7, help="of places, ground and noise (default %(default)s)")
     parser.add_argument("--bodies", nargs="+", help="names, or beginnings of names (default: all)")
     parser.add_argument("--whole", action="store_true", help="search the whole sphere for all of them")
+    parser.add_argument("--lying", choices=("told", "untold"), help="all lie on a plane, which is told or not")
+    parser.add_argument("--farther", type=float, default=1.0, help="times the distance (default %(default)s)")
     parser.add_argument("--save", type=Path, help="write the pictures into this folder")
     a = parser.parse_args()
     print("| body | right first | and found | right poses | of them reported", end="")
@@ -190,7 +206,9 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|---|")
     for body in bodies(a.scene):
         if not a.bodies or body.name.startswith(tuple(a.bodies)):
-            print(row(body, a.views, a.noise, a.seed, a.save, whole=a.whole), flush=True)
+            around = (180.0, 180.0) if a.whole or len(body.symmetry) > 1 else (WITHIN_DEG, ROLL_DEG)
+            asked = Asked(*((WITHIN_DEG, 180.0) if a.lying else around), a.farther, told=a.lying == "told")
+            print(row(body, a.views, a.noise, a.seed, a.save, asked), flush=True)
 
 
 if __name__ == "__main__":

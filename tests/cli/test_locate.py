@@ -116,12 +116,17 @@ def test_a_part_on_a_plane_of_the_world_is_found_and_beside_it_refused(cadcam: C
     ran = cadcam(*LOCATE, "--on", "0,0,1,42", "--pose-out", "pose.json")
     assert ran.code == 3
     assert "does not lie on the plane" in ran.out + ran.err
+    assert "is --on in the world of the camera's pose" in ran.err
+    ran = cadcam("verify", *LOCATE[1:], "--on", "0,0,1,42")
+    assert ran.code == 3
+    assert "is that plane in the world of the camera's pose" in ran.out + ran.err
     assert not Path("pose.json").exists()
     assert cadcam(*LOCATE, "--on", "0,0,1,42:8", "--json").json["found"]
     for words, said in (
         (("--on", "0,0,1,5000"), "no photo shows it"),
         (("--on", "0,0,1,50", "--lying", "1,1,-1"), "no face within 5 deg"),
         (("--on", "0,0,1,50:-1"), "within_mm"),
+        (("--on", "0,0,1,50:"), "expected a number"),
     ):
         ran = cadcam(*LOCATE, *words)
         assert ran.code == 2

@@ -11,10 +11,11 @@ from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import machined_bracket
 from cadcam.errors import BadValue
 from cadcam.geometry.plane import Plane
-from cadcam.locate.views.resting import OnPlane, RestingFaces, centre_of_mass
+from cadcam.locate.views.resting import OnPlane, RestingFaces, centre_of_mass, few
 from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box, prism, sheet
+from .smooth import globe
 
 EPS = np.finfo(float).eps
 TABLE = Plane([0.0, 0.0, 1.0], 0.0)
@@ -60,6 +61,18 @@ def test_a_cylinder_lies_on_its_ends_and_on_every_side() -> None:
     resting = RestingFaces.of(prism(32))
     assert resting.stable.all()
     assert len(resting.down) == 34
+
+
+def test_of_a_finely_facetted_ball_few_faces_are_told_all_around_it() -> None:
+    ball = globe(5)  # 20,480 facets, nearly as many of them a degree apart
+    resting = RestingFaces.of(ball)
+    assert len(resting.down) <= 2048
+    assert resting.stable.all()
+    a, b, c = (ball.vertices[ball.faces[:, k]] for k in range(3))
+    normal = np.cross(b - a, c - a)
+    nearest = (normal / np.linalg.norm(normal, axis=1, keepdims=True) @ resting.down.T).max(axis=1)
+    assert nearest.min() >= np.cos(np.radians(4.0)) - 8 * EPS
+    assert len(few(resting.down, 48)) <= 48
 
 
 def test_a_sheet_lies_on_either_side() -> None:

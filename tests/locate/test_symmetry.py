@@ -52,6 +52,29 @@ def test_each_symmetry_maps_the_corners_onto_themselves_and_the_first_is_the_ide
     assert np.allclose(part.symmetries[0].matrix, np.eye(4))
 
 
+def dome(n: int, height: float) -> Mesh:
+    """Return a cap of a ball, n facets around a rim of radius 40: its only edges."""
+    turn, up = 2 * np.pi * np.arange(n) / n, np.pi / 2 * np.arange(8) / 8
+    rings = [
+        np.stack([40 * np.cos(a) * np.cos(turn), 40 * np.cos(a) * np.sin(turn), np.full(n, height * np.sin(a))], axis=1)
+        for a in up
+    ]
+    ends, k = np.array([[0, 0, 0], [0, 0, height]]), np.arange(n)
+    after, low = (k + 1) % n, n * np.arange(7)[:, None]
+    sides = [np.stack(np.broadcast_arrays(low + k, low + after, low + n + after), axis=2).reshape(-1, 3)]
+    sides.append(np.stack(np.broadcast_arrays(low + k, low + n + after, low + n + k), axis=2).reshape(-1, 3))
+    caps = [np.stack([after, k, 0 * k + 8 * n], 1), np.stack([7 * n + k, 7 * n + after, 0 * k + 8 * n + 1], 1)]
+    return Mesh.single(np.concatenate([*rings, ends]), np.concatenate([*sides, *caps]))
+
+
+@pytest.mark.parametrize("height", [5.0, 40.0, 90.0])
+def test_a_dome_upside_down_is_not_the_same(height: float) -> None:
+    """Its rim is its only edge, and lies where it was."""
+    part = Part.of(dome(24, height))
+    assert len(part.symmetries) == 24
+    assert all(S.rotation[2, 2] > 0 for S in part.symmetries)
+
+
 def test_a_mark_breaks_the_symmetry() -> None:
     from cadcam.cad.mesh import merge
 

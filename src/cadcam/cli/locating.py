@@ -67,7 +67,8 @@ on:       0,0,1,0         the part lies on this plane (a table, a belt, a tray):
                           world of the camera file's pose, of several files, or of the rig; points p of the plane have
                           X px + Y py + Z pz = D. The part is on the side of the cameras, wherever the normal points.
                           Where the camera was calibrated on a board that lay there, 0,0,1,0 is the board's upper side
-          0,0,1,0:2       known to within 2 mm (default 1), uneven undersides included
+          0,0,1,0:2       known to within 2 mm, practically always, uneven undersides and errors of the camera's place
+                          included: poses that are found are made more accurate by it. Else checked to 1 mm
           --lying 0,0,-1  the part's direction that points to the plane; else it lies on any face on which it stays
           Place and turn are then all that is searched for: faster, and small parts are found that otherwise are not
           certain. A part found not to lie there, tilted or raised, is refused.
@@ -142,7 +143,7 @@ def _plane_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | No
         refuse(arguments, "--lying", why="without --on", expected="--on beside it: the plane that the part lies on")
         return None
     refuse(arguments, "--roll", why="beside --on", expected="one of them: on a plane a part may be turned anyhow")
-    text, _, within = arguments.on.partition(":")
+    text, known, within = arguments.on.partition(":")
     x, y, z, offset = numbers("--on", text, 4, form="four numbers: the normal X,Y,Z and the offset D in mm")
     plane = Plane(np.array([x, y, z]), np.array(offset))
     if len(arguments.camera) == 1:  # whose frame is the world
@@ -152,7 +153,7 @@ def _plane_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | No
         normal = camera_from_world.rotation @ plane.normal
         plane = Plane.through(camera_from_world @ plane.foot([0.0, 0.0, 0.0]), normal)
     down = None if arguments.lying is None else np.array(numbers("--lying", arguments.lying, 3))
-    return OnPlane(plane, down, number("--on", within) if within else 1.0)
+    return OnPlane(plane, down, number("--on", within) if known else None)
 
 
 @contextmanager

@@ -112,7 +112,8 @@ def locate_part(
     def found_in(photos: Sequence[Photo], times: Sequence[int]) -> list[Location]:
         lying = Lying.of(part, photos, views) if start is None else None
         task = _LocateTask(part, photos, start, reach, freedom, options, lying)
-        return [_located(task, searched) if start is None else _located(task, *_near(task, start))]
+        location = _located(task, searched) if start is None else _located(task, *_near(task, start))
+        return [location if lying is None else lying.counted(location, photos)]
 
     return at_their_sharpness(photos, found_in)[0]
 

@@ -68,13 +68,15 @@ def locate_instances(
     check_photos(photos)
 
     def found_in(photos: Sequence[Photo], times: Sequence[int]) -> list[Location]:
-        every = _Instances(part, photos, options, Lying.of(part, photos, views))
+        lying = Lying.of(part, photos, views)
+        every = _Instances(part, photos, options, lying)
         while len(every.found) < most:
             best, more = every.searched(views)
             step(len(every.found))
             if not more:
                 break
-        return sorted(every.found, key=lambda one: -one.quality)[:most] or [best]
+        found = sorted(every.found, key=lambda one: -one.quality)[:most] or [best]
+        return found if lying is None else [lying.counted(one, photos) for one in found]
 
     return at_their_sharpness(photos, found_in)
 

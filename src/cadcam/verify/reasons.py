@@ -11,6 +11,7 @@ from cadcam.errors import listed
 from cadcam.image.faults import faults_of
 from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
+from cadcam.locate.search.lying import OFF_PLANE
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule
@@ -102,6 +103,8 @@ def not_found(located: Location, photos: Sequence[Photo]) -> str:
     why = (located.reason or "no pose fits").removeprefix("not found: ")
     faults = [f"{photo.viewpoint.name}: {fault}" for photo in photos for fault in faults_of(photo.gray)]
     ask = "is it this part, this camera, not mirrored, all in view?"
+    if OFF_PLANE in why:
+        ask = "if it does: is that plane in the world of the camera's pose, and known as well as stated?"
     return f"the part was not found: {'; '.join([why, *(faults or [ask])])}"
 
 

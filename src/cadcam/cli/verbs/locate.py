@@ -240,6 +240,7 @@ def _as_json(
 def _print(
     arguments: argparse.Namespace, part: Part, every: Sequence[Location], shots: Shots, faults: Sequence[str]
 ) -> None:
+    from cadcam.locate.search.lying import OFF_PLANE
     from cadcam.report.locate import evidence_table, instances_table, location_tables
 
     best = every[0]
@@ -252,6 +253,8 @@ def _print(
         said = [f"{arguments.model} was not found in {', '.join(_photo_files(shots))}", *faults]
         if best.reason.startswith("not certain") and arguments.instances is None:
             said.append("if there are several of it, --instances finds each of them")
+        elif OFF_PLANE in best.reason:
+            said.append("if it does: is --on in the world of the camera's pose, and known as well as stated (:MM)?")
         elif not faults:
             said.append("the picture itself is fit for use: is it this part, this camera, not mirrored, all in view?")
         say("\n".join(said))

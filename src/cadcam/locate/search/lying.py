@@ -1,7 +1,7 @@
 """A part that lies on a known plane: a face and a turn, at a place in a photo, fix its pose.
 
 Poses of a search are laid onto the plane and climb there. What is refined is free; then it must lie there to within its
-uncertainty and that of the plane.
+uncertainty and that of the plane. Of poses that do, the plane tells height and tilts, where it is stated how well.
 """
 
 from __future__ import annotations
@@ -17,13 +17,15 @@ from cadcam.errors import BadValue
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.plane import Plane, axes_across
 from cadcam.geometry.ray import Ray
+from cadcam.geometry.rigid import Rigid, by_twist
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.support import SEARCHED
 from cadcam.locate.search.climb import Climb, FieldLevel, climbed
-from cadcam.locate.views.resting import apart
+from cadcam.locate.uncertainty import weakest_direction
+from cadcam.locate.views.resting import few
 from cadcam.locate.views.view_range import ViewRange
 
 _STATED_DEG = 5.0  # faces so near to a direction that was stated are meant
@@ -32,6 +34,8 @@ _SAME_FACE = 1.0 - 1e-4  # cosine between a face and the image of another by a s
 _SEARCHED = 1  # constraints met in any photo by the best of all poses on a plane, of which three numbers are unknown
 _TOLD = 3  # constraints that a free fit meets, but of which the plane tells whether they are right: height and tilts
 _SIGMAS = 4.0  # of the height above the plane: what is farther off does not lie on it
+OFF_PLANE = "it does not lie on the plane"  # the reason why a pose is refused, as it begins
+_SIGMA, _FLATTEST_MM = 0.5, 0.01  # sd of heights: of what holds practically always; at least
 _RAYS = 12  # along each side of a photo, to see whether it shows the plane
 
 
@@ -42,6 +46,7 @@ class Lying:
     part: Part
     plane: Plane
     within_mm: float
+    stated: bool
     faces: Longs
     searched: Longs
 
@@ -52,7 +57,7 @@ class Lying:
             return None
         faces = part.resting.chosen(views.on.down, _STATED_DEG)
         plane = _towards_cameras(views.on.plane, photos)
-        return cls(part, plane, views.on.within_mm, faces, _unlike(part, faces))
+        return cls(part, plane, views.on.checked_mm, views.on.within_mm is not None, faces, _unlike(part, faces))
 
     @property
     def freedom(self) -> Freedom:
@@ -115,12 +120,53 @@ class Lying:
         why = self.off(location.pose) if location.found else ""
         return location.uncertain(why) if why else location
 
+    def counted(self, location: Location, photos: Sequence[Photo]) -> Location:
+        """Return a location that was found with the plane counted in its pose, if it is stated how well it is known."""
+        if not (self.stated and location.found):
+            return location
+        alternatives = tuple(replace(one, pose=self.on_it(one.pose)) for one in location.alternatives)
+        pose = self.on_it(location.pose)
+        known = f"by the plane, known to {self.within_mm:g} mm, as well"
+        reason = f"{location.reason}; {known}: {weakest_direction(pose, self.part.aspects.centre, photos)}"
+        return replace(location, pose=pose, alternatives=alternatives, reason=reason)
+
+    def on_it(self, pose: PoseEstimate) -> PoseEstimate:
+        """Return a pose that lies on the plane, improved by that, with its covariance.
+
+        The heights of the middle of its face, and of its ends above that along its two axes, are known to half of what
+        holds practically always, each by itself. Errors of the cameras do not weigh and remain: where the plane was
+        measured with these, it is off by the same errors.
+        """
+        noise, sigma = pose.determined.from_noise, max(_SIGMA * self.within_mm, _FLATTEST_MM)
+        height, J = self._heights(pose.world_from_part)
+        gain = np.linalg.solve(J @ noise @ J.T + sigma**2 * np.eye(3), J @ noise).T
+        left = np.eye(6) - gain @ J
+        improved = left @ noise @ left.T + sigma**2 * gain @ gain.T
+        moved = pose.world_from_part @ Rigid.exp(-gain @ height)
+        return replace(pose, world_from_part=moved, from_noise=pose.from_noise - noise + improved)
+
+    def _heights(self, world_from_part: Rigid) -> tuple[Array, Array]:
+        """Return the height of the lowest face's middle, those of its ends above it (3,), their Jacobian (3, 6)."""
+        normal = world_from_part.rotation.T @ self.plane.normal
+        corners = self.part.resting.corners[self._face(normal)]
+        axes = np.linalg.svd(corners - corners.mean(axis=0))[2][:2]
+        least, most = (corners @ axes.T).min(axis=0), (corners @ axes.T).max(axis=0)
+        middle = corners[0] + ((least + most) / 2 - axes @ corners[0]) @ axes
+        ends = (most - least)[:, None] / 2 * axes
+        J = by_twist(np.concatenate([middle[None], ends]), np.broadcast_to(normal, (3, 3)))
+        J[1:, :3] = 0.0  # no shift changes differences
+        return np.r_[self.plane.distance(world_from_part @ middle), ends @ normal], J
+
+    def _face(self, normal: Array) -> int:
+        """Return the number of the face that looks most against the plane's normal (3,), in the part frame."""
+        return int(self.faces[np.argmax(self.part.resting.down[self.faces] @ -normal)])
+
     def off(self, pose: PoseEstimate) -> str:
         """Return in words how a pose does not lie on the plane; empty where it lies there."""
         told, resting = pose.determined, self.part.resting
         R = told.world_from_part.rotation
         normal = R.T @ self.plane.normal  # in the part frame
-        face = self.faces[int(np.argmax(resting.down[self.faces] @ -normal))]
+        face = self._face(normal)
         p = resting.corners[face]
         height = self.plane.distance(told.world_from_part @ p)
         J = np.concatenate([np.broadcast_to(normal, p.shape), np.cross(p, normal)], axis=1)
@@ -134,7 +180,7 @@ class Lying:
         )
         side = "above" if height[k] > 0 else "below"
         return (
-            f"it does not lie on the plane: the face next to it is tilted by {tilt:.1f} deg and up to"
+            f"{OFF_PLANE}: the face next to it is tilted by {tilt:.1f} deg and up to"
             f" {abs(height[k]):.2g} mm {side} it (uncertainty {sd[k]:.2g} mm, plane {self.within_mm:g} mm)"
         )
 
@@ -168,11 +214,8 @@ def _unlike(part: Part, faces: Longs) -> Longs:
         alike = (resting.down[kept] @ images.T > _SAME_FACE).any(axis=1)
         if not (alike & (np.abs(middle[kept] - middle[k]) < (1 - _SAME_FACE) * part.aspects.radius)).any():
             kept.append(k)
-    every, step = np.array(kept, np.int64), 1.0
-    while len(every) > _MOST_FACES:
-        step *= 2
-        every = every[apart(resting.down[every], step)]
-    return every
+    every = np.array(kept, np.int64)
+    return every[few(resting.down[every], _MOST_FACES)]
 
 
 def _towards_cameras(plane: Plane, photos: Sequence[Photo]) -> Plane:

@@ -25,6 +25,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refinement import refine_pose
+from cadcam.locate.search.lying import Lying
 from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
@@ -99,7 +100,8 @@ def track_part(
     `views` (unless `freedom` restricts its motion), less and less often the longer it is lost. Of the poses that are
     equivalent by the part's symmetry, the one nearest to the last is taken.
     history: frames of a run that this one continues as if there had been no break. In a frame without contrast the part
-    is lost. Raises `NothingInView` where the start puts the part outside of the first photos.
+    is lost. Raises `NothingInView` where the start puts the part outside of the first photos, `BadValue` for a plane of
+    `views` that these do not show, or on which the part cannot lie as stated.
     """
     tracker = Tracker(part, start, freedom=freedom, velocity=velocity, texture=texture, views=views)
     expect_several(frames, "frames", Frame)
@@ -158,6 +160,8 @@ class Tracker:
     def _located(self, frame: Frame, followed: Followed | None) -> tuple[str, Location]:
         """Return how and where the part was found, by the cheapest way that finds it; else the best candidate."""
         memory = self._memory
+        if memory.begins and frame.photos:
+            Lying.of(self._part, frame.photos, self._views)  # what is wrong with it is so in every frame
         where = memory.last or Rigid()
         tried = [Location.nowhere(where, "not looked for")]
         for how, attempt in self._ways(frame, followed):

@@ -15,7 +15,9 @@ from cadcam.kinds import expect, expect_number
 _CLOSED = 1e-6  # of the area: a closed surface's vector area is less
 _INSIDE = 1e-6  # of a facet: its border counts as inside
 _ON = 1e-3  # radii: corners that are so far off a face are its own
+_UNSTATED_MM = 1.0  # how well a plane is known if that is not stated
 _ONE_DEG = 1.0  # directions closer than this are one face
+_MOST = 2048  # faces; of finer round bodies neighbours are left out
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -23,12 +25,14 @@ class OnPlane(Brief):
     """A plane of the world that a part lies on: a table, a belt, a tray, on the side where the cameras are.
 
     down (3,): direction of the part, in its frame, that points to the plane; by default it may lie on any of the faces
-    on which it stays lying. within_mm: how well the plane is known, together with how well the part lies on it.
+    on which it stays lying. within_mm: how far off the plane its face is at most, practically always: by errors of the
+    plane, of the cameras' places, and of how the part lies. Where it is stated, found poses are made more accurate by
+    the plane, too; else it serves to search and to check, to 1 mm.
     """
 
     plane: Plane
     down: Array | None = None
-    within_mm: float = 1.0
+    within_mm: float | None = None
 
     def __post_init__(self) -> None:
         expect(self.plane, "plane that the part lies on", Plane)
@@ -39,9 +43,16 @@ class OnPlane(Brief):
             if not np.linalg.norm(down) > 0:
                 raise BadValue("down of the part", down.tolist(), "a direction, not zero")
             object.__setattr__(self, "down", frozen(down / np.linalg.norm(down), "down of the part", (3,)))
+        if self.within_mm is None:
+            return
         expect_number(self.within_mm, "within_mm of the plane")
         if not 0 <= self.within_mm < np.inf:
             raise BadValue("within_mm of the plane", self.within_mm, "mm, at least 0")
+
+    @property
+    def checked_mm(self) -> float:
+        """Return to how many mm poses are checked."""
+        return _UNSTATED_MM if self.within_mm is None else self.within_mm
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -69,13 +80,15 @@ class RestingFaces(Brief):
         normal = hull.equations[:, :3]
         stable = _below(centre_of_mass(mesh), points[hull.simplices], normal)
         order = np.lexsort((-_areas(points[hull.simplices]), ~stable))
-        kept = apart(normal[order], _ONE_DEG)
+        kept = few(normal[order], _MOST)
         down, stable = normal[order][kept], stable[order][kept]
-        vertices = points[hull.vertices]
-        reach = vertices @ down.T
-        height, near = reach.max(axis=0), _ON * float(np.linalg.norm(mesh.size_mm)) / 2
-        corners = tuple(vertices[along >= top - near] for along, top in zip(reach.T, height, strict=True))
-        return cls(down, height, stable, corners)
+        vertices, near = points[hull.vertices], _ON * float(np.linalg.norm(mesh.size_mm)) / 2
+        height, corners = np.zeros(len(down)), list[Array]()
+        for k, direction in enumerate(down):  # all at once they would not fit into memory
+            reach = vertices @ direction
+            height[k] = reach.max()
+            corners.append(vertices[reach >= height[k] - near])
+        return cls(down, height, stable, tuple(corners))
 
     def chosen(self, down: Floats | None, within_deg: float) -> Longs:
         """Return the numbers of those on which the part stays lying, or of all near a unit direction (3,) down."""
@@ -89,14 +102,22 @@ class RestingFaces(Brief):
         return near
 
 
-def apart(directions: Array, least_deg: float) -> Longs:
-    """Return the numbers of unit directions (N, 3) that are so many degrees from every earlier one that is kept."""
+def few(directions: Array, most: int) -> Longs:
+    """Return the numbers of at most so many of unit directions (N, 3), a degree from every earlier one, or 2, 4 ..."""
+    step = _ONE_DEG
+    while len(kept := _apart(directions, step, most + 1)) > most:
+        step *= 2
+    return kept
+
+
+def _apart(directions: Array, least_deg: float, most: int) -> Longs:
+    """Return the numbers of the first directions that are so many degrees from every earlier one that is kept."""
     kept: list[int] = []
     left = np.ones(len(directions), bool)
-    for k, direction in enumerate(directions):
-        if left[k]:
-            kept.append(k)
-            left &= directions @ direction < np.cos(np.radians(least_deg))
+    while len(kept) < most and left.any():
+        kept.append(int(np.argmax(left)))
+        left &= directions @ directions[kept[-1]] < np.cos(np.radians(least_deg))
+        left[kept[-1]] = False
     return np.array(kept, np.int64)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids
 from cadcam.cad.edges import FeatureEdges
-from cadcam.cad.mesh import Mesh
+from cadcam.cad.mesh import Mesh, used_vertices
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.views.aspects import sphere_net
 
 if TYPE_CHECKING:
     from scipy.spatial import cKDTree
@@ -19,6 +20,7 @@ _FEW = 24  # portions in which points are tested
 _MOST = 64  # points tried as the image of one
 _SAME = 2e-3  # radii: a rotation that maps the edges onto themselves to this tolerance is a symmetry ...
 _OF_THICKNESS = 0.2  # ... and to this share of half of its thickness: a long bar turned a little is not the same
+_ROUNDED, _SIDES = 0.03, 400  # radii: by how much facets of round surfaces may stand out otherwise; directions tried
 _FLAT = 1e-6  # radii: what is thinner lies in a plane
 _ROUND = np.radians(30.0)  # largest angle between the corners of a faceted circle: beyond it they are edges
 _APART = 0.01  # rad: corners of a faceted circle are at least so exactly in their places
@@ -28,8 +30,9 @@ _ONE = 4.0  # tolerances: symmetries that move corners by less are one, as each 
 def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     """Return the motions `part_from_part` that bring the part's edges onto themselves, the identity first.
 
-    Found by trial: two edge points far from the centroid may only map to points at the same distances from it and from
-    each other. A part of revolution yields as many rotations as its faceted circles have sides.
+    Nothing may stand out of the part then: a cone turned over has its rim where it was, but not its tip. Found by
+    trial: two edge points far from the centroid may only map to points at the same distances from it and from each
+    other. A part of revolution yields as many rotations as its faceted circles have sides.
     """
     from scipy.spatial import cKDTree
 
@@ -47,9 +50,15 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
     dense, step = _dense(mesh, edges, tolerance)
     lines = cKDTree(dense - centre)
     some = [rays[k::_FEW] for k in range(_FEW)]  # each spread over the part: most candidates fail on the first
+    solid, net = mesh.vertices[used_vertices(mesh)] - centre, sphere_net(_SIDES)
+    along = solid @ net.T
+    most = along.max(axis=0)
+    outermost, within = solid[np.unique(along.argmax(axis=0))], most + _ROUNDED * most.max()
     found = [np.eye(3)]
     for R in _candidates(corners, tolerance):
         if any(np.linalg.norm((R - known) @ extent) < _ONE * tolerance for known in found):
+            continue
+        if (outermost @ R.T @ net.T > within).any():
             continue
         if all(_within(tree, p @ R.T, spacing) and _within(lines, p @ R.T, tolerance + step) for p in some):
             found.append(R)
