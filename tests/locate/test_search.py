@@ -22,7 +22,8 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.search import without_start
 from cadcam.locate.search.climb import row_of
-from cadcam.locate.search.without_start import _FINELY, _judged, _Scales, search
+from cadcam.locate.search.scales import Scales
+from cadcam.locate.search.without_start import _FINELY, _judged, search
 from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box
@@ -61,7 +62,7 @@ def test_a_long_lens_does_not_blind_the_other_camera(rng: np.random.Generator) -
     whole = photo(BRACKET, pose, rng)
     detail = Photo.of(noisy(shot(BRACKET, other, tele), 0.01, rng), tele, other @ pose.inv)
     here = np.array([row_of(pose)])
-    alone, both = (_judged(_Scales(BRACKET.aspects, photos), here, *_FINELY) for photos in ([whole], [whole, detail]))
+    alone, both = (_judged(Scales(BRACKET.aspects, photos), here, *_FINELY) for photos in ([whole], [whole, detail]))
     assert both > alone > 0
 
 
