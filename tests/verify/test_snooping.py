@@ -8,7 +8,11 @@ import numpy as np
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.verify.adjustment.datum_fit import CAUSES
+from cadcam.verify.bodies.case import Case
+from cadcam.verify.bodies.redrawn import redrawn
+from cadcam.verify.bodies.snooping import snooped
 from cadcam.verify.deviations.deviation import State
+from cadcam.verify.edges.survey import surveyed
 from cadcam.verify.inspection import inspect
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances, whole_parts
 
@@ -46,3 +50,20 @@ def test_a_part_of_which_only_some_edges_are_judged_is_measured_from_the_rest(rn
     asked = Tolerances((*(f for f in EVERY.features if f.name != "plate"), some))
     seen = inspect(part(), [shot], Rigid(), tolerances=asked)
     assert set(seen.datum) == {"rest of plate"}
+
+
+def test_a_body_that_is_drawn_elsewhere_is_no_datum(rng: np.random.Generator) -> None:
+    """Not even where it agrees with the others: they were left out for its sake, and called displaced."""
+    shift = np.zeros((len(part().scene.mesh.part_names), 3))
+    rib = part().scene.mesh.part_names.index("rib 1")
+    shift[rib, 1] = 1.5
+    case = Case(part(), [photo(part().scene.mesh, rng)], Rigid(), whole_parts(part().scene), np.eye(6), 8.0, 0.01)
+    for by, without in ((0 * shift, []), (shift, ["rib 1"])):
+        drawn = redrawn(part(), by)
+        assert drawn is not None
+        survey = surveyed(drawn, case.photos, Rigid(), case.asked, reach_px=8.0, by=by)
+        measured, left_out = snooped(survey, np.ones(len(survey.names), bool), case)
+        assert [survey.names[i] for i in left_out] == without
+        assert not measured.adjustment.datum[np.isin(measured.body, left_out)].any()
+        stated, _ = snooped(replace(survey, stated=True), np.ones(len(survey.names), bool), case)
+        assert stated.adjustment.datum[measured.body == survey.names.index("rib 1")].any()

@@ -17,7 +17,7 @@ from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
-from cadcam.verify.adjustment.datum_fit import shares_of
+from cadcam.verify.adjustment.datum_fit import Estimate, shares_of
 from cadcam.verify.bodies.stages import Stages, untold
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
 from cadcam.verify.deviations.measured import DISAGREE, MeasuredEdges
@@ -219,8 +219,16 @@ def _angle(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -
         return _about_any_axis(name, limit, seen.measured, rows)
     verdict, shown = decided(found.turn, found.turn_sigma, limit), seen.measured.turns(rows, found.axis[:, None])
     about = f"turned about the line of sight, {vector_words(found.axis)}; one photo judges no other turn"
-    shares = {} if shown is None else shown[1].shares
-    return explained(Judgement(name, limit, found.turn, found.turn_sigma, verdict, about), shares)
+    judgement = Judgement(name, limit, found.turn, found.turn_sigma, verdict, about)
+    return judgement if shown is None else _if_agreed(judgement, shown[1])
+
+
+def _if_agreed(judgement: Judgement, turned: Estimate) -> Judgement:
+    """Return a judgement of a turn with what it says of its uncertainty; undecided where the edges show no one turn."""
+    if turned.misfit > DISAGREE:
+        reason = f"{judgement.reason}, but its edges do not agree on one turn"
+        return replace(judgement, verdict=Verdict.UNDECIDED, reason=reason, remedy=ANOTHER_VIEW)
+    return explained(judgement, turned.shares)
 
 
 def _about_any_axis(name: str, limit: Limit, measured: MeasuredEdges, rows: Mask) -> Judgement:
@@ -240,7 +248,7 @@ def _about_any_axis(name: str, limit: Limit, measured: MeasuredEdges, rows: Mask
         unsure = _towards(np.linalg.svd(axes)[0][:, -1]).replace("along", "about")
         hidden = f"{reason}, but a turn {unsure} is not known well enough: {_OTHER_SIDE}"
         return replace(judgement, verdict=Verdict.UNDECIDED, reason=hidden, remedy=_OTHER_SIDE)
-    return explained(judgement, turned.shares)
+    return _if_agreed(judgement, turned)
 
 
 def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:

@@ -10,11 +10,12 @@ between sides add to its covariance.
 A body that turns moves by d + w x a at a place a from the middle of its places; its feet rise or sink together. Where
 its turn is judged, one that tilts and sinks as well is taken for it only if it is so much the more probable: what a
 tilt does to the lines of feet, sinking by as much takes back. One that stays upright may well sink: as far as that
-explains more than that its feet follow.
+explains more than that its feet follow. By one photo a rib that tips looks like one that sinks.
 
 Where a shift alone leaves the edges in disagreement, the body may have turned as well. Both are weighed, each with the
 probability of the offsets if motions are as large as they are usually; both sides of the ground are as probable
-beforehand. d is that of the middle of the places, where it depends least on the turn.
+beforehand, and so are turns about the upright alone. d is that of the middle of the places, where it depends least on
+the turn.
 """
 
 from __future__ import annotations
@@ -136,23 +137,45 @@ def following(
         shift = np.column_stack([prior_mm * np.eye(basis.shape[1]), np.zeros((basis.shape[1], turns.shape[1]))])
         motions = np.vstack([basis @ shift, np.column_stack([np.zeros_like(basis), turns])])
         turned = _turned(adjustment, rows, body, pose, motions, enlarged=True)
+        turned = _or_upright(turned, adjustment, rows, body, pose, motions, odds=1.0)
         found += [(log_weight, estimate.along(shift)) for log_weight, estimate in turned]
     return _mixed(found), misfit
 
 
-def turning(adjustment: Adjustment, rows: Mask, body: BodyLines, pose: FittedPose, *, motions: Array) -> Estimate:
+def turning(
+    adjustment: Adjustment, rows: Mask, body: BodyLines, pose: FittedPose, *, motions: Array, upright: bool
+) -> Estimate:
     """Return a body's motion (m,) in units of `motions` (6, m), its feet following or sinking with it.
 
     motions: shifts (mm) with turns (rad) about the middle of the places, as large as they are usually, 1 sigma.
+    upright: whether one that stays upright is weighed as well. Not where tilts are wholly unknown before, as by several
+    photos: among motions that may be of any size any tilt is improbable.
     """
     sides = _turned(adjustment, rows, body, pose, motions, odds=_TILTS_AND_SINKS)
+    return _mixed(_or_upright(sides, adjustment, rows, body, pose, motions, odds=_SINKS) if upright else sides)
+
+
+def _or_upright(
+    sides: list[_Weighed],
+    adjustment: Adjustment,
+    rows: Mask,
+    body: BodyLines,
+    pose: FittedPose,
+    motions: Array,
+    *,
+    odds: float,
+) -> list[_Weighed]:
+    """Return what a body that turns may have done, each side as probable as by any turn or one about the upright.
+
+    odds: before the measurement, that one which stays upright sinks; as far as that explains more than that its feet
+    follow.
+    """
     upright = body.upright(motions)
-    if upright is not None:
-        follows, sinks = (log_weight for log_weight, _ in _turned(adjustment, rows, body, pose, upright))
-        by_sinking = np.log(_SINKS) + sinks + np.log1p(-np.exp(follows - sinks)) if sinks > follows else -np.inf
-        alone = follows, by_sinking
-        sides = [(float(np.logaddexp(w, v)), e) for (w, e), v in zip(sides, alone, strict=True)]
-    return _mixed(sides)
+    if upright is None:
+        return sides
+    follows, sinks = (log_weight for log_weight, _ in _turned(adjustment, rows, body, pose, upright))
+    by_sinking = np.log(odds) + sinks + np.log1p(-np.exp(follows - sinks)) if sinks > follows else -np.inf
+    return [(float(np.logaddexp(w, v)), e) for (w, e), v in zip(sides, (follows, by_sinking), strict=True)]
 
 
 def _turned(

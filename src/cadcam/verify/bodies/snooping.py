@@ -17,9 +17,10 @@ def snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, lis
     """Return the measurement with the pose fitted to the bodies that agree, and the bodies that do not.
 
     Bodies between which the photos hardly decide are left out together: the rest then shows which of them is in place.
-    Feet on a body that does not agree are not used: they move with it.
+    Feet on a body that does not agree are not used: they move with it. A body that is drawn elsewhere than in the CAD
+    does not agree with the others, which cannot be left out for its sake.
     """
-    left_out: list[int] = []
+    left_out = [] if survey.stated else _drawn_elsewhere(survey)
     while True:
         used = there[survey.body] & ~np.isin(survey.mate, left_out)
         datum = survey.datum & ~np.isin(survey.body, left_out)
@@ -40,6 +41,11 @@ def snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, lis
         if measured.pose_without(np.isin(measured.body, [*left_out, *worst])) is None:
             return measured, left_out  # the others would not determine the pose: they cannot outvote it
         left_out += worst
+
+
+def _drawn_elsewhere(survey: Survey) -> list[int]:
+    parts = [survey.whole_part(i) for i in range(len(survey.names))]
+    return [i for i, part in enumerate(parts) if part is not None and survey.by[part].any()]
 
 
 class _Others:

@@ -301,7 +301,8 @@ class MeasuredEdges:
         ]
         D, W = np.column_stack(shifts), np.column_stack(turns)
         motions = np.block([[D, np.zeros_like(W)], [np.zeros_like(D), W]])
-        found = turning(self.adjustment, rows, self._body(rows), pose, motions=motions)
+        one_photo = self.eye is not None
+        found = turning(self.adjustment, rows, self._body(rows), pose, motions=motions, upright=one_photo)
         return found.along(about.T @ motions[3:])
 
     def axis(self, rows: Mask) -> Array:
