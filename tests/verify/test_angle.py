@@ -66,6 +66,7 @@ def test_a_body_in_place_passes_by_several_photos_and_by_one_that_says_what_it_j
 @pytest.mark.parametrize(
     ("about", "places", "sure"),
     [
+        # the rib of the next but one test seems to turn by 0.82 deg and does not: as much as 3 sigmas of less than 0.35
         ((1.0, 0.0, 0.0), (FRONT,), 0.35),
         ((1.0, 0.0, 0.0), (FRONT, LEFT), 0.12),
         ((0.0, 0.0, 1.0), (FRONT,), 0.12),

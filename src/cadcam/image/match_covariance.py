@@ -40,11 +40,7 @@ _FAIRLY, _NEAR = 3.0, (2.0,)  # what noise hardly reaches, from less far off: a 
 _CLIMB = ((8, 0.8), (40, 0.25))  # after so many steps, what share of the way may be left
 _HIGH = 0.98  # share of the best score from which peaks are looked into so: the first, and those that may be it
 _BY_NOISE = 8.0  # sd, of white noise, of a share of a motion that the noise of smoothed slopes (twice that) may feign
-_FIRST, _ROUNDS, _FEW = (
-    0.5,
-    8,
-    4,
-)  # an edge is followed by half a rim at first, in so many rounds, by climbs of few steps
+_FIRST, _ROUNDS, _FEW = 0.5, 8, 4  # an edge is followed by half a rim at first, in so many rounds, by short climbs
 _EXACT = 1e-12  # of what the best motion shows (squared): less is rounding
 
 
