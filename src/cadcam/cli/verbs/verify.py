@@ -3,11 +3,19 @@
 from __future__ import annotations
 
 import argparse
-from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from cadcam.cli.arguments import Verbs, add_json, real, refuse, share, verb
+from cadcam.cli.arguments import Verbs, add_json, refuse, verb
+from cadcam.cli.judging import (
+    TOLERANCES_HELP,
+    add_judging_options,
+    edged,
+    options_as_asked,
+    origin_of,
+    part_to_judge,
+    tolerances_as_asked,
+)
 from cadcam.cli.locating import (
     START_HELP,
     VIEWS_HELP,
@@ -20,11 +28,11 @@ from cadcam.cli.locating import (
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
 from cadcam.cli.output import check_target, print_json, print_tables, say_written, stages, working
 from cadcam.cli.photos import Shots, add_photo_options, read_shots
-from cadcam.errors import BadValue, CadcamError, UnreadableFile
+from cadcam.errors import BadValue
 from cadcam.image.suffixes import WRITABLE
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Sequence
 
     from cadcam.cad.mesh import Mesh
     from cadcam.geometry.rigid import Rigid
@@ -59,15 +67,7 @@ _EXAMPLES = f"""\
   cadcam verify photo.png part.step --camera camera.json --tolerances tolerances.yaml --start rough.txt --json
   cadcam verify left.png right.png part.step --rig rig.json --tolerances tolerances.yaml -o report.html -o report.json
 
-tolerance file (YAML; mm and degrees, in the part's axes):
-  k: 2                             coverage factor
-  datum: [{{part: tank top}}]        what the pose is fitted to; without it: all that is not judged
-  features:
-    stiffener:
-      part: bar 1.1 port           or a pattern; box_mm, chains, kinds narrow it
-      position_mm: 0.8             also: profile_mm, angle_deg; direction: [0, 1, 0] judges a position along it alone
-      presence: required
-
+{TOLERANCES_HELP}
 {START_HELP}
 {VIEWS_HELP}
 exit codes: 0 PASS, 1 FAIL, 3 UNDECIDED or not found (the reason is printed), 2 errors. Without --tolerances nothing is
@@ -90,20 +90,7 @@ def add_to(verbs: Verbs) -> None:
         "--pose", metavar="FILE", help="a start that is right to a pixel or two (`cadcam locate --pose-out`): no search"
     )
     add_view_options(parser)
-    parser.add_argument(
-        "--reach",
-        type=real,
-        default=8.0,
-        metavar="PX",
-        help="how far off displaced features are looked for (default 8)",
-    )
-    parser.add_argument(
-        "--alarms",
-        type=share,
-        default=0.01,
-        metavar="SHARE",
-        help="share of good pictures that may give a false alarm (default 0.01)",
-    )
+    add_judging_options(parser)
     parser.add_argument("--serial", metavar="NAME", help="serial number of the part, for the report")
     parser.add_argument("--station", metavar="NAME", help="where it was measured, for the report")
     parser.add_argument(
@@ -127,8 +114,6 @@ def add_to(verbs: Verbs) -> None:
 
 def run(arguments: argparse.Namespace) -> int:
     """Verify, report; return the exit code."""
-    from cadcam.verify.tolerances.tolerance import whole_parts
-
     only = "--list" if arguments.list is not None else "--template"
     if arguments.list is not None or arguments.template:
         refuse(arguments, *_OF_A_VERDICT, why=f"beside {only}", expected="one of them: nothing is judged")
@@ -145,15 +130,9 @@ def run(arguments: argparse.Namespace) -> int:
         raise BadValue("photos", "none given", "cadcam verify PHOTO MODEL --camera FILE; or --list, --template")
     mesh = _mesh(arguments)
     if asked is None or arguments.template:
-        _template(arguments, _part(mesh), asked)
+        _template(arguments, edged(mesh), asked)
         return 0
-    if asked.tolerances is not None:
-        with _in_file(arguments.tolerances):
-            asked.tolerances.check_names(mesh.part_names)  # before edges are found, which takes long in large models
-    part = _part(mesh)
-    tolerances = whole_parts(part.scene) if asked.tolerances is None else asked.tolerances
-    with _in_file(arguments.tolerances):
-        tolerances.check(part.scene)
+    part, tolerances = part_to_judge(arguments, mesh, asked.tolerances)
     return _verified(arguments, part, asked, tolerances)
 
 
@@ -162,24 +141,6 @@ def _mesh(arguments: argparse.Namespace) -> Mesh:
     mesh, report = load_as_asked(arguments)
     arguments.cad = (report.path, report.sha256)
     return mesh
-
-
-def _part(mesh: Mesh) -> Part:
-    from cadcam.locate.part import Part
-
-    with working("finding edges"):
-        return Part.of(mesh)
-
-
-@contextmanager
-def _in_file(path: str | None) -> Iterator[None]:
-    """Let errors say in which file, if any, the names stand that they are about."""
-    try:
-        yield
-    except CadcamError as error:
-        if path is None:
-            raise
-        raise UnreadableFile(path, str(error)) from None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -197,8 +158,6 @@ class _Asked:
 def _asked(arguments: argparse.Namespace) -> _Asked | None:
     """Return what is asked; None without photos."""
     from cadcam.files.pose_estimate import read_part_pose
-    from cadcam.verify.inspection import InspectionOptions
-    from cadcam.verify.tolerances.file import read_tolerances
 
     check_order(arguments.photos, arguments.model)
     if not arguments.photos:
@@ -211,8 +170,7 @@ def _asked(arguments: argparse.Namespace) -> _Asked | None:
     views = views_as_asked(arguments, shots.camera_from_world, "--start", "--points", "--pose")
     if arguments.pose:
         start = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
-    tolerances = None if arguments.tolerances is None else read_tolerances(arguments.tolerances)
-    options = InspectionOptions(reach_px=arguments.reach, alarms=arguments.alarms)
+    tolerances, options = tolerances_as_asked(arguments), options_as_asked(arguments)
     return _Asked(shots, tolerances, start, freedom, views, options)
 
 
@@ -269,28 +227,8 @@ def _report(
 def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
     from pathlib import Path
 
-    from cadcam.record.record import Source
-    from cadcam.report.camera import camera_words
-    from cadcam.report.verify.json import VerificationOrigin
-
-    sources = [Source(*file) for file in shots.files]
-    sources.append(Source("cad", *arguments.cad))
-    if arguments.tolerances:
-        from cadcam.files.text import read_text
-
-        sources.append(Source("tolerances", arguments.tolerances, read_text(arguments.tolerances).sha256))
-    cameras = tuple(
-        f"{p.viewpoint.name}: {camera_words(p.camera)}" + ("" if white is None else f"; white is {white:g}")
-        for p, white in zip(shots.photos, shots.whites, strict=True)
-    )
-    return VerificationOrigin(
-        Path(arguments.model).stem,
-        tuple(sources),
-        cameras,
-        arguments.serial or "",
-        arguments.station or "",
-        photos=shots.read,
-    )
+    part = Path(arguments.model).stem
+    return origin_of(arguments, arguments.cad, shots, part=part, serial=arguments.serial or "")
 
 
 def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -> None:
@@ -331,7 +269,7 @@ def _list(arguments: argparse.Namespace) -> None:
     chosen = None if arguments.list is True else Selection(arguments.list)
     if chosen is not None:
         chosen.among(mesh.part_names)  # a name that is none is told before edges are found
-    part = _part(mesh)
+    part = edged(mesh)
     table = part_table(part.scene) if chosen is None else chain_table(part.scene, chosen)
     if arguments.json:
         print_json({"columns": list(table.columns), "rows": [list(row) for row in table.rows]})
