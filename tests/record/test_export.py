@@ -20,7 +20,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.record.export import read_records, write_records
 from cadcam.record.record import Deviation, Record, Source
 from cadcam.record.trend import trend
-from cadcam.report.state import trend_tables
+from cadcam.report.state.tables import trend_tables
 
 from .made import NOON, record
 from .test_store import same

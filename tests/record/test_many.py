@@ -18,7 +18,7 @@ from cadcam.record.export import each_record, read_records, record_as_json, writ
 from cadcam.record.record import Deviation, Finding, Record
 from cadcam.record.store import Store, open_store
 from cadcam.record.trend import trend
-from cadcam.report.state import record_tables, trend_tables
+from cadcam.report.state.tables import record_tables, trend_tables
 
 from .made import record
 from .test_store import engine_of, same

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cadcam.record.record import Deviation, Record
-from cadcam.report.state import list_table
+from cadcam.report.state.tables import list_table
 
 
 @pytest.mark.parametrize(

@@ -12,9 +12,10 @@ from cadcam.cli.photos import Shots
 from cadcam.errors import CadcamError, UnreadableFile
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from cadcam.cad.mesh import Mesh
+    from cadcam.cad.read import LoadReport
     from cadcam.locate.part import Part
     from cadcam.report.verify.json import VerificationOrigin
     from cadcam.verify.inspection import InspectionOptions
@@ -98,21 +99,20 @@ def _in_file(path: str | None) -> Iterator[None]:
 
 
 def origin_of(
-    arguments: argparse.Namespace, cad: tuple[str, str], shots: Shots, *, part: str, serial: str
+    arguments: argparse.Namespace, shots: Shots, files: Sequence[tuple[str, str, str]], *, part: str, serial: str
 ) -> VerificationOrigin:
-    """Return what a report says of where it comes from; cad: path and sha256 of the model's file."""
+    """Return what a report says of where it comes from; files: `judged_by`."""
     from cadcam.record.record import Source
     from cadcam.report.camera import camera_words
     from cadcam.report.verify.json import VerificationOrigin
 
-    sources = [*shots.files, ("cad", *cad), *tolerance_file(arguments)]
     cameras = tuple(
         f"{p.viewpoint.name}: {camera_words(p.camera)}" + ("" if white is None else f"; white is {white:g}")
         for p, white in zip(shots.photos, shots.whites, strict=True)
     )
     return VerificationOrigin(
         part,
-        tuple(Source(*one) for one in sources),
+        tuple(Source(*one) for one in (*shots.files, *files)),
         cameras,
         serial,
         arguments.station or "",
@@ -120,10 +120,11 @@ def origin_of(
     )
 
 
-def tolerance_file(arguments: argparse.Namespace) -> list[tuple[str, str, str]]:
-    """Return role, path and sha256 of the tolerance file, if there is one."""
+def judged_by(arguments: argparse.Namespace, cad: LoadReport) -> list[tuple[str, str, str]]:
+    """Return role, path and sha256 of the files that parts are judged by: the model, and the tolerances, if any."""
     from cadcam.files.text import read_text
 
-    if arguments.tolerances is None:
-        return []
-    return [("tolerances", arguments.tolerances, read_text(arguments.tolerances).sha256)]
+    files = [("cad", cad.path, cad.sha256)]
+    if arguments.tolerances is not None:
+        files.append(("tolerances", arguments.tolerances, read_text(arguments.tolerances).sha256))
+    return files

@@ -39,16 +39,13 @@ if TYPE_CHECKING:
     from cadcam.locate.views.view_range import ViewRange
     from cadcam.render.lines.visible import LineDrawer
 
-START_HELP = """\
-start:    --start FILE    rough pose of the part; it may be off by some 20 degrees, 40 px and 10 % of the distance
-          --points FILE   four or more points of the model picked in the (first) photo; `cadcam calibrate --help` shows
-                          the file
-          neither         the part is searched for (seconds). With one photo whose camera file has a pose, it is first
-                          tried where that file has the world's origin
+START_FILE_HELP = """\
 A start file is either JSON of `cadcam locate --pose-out`, or a first line '# camera_from_part, mm' (or world_from_part;
 or m, in ...) and a 3x4 or 4x4 matrix. With one camera, the world is that camera. With several, it is the frame in which
 their files place them.
+"""
 
+FREEDOM_HELP = """\
 freedom:  free            all six degrees of freedom (default)
           plane:0,0,1     on a floor with this normal in the world: two shifts and a turn
           axis:X,Y,Z,DX,DY,DZ   a turn about the axis through X,Y,Z (mm) along DX,DY,DZ
@@ -56,6 +53,15 @@ freedom:  free            all six degrees of freedom (default)
           Add @part (plane:0,0,1@part) if the numbers are in the part's own axes. What is not free stays as in the
           start, so a start is needed.
 """
+
+START_HELP = f"""\
+start:    --start FILE    rough pose of the part; it may be off by some 20 degrees, 40 px and 10 % of the distance
+          --points FILE   four or more points of the model picked in the (first) photo; `cadcam calibrate --help` shows
+                          the file
+          neither         the part is searched for (seconds). With one photo whose camera file has a pose, it is first
+                          tried where that file has the world's origin
+{START_FILE_HELP}
+{FREEDOM_HELP}"""
 
 VIEWS_HELP = """\
 seen from: any            from all sides (default), where the part is 0.2 to 1.2 of the photo's shorter side large
@@ -80,11 +86,17 @@ on:       0,0,1,0         the part lies on this plane (a table, a belt, a tray):
 
 def add_start_options(parser: argparse.ArgumentParser) -> None:
     """Add the options for the approximate pose of the part, and its allowed motions."""
+    group = add_start_option(parser)
+    group.add_argument("--points", metavar="FILE", help="points of the model picked in the photo (see below)")
+    add_points_options(parser)
+
+
+def add_start_option(parser: argparse.ArgumentParser) -> argparse._ArgumentGroup:
+    """Add the options for an approximate pose in a file and the part's allowed motions; return their group."""
     group = parser.add_argument_group("start (default: none, search)")
     group.add_argument("--start", metavar="FILE", help="rough pose of the part (see below)")
-    group.add_argument("--points", metavar="FILE", help="points of the model picked in the photo (see below)")
     group.add_argument("--freedom", default="free", metavar="F", help="how the part may move: see below")
-    add_points_options(parser)
+    return group
 
 
 def add_view_options(parser: argparse.ArgumentParser, *, when: str = "without a start") -> None:
@@ -162,7 +174,9 @@ def aspects_kept(part: Part) -> Iterator[None]:
     from cadcam.locate.search.aspect_files import read_aspects, write_aspects
 
     folder = cache_folder()
-    kept = 0 if folder is None else read_aspects(part, folder)
+    kept = len(part.aspects.made)
+    if not kept and folder is not None:
+        kept = read_aspects(part, folder)
     try:
         yield
     finally:

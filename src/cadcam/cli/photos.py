@@ -76,17 +76,34 @@ def picture_files(paths: Sequence[str]) -> list[str]:
 
 def read_shots(paths: Sequence[str], arguments: argparse.Namespace) -> Shots:
     """Return the photos with their cameras; the world is the rig's, that of the camera files, or one camera's own."""
-    cameras, rig = arguments.camera, arguments.rig
-    viewpoints, said = viewpoints_of(paths, cameras, rig)
-    whites = _whites([file_of(path) for path in paths], arguments)
-    photos, read = [], []
-    for path, view, white in zip(paths, viewpoints, whites, strict=True):
-        photo, info = _photo(file_of(path), view, white)
-        photos.append(photo)
-        read.append(info)
-    files = [("photo", info.path, info.sha256) for info in read]
-    files += [(role, path, hash_of(path)) for role, path in _camera_files(cameras, rig)]
-    return Shots(tuple(photos), tuple(files), said, tuple(whites), tuple(read))
+    viewpoints, said = viewpoints_of(paths, arguments.camera, arguments.rig)
+    files = [file_of(path) for path in paths]
+    return shots_by(viewpoints, said, files, _whites(files, arguments), camera_sources(arguments))
+
+
+def shots_by(
+    viewpoints: Sequence[Viewpoint],
+    camera_from_world: Rigid | None,
+    files: Sequence[str],
+    whites: Sequence[float | None],
+    sources: Sequence[tuple[str, str, str]],
+) -> Shots:
+    """Return the photos in files, one by each camera; whites, camera_from_world: see `Shots`.
+
+    sources: the cameras' own files.
+    """
+    each = zip(files, viewpoints, whites, strict=True)
+    photos, read = zip(*(_photo(*one) for one in each), strict=True)
+    of = [("photo", info.path, info.sha256) for info in read]
+    return Shots(photos, (*of, *sources), camera_from_world, tuple(whites), read)
+
+
+def camera_sources(arguments: argparse.Namespace) -> list[tuple[str, str, str]]:
+    """Return role, path and hash of the files that cameras came from."""
+    files = (
+        [("rig", arguments.rig)] if arguments.rig else [("camera", file) for file in dict.fromkeys(arguments.camera)]
+    )
+    return [(role, path, hash_of(path)) for role, path in files]
 
 
 def _whites(files: Sequence[str], arguments: argparse.Namespace) -> list[float | None]:
@@ -198,7 +215,3 @@ def _photo(path: str, view: Viewpoint, white: float | None) -> tuple[Photo, Pict
     with working(f"reading {path}"):
         picture, info = read_camera_picture_with_info(path, full_scale=white)
     return Photo(fitting(picture, view.camera, name=path), view), info
-
-
-def _camera_files(cameras: Sequence[str], rig: str | None) -> list[tuple[str, str]]:
-    return [("rig", rig)] if rig else [("camera", file) for file in dict.fromkeys(cameras)]

@@ -29,6 +29,7 @@ from cadcam.errors import CadcamError, UnknownName, UnreadableFile
 from cadcam.files.robot_conventions import CONVENTIONS
 from cadcam.files.text import Line, TextFile, is_number, lines_of_cells, number_in, read_text
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.suffixes import natural_order
 from cadcam.kinds import expect, expect_flag, expect_known, expect_path
 
 _SUFFIXES = (".txt", ".csv", ".json", ".yaml", ".yml")
@@ -124,7 +125,7 @@ def read_robot_numbers(*paths: str | os.PathLike[str]) -> RobotNumbers:
 
 
 def _one_each(files: Sequence[Path], label: str) -> RobotNumbers:
-    files = sorted(files, key=_natural)
+    files = sorted(files, key=lambda file: natural_order(file.stem))
     each = [read_robot_numbers(f) for f in files]
     for file, one in zip(files, each, strict=True):
         if one.numbers.shape != (1, each[0].numbers.shape[1]):
@@ -136,11 +137,6 @@ def _one_each(files: Sequence[Path], label: str) -> RobotNumbers:
             raise UnreadableFile(file, "names other columns or units", f"the same in each file, as in {files[0].name}")
     names, numbers = tuple(f.stem for f in files), np.concatenate([e.numbers for e in each])
     return replace(each[0], path=label, names=names, numbers=numbers)
-
-
-def _natural(path: Path) -> list[tuple[int, str]]:
-    """Sort key that compares digits in names as numbers: pose_2 before pose_10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.stem)]
 
 
 def _from_text(file: TextFile) -> RobotNumbers:

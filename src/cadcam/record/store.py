@@ -42,14 +42,15 @@ Named = Literal["part", "serial", "station"]
 NAMED: tuple[Named, ...] = get_args(Named)
 
 
-_TEXTS = {"id_begins", *NAMED, "verdict", "feature"}  # of `Which`
+_TEXTS = {"id_begins", *NAMED, "verdict", "feature", "sha256"}  # of `Which`
 
 
 class Which(TypedDict, total=False):
     """Which records are meant: those that match all that is given and is not None.
 
     id_begins: the beginning of their id. verdict: "" means not judged. since, until: times with their zone, both
-    included. feature: only those with a deviation of this name.
+    included. feature: only those with a deviation of this name. sha256: only those that came from a file of this
+    fingerprint, be it photo, CAD, camera or tolerances.
     """
 
     id_begins: str | None
@@ -60,6 +61,7 @@ class Which(TypedDict, total=False):
     since: datetime | None
     until: datetime | None
     feature: str | None
+    sha256: str | None
 
 
 def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
@@ -149,8 +151,8 @@ class Store:
     def query(self, *, newest: int | None = None, **which: Unpack[Which]) -> list[Record]:
         """Return the records that match all arguments, oldest first; without arguments all of them.
 
-        which: id_begins, part, serial, station, verdict, since, until, feature; see `Which`. newest: at most this many,
-        the latest of them: no others are read.
+        which: id_begins, part, serial, station, verdict, since, until, feature, sha256; see `Which`. newest: at most
+        this many, the latest of them: no others are read.
         """
         return list(self.select(newest=newest, **which))
 
@@ -257,6 +259,9 @@ class Store:
             # not by `exists`, for which SQLite would go through all deviations of the feature for each measurement
             having = (sql.select(t.c.measurement_id).where(t.c.feature == feature) for t in self._judged)
             wanted.append(m.id.in_(sql.union_all(*having)))
+        if (sha256 := asked.get("sha256")) is not None:
+            came = schema.source.c
+            wanted.append(m.id.in_(sql.select(came.measurement_id).where(came.sha256 == sha256)))
         return wanted
 
     def _read(self, ids: Sequence[str]) -> list[Record]:

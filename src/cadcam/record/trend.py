@@ -32,6 +32,11 @@ class Trend(Brief):
         return len(self.judged)
 
     @property
+    def kind(self) -> str:
+        """Return the kind of judgement: "position", "angle", "presence" ..."""
+        return self.judged[-1][1].kind
+
+    @property
     def points(self) -> tuple[tuple[Record, Deviation], ...]:
         """Return the deviations, each with its record."""
         return tuple((r, d) for r, d in self.judged if isinstance(d, Deviation))
@@ -62,6 +67,20 @@ class Trend(Brief):
         """Return the standard uncertainty of one deviation, root mean square over all: it is part of `sigma`."""
         own = [d.expanded_uncertainty / d.k for _, d in self.points]
         return float(np.sqrt(np.mean(np.square(own)))) if own else float("nan")
+
+    @property
+    def drift(self) -> tuple[float, float]:
+        """Return by how much the deviation grows from part to part, by least squares, and the sigma of that.
+
+        nan for fewer than three. A step, as by another batch, is a drift, too.
+        """
+        x = self._deviations
+        if len(x) < 3:
+            return float("nan"), float("nan")
+        i = np.arange(len(x)) - 0.5 * (len(x) - 1)
+        slope = float(i @ (x - x[0]) / (i @ i))
+        left = x - np.mean(x) - slope * i
+        return slope, float(np.sqrt(left @ left / (len(x) - 2) / (i @ i)))
 
     @property
     def verdicts(self) -> dict[str, int]:
@@ -98,13 +117,29 @@ def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -
     if kind is not None and kind not in kinds:
         raise UnknownName(f"kind of {feature!r}", kind, kinds)
     (meant,) = {kind} if kind is not None else measured or kinds
-    judged = tuple((r, one) for r, one in named if one.kind == meant)
+    return _trend(feature, [(r, one) for r, one in named if one.kind == meant], records)
+
+
+def trends(records: Sequence[Record]) -> list[Trend]:
+    """Return the trend of each kind of judgement on each feature, in the order in which records first have them.
+
+    Raises `BadValue` where lengths and angles would be mixed.
+    """
+    records = expect_each(records, "records", Record)
+    each: dict[tuple[str, str], list[tuple[Record, Deviation | Finding]]] = {}
+    for record in records:
+        for one in _judged(record):
+            each.setdefault((one.feature, one.kind), []).append((record, one))
+    return [_trend(feature, judged, records) for (feature, _), judged in each.items()]
+
+
+def _trend(feature: str, judged: Sequence[tuple[Record, Deviation | Finding]], records: Sequence[Record]) -> Trend:
     units = {one.unit for _, one in judged if isinstance(one, Deviation)}
     if len(units) > 1:
         raise BadValue(f"units of {feature!r}", ", ".join(sorted(units)), "one: ask for fewer records")
     parts, having = {r.part for r, _ in judged}, {r.id for r, _ in judged}
     without = tuple(r for r in records if r.part in parts and r.id not in having)
-    return Trend(feature, next(iter(units), ""), judged, without)
+    return Trend(feature, next(iter(units), ""), tuple(judged), without)
 
 
 def _judged(record: Record) -> Iterator[Deviation | Finding]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import os
 from collections.abc import Iterable, Iterator, Sized
 from contextlib import suppress
 from datetime import UTC, date, datetime, time
@@ -12,29 +11,29 @@ from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import Run, Verbs, add_jobs, add_json, job, verb, whole
 from cadcam.cli.output import check_target, print_json, print_tables, say
+from cadcam.cli.stores import STORE_HELP, add_store_option, store_address
 from cadcam.errors import BadValue, UnknownName, UnusableStore
 
 if TYPE_CHECKING:
     from cadcam.record.record import Record
     from cadcam.record.store import Store, Which
 
-DEFAULT_STORE = "parts.sqlite"
 _SHORT_ID = 6
 _FIRST = 500  # records that are read before a store is created
 _DESCRIPTION = """\
 Keep what was measured of each part: pose, deviations with their uncertainties, verdict, the fingerprints of photo, CAD
 and camera, time and station. Records are only added, never changed. Once `add` has said so, a record is on the disk;
 several stations may write to one store."""
-_EXAMPLES = """\
+_EXAMPLES = f"""\
   cadcam state add verify.json --serial 4711 --station "cell 3"
   cadcam state list --part bracket --verdict FAIL --since 2026-03-01
   cadcam state show 3f2a91c0
   cadcam state trend stiffener --part bracket
+  cadcam state page -o parts.html --part bracket --since 2026-03-01
+  cadcam state list --source camera.json
   cadcam state export -o all.csv --store postgresql://user:password@server/yard
 
-the store: --store FILE|URL, else $CADCAM_STORE, else parts.sqlite in this folder. A file is SQLite and needs nothing
-else; PostgreSQL needs cadcam[postgresql]. Give a password in $CADCAM_STORE rather than on the command line.
-
+{STORE_HELP}
 what is exported as .json or .jsonl can be added to another store; .csv is for spreadsheets: one line per deviation."""
 
 
@@ -47,18 +46,8 @@ def add_to(verbs: Verbs) -> None:
     _add_list(jobs)
     _add_show(jobs)
     _add_trend(jobs)
+    _add_page(jobs)
     _add_export(jobs)
-
-
-def _address(arguments: argparse.Namespace) -> str:
-    return arguments.store or os.environ.get("CADCAM_STORE", "").strip() or DEFAULT_STORE
-
-
-def add_store_option(parser: argparse.ArgumentParser) -> None:
-    """Add --store."""
-    parser.add_argument(
-        "--store", metavar="FILE|URL", help=f"SQLite file, or postgresql://... (default $CADCAM_STORE, {DEFAULT_STORE})"
-    )
 
 
 def _job(jobs: Verbs, name: str, run: Run, short: str) -> argparse.ArgumentParser:
@@ -101,6 +90,13 @@ def _add_trend(jobs: Verbs) -> None:
     _add_newest(parser, "a line for no more than the latest N (default 30); mean and sigma are of all")
 
 
+def _add_page(jobs: Verbs) -> None:
+    parser = _job(jobs, "page", run_page, "write a page: verdicts, what fails, charts of each feature, every part")
+    parser.add_argument("-o", "--output", required=True, metavar="FILE", help="page to write: .html")
+    _add_filters(parser)
+    _add_newest(parser, "of no more than the latest N (default 300)", 300)
+
+
 def _add_export(jobs: Verbs) -> None:
     parser = _job(jobs, "export", run_export, "write records to a file")
     parser.add_argument(
@@ -121,13 +117,16 @@ def _add_filters(parser: argparse.ArgumentParser) -> None:
     verdicts = ("PASS", "FAIL", "UNDECIDED")
     group.add_argument("--verdict", type=str.upper, choices=verdicts, help="verdict on the part as a whole")
     group.add_argument(
+        "--source", metavar="FILE", help="measured with this file: photo, CAD, camera or tolerances, by its contents"
+    )
+    group.add_argument(
         "--since", type=_when, metavar="TIME", help="measured then or later: 2026-03-01 or 2026-03-01T14:30, UTC"
     )
     group.add_argument("--until", type=_when, metavar="TIME", help="measured then or earlier; a day counts to its end")
 
 
-def _add_newest(parser: argparse.ArgumentParser, what: str) -> None:
-    parser.add_argument("--newest", type=whole, default=30, metavar="N", help=what)
+def _add_newest(parser: argparse.ArgumentParser, what: str, most: int = 30) -> None:
+    parser.add_argument("--newest", type=whole, default=most, metavar="N", help=what)
 
 
 def _records(arguments: argparse.Namespace) -> Iterator[Record]:
@@ -155,7 +154,7 @@ def run_add(arguments: argparse.Namespace) -> None:
 
     records = _records(arguments)
     first = list(islice(records, _FIRST))
-    with open_store(_address(arguments)) as store:
+    with open_store(store_address(arguments)) as store:
         store.add_all(noted(chain(first, records)))
     if arguments.json:
         print_json({"store": store.name, "added": [name for name, _ in added]})
@@ -175,7 +174,8 @@ def _why_none(store: Store, asked: Which) -> str:
         known = store.values(name) - {""} if value is not None else set()
         if value is not None and value not in known:
             return str(UnknownName(name, value, known))
-    given = ", ".join(f"--{name}" for name, value in asked.items() if value is not None)
+    options = {"sha256": "source"}
+    given = ", ".join(f"--{options.get(name, name)}" for name, value in asked.items() if value is not None)
     return f"no record fits {given} ({counted(store.count(), 'record')} in all)" if given else "holds no records"
 
 
@@ -183,12 +183,12 @@ def _there(arguments: argparse.Namespace) -> Store:
     """Return the store, which must exist."""
     from cadcam.record.store import open_store
 
-    return open_store(_address(arguments), create=False)
+    return open_store(store_address(arguments), create=False)
 
 
 def run_list(arguments: argparse.Namespace) -> None:
     """Print the latest records."""
-    from cadcam.report.state import list_table
+    from cadcam.report.state.tables import list_table
 
     _check_newest(arguments)
     asked = _asked(arguments)
@@ -214,7 +214,7 @@ def _check_newest(arguments: argparse.Namespace) -> None:
 
 def run_show(arguments: argparse.Namespace) -> None:
     """Print a record in full."""
-    from cadcam.report.state import record_tables
+    from cadcam.report.state.tables import record_tables
 
     if len(arguments.id) < _SHORT_ID:
         listed = f"`cadcam state list` prints it, of one part with --serial {arguments.id}"
@@ -236,7 +236,7 @@ def run_trend(arguments: argparse.Namespace) -> None:
     from cadcam.kinds import expect_known
     from cadcam.record.record import Deviation
     from cadcam.record.trend import outcome, trend
-    from cadcam.report.state import trend_tables
+    from cadcam.report.state.tables import trend_tables
 
     _check_newest(arguments)
     asked = _asked(arguments)
@@ -268,6 +268,27 @@ def run_trend(arguments: argparse.Namespace) -> None:
     print_json({"feature": seen.feature, **numbers, **counts, "points": points})
 
 
+def run_page(arguments: argparse.Namespace) -> None:
+    """Write the page of the latest records."""
+    from cadcam.report.state.page import write_state_page
+    from cadcam.report.table import counted
+
+    check_target(arguments.output, (".html",))
+    _check_newest(arguments)
+    asked = _asked(arguments)
+    with _there(arguments) as store:
+        records = store.query(**asked, newest=arguments.newest)
+        if not records:
+            raise UnusableStore(store.name, _why_none(store, asked))
+        of = store.count(**asked)
+    write_state_page(arguments.output, records)
+    if arguments.json:
+        print_json({"output": arguments.output, "records": len(records), "of": of})
+    else:
+        latest = f", the latest of {of}" if of > len(records) else ""
+        say(f"wrote {counted(len(records), 'record')}{latest} to {arguments.output}")
+
+
 def run_export(arguments: argparse.Namespace) -> None:
     """Write records to a file."""
     from cadcam.record.export import SUFFIXES, write_records
@@ -287,6 +308,10 @@ def run_export(arguments: argparse.Namespace) -> None:
 
 def _asked(arguments: argparse.Namespace) -> Which:
     """Return the arguments for `Store.query`."""
+    from hashlib import sha256
+
+    from cadcam.files.text import read_bytes
+
     since = None if arguments.since is None else arguments.since[0]
     until = None if arguments.until is None else arguments.until[1]
     if since and until and since > until:
@@ -298,6 +323,7 @@ def _asked(arguments: argparse.Namespace) -> Which:
         "verdict": arguments.verdict,
         "since": since,
         "until": until,
+        "sha256": None if arguments.source is None else sha256(read_bytes(arguments.source)).hexdigest(),
     }
 
 

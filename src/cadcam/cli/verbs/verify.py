@@ -11,6 +11,7 @@ from cadcam.cli.judging import (
     TOLERANCES_HELP,
     add_judging_options,
     edged,
+    judged_by,
     options_as_asked,
     origin_of,
     part_to_judge,
@@ -138,8 +139,7 @@ def run(arguments: argparse.Namespace) -> int:
 
 def _mesh(arguments: argparse.Namespace) -> Mesh:
     """Return the model, and keep what the report says of its file."""
-    mesh, report = load_as_asked(arguments)
-    arguments.cad = (report.path, report.sha256)
+    mesh, arguments.cad = load_as_asked(arguments)
     return mesh
 
 
@@ -227,8 +227,8 @@ def _report(
 def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
     from pathlib import Path
 
-    part = Path(arguments.model).stem
-    return origin_of(arguments, arguments.cad, shots, part=part, serial=arguments.serial or "")
+    part, files = Path(arguments.model).stem, judged_by(arguments, arguments.cad)
+    return origin_of(arguments, shots, files, part=part, serial=arguments.serial or "")
 
 
 def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -> None:

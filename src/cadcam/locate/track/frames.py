@@ -20,7 +20,7 @@ from cadcam.errors import BadValue, SizeMismatch, UnreadableFile
 from cadcam.image import video
 from cadcam.image.camera_picture import FullScale, full_scale_of, read_camera_picture_with_info
 from cadcam.image.picture import check_full_scale, to_gray
-from cadcam.image.suffixes import READABLE
+from cadcam.image.suffixes import READABLE, natural_order
 from cadcam.kinds import expect_each, expect_several, said
 from cadcam.locate.photo import Photo
 
@@ -145,7 +145,7 @@ def picture_files(source: str) -> list[str]:
         raise UnreadableFile(source, "no such file or folder", "check the path")
     else:
         return [source]
-    return sorted(found, key=_natural)
+    return sorted(found, key=natural_order)
 
 
 def _check_together(sources: Sequence[Sequence[str]]) -> None:
@@ -218,11 +218,6 @@ def _pictures(source: str, files: list[str] | None, white: float | None) -> Iter
 
 def _is_video(source: str) -> bool:
     return Path(source).suffix.lower() in video.SUFFIXES
-
-
-def _natural(path: str) -> list[tuple[int, str]]:
-    """Return a sort key by which 9.png comes before 10.png."""
-    return [(int(text), "") if text.isdecimal() else (-1, text) for text in re.split(r"(\d+)", path)]
 
 
 def _fingerprint(gray: Picture) -> str:

@@ -3,54 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from html import escape
 
 import numpy as np
 
 from cadcam.arrays import Array
+from cadcam.report.chart import INK, PLAIN, VERDICT_COLORS, WIDTH, Frame, round_ticks, stroke, svg, text
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
 
-COLORS = {
-    Verdict.PASS: "#00785a",
-    Verdict.FAIL: "#c23b00",
-    Verdict.UNDECIDED: "#946200",
-    Verdict.NOT_FOUND: "#555555",
-}
+COLORS = {verdict: VERDICT_COLORS.get(verdict.value, PLAIN) for verdict in Verdict}
 CAUSE_COLORS = {"noise": "#56b4e9", "edges": "#e69f00", "pose": "#009e73", "calibration": "#cc79a7"}
-_INK, _FAINT = "#222222", "#cfcfcf"
-_WIDTH = 380.0  # about a phone's width, so that letters keep their size there
-
-
-@dataclass(frozen=True, slots=True)
-class _Frame:
-    """The plot area over a range of values: from the lowest of the ticks at the bottom to the highest at the top."""
-
-    height: float
-    ticks: Sequence[float]
-    left: float = 46.0
-    right: float = _WIDTH - 8
-
-    def y(self, value: float) -> float:
-        top, bottom = 8.0, self.height - 24
-        return bottom - (value - self.ticks[0]) / (self.ticks[-1] - self.ticks[0]) * (bottom - top)
-
-    def level_lines(self, unit: str) -> list[str]:
-        out = []
-        for tick in self.ticks:
-            y, zero = self.y(tick), tick == 0
-            out.append(_stroke(self.left, y, self.right, y, "#666666" if zero else _FAINT, 1.2 if zero else 0.8))
-            place = f'x="{self.left - 5:.0f}" y="{y + 4:.1f}"'
-            out.append(f'<text {place} text-anchor="end" font-size="11">{tick:g}</text>')
-        out.append(_text(2, self.y(self.ticks[-1]) + 18, unit))
-        return out
-
-    def caption(self, text: str) -> str:
-        return _text(self.left, self.height - 6, text)
 
 
 def tolerance_bar(j: Judgement) -> str:
@@ -68,9 +34,9 @@ def tolerance_bar(j: Judgement) -> str:
     limits = [1.0] if distance else [-1.0, 1.0]
     left = x(0.0) if distance else x(-j.limit.value)
     body = [f'<rect x="{left:.1f}" y="8" width="{x(j.limit.value) - left:.1f}" height="10" fill="#dcefe6"/>']
-    body += [_stroke(x(s * j.limit.value), 3, x(s * j.limit.value), 23, _INK, 1.5) for s in limits]
-    body.append(_stroke(x(0.0), 6, x(0.0), 20, "#888888", 1))
-    body.append(_stroke(x(j.deviation - j.U), 13, x(j.deviation + j.U), 13, color, 3))
+    body += [stroke(x(s * j.limit.value), 3, x(s * j.limit.value), 23, INK, 1.5) for s in limits]
+    body.append(stroke(x(0.0), 6, x(0.0), 20, "#888888", 1))
+    body.append(stroke(x(j.deviation - j.U), 13, x(j.deviation + j.U), 13, color, 3))
     shown = abs(j.deviation) <= 1.5 * j.limit.value
     body.append(
         f'<circle cx="{x(j.deviation):.1f}" cy="13" r="4.5" fill="{color if shown else "#ffffff"}" stroke="{color}" '
@@ -89,16 +55,16 @@ def edges_plot(seen: Inspection) -> str:
         return ""
     low = min(min(e.value - 2 * e.sigma for e in edges), 0.0)
     high = max(max(e.value + 2 * e.sigma for e in edges), 0.0)
-    frame = _Frame(220.0, round_ticks(low, high))
+    frame = Frame(220.0, round_ticks(low, high))
     y, body = frame.y, frame.level_lines("mm")
     for i, e in enumerate(edges):
         x = frame.left + (frame.right - frame.left) * (i + 0.5) / len(edges)
         color = COLORS[Verdict.FAIL] if e.off else "#0072b2"
         title = f"<title>{escape(f'{e.name}: {e.value:+.3f} mm, U {2 * e.sigma:.3f}')}</title>"
-        bar = _stroke(x, y(e.value - 2 * e.sigma), x, y(e.value + 2 * e.sigma), color, 1.5)
+        bar = stroke(x, y(e.value - 2 * e.sigma), x, y(e.value + 2 * e.sigma), color, 1.5)
         body.append(f'<g>{bar}<circle cx="{x:.1f}" cy="{y(e.value):.1f}" r="2.6" fill="{color}"/>{title}</g>')
     body.append(frame.caption(f"{len(edges)} edges, from the most negative to the most positive"))
-    return _svg(frame.height, body, "deviations of all edges with their uncertainty")
+    return svg(frame.height, body, "deviations of all edges with their uncertainty")
 
 
 def stations_plot(seen: Inspection, name: str) -> str:
@@ -109,7 +75,7 @@ def stations_plot(seen: Inspection, name: str) -> str:
     every = np.concatenate([e.station for e in edges])
     low = min(float((every[:, 1] - 2 * every[:, 2]).min()), 0.0)
     high = max(float((every[:, 1] + 2 * every[:, 2]).max()), 0.0)
-    frame = _Frame(190.0, round_ticks(low, high))
+    frame = Frame(190.0, round_ticks(low, high))
     body = frame.level_lines("mm")
     step, start = (frame.right - frame.left) / (len(every) + len(edges)), frame.left
     for k, e in enumerate(edges):
@@ -117,10 +83,10 @@ def stations_plot(seen: Inspection, name: str) -> str:
         body.append(_edge_curve(frame, np.asarray(x), e, "#0072b2" if k % 2 else "#00785a"))
         start += step * (len(e.station) + 1)
     body.append(frame.caption(f"{len(edges)} edges, {len(every)} pieces; band: U (k 2)"))
-    return _svg(frame.height, body, f"deviations along the edges of {name}")
+    return svg(frame.height, body, f"deviations along the edges of {name}")
 
 
-def _edge_curve(frame: _Frame, x: Array, edge: EdgeDeviation, color: str) -> str:
+def _edge_curve(frame: Frame, x: Array, edge: EdgeDeviation, color: str) -> str:
     """Return an edge's deviations as dots at x (s,) joined by a line, in a band of U (k 2); its name as a tool tip."""
     _, deviation, sigma = edge.station.T
     curve = _points(x, [frame.y(v) for v in deviation])
@@ -153,38 +119,15 @@ def shares_plot(features: Sequence[FeatureDeviation]) -> str:
     body = []
     for i, f in enumerate(known):
         y, x = row * i + 4, left
-        body.append(_text(left, y + 11, f"{f.name}: 2 sigma {2 * f.sigma:.3f} mm"))
+        body.append(text(left, y + 11, f"{f.name}: 2 sigma {2 * f.sigma:.3f} mm"))
         for cause, share in f.shares.items():
-            w = (_WIDTH - 2 * left) * share * 2 * f.sigma / most if most > 0 else 0.0
+            w = (WIDTH - 2 * left) * share * 2 * f.sigma / most if most > 0 else 0.0
             title = f"<title>{CAUSE_WORDS[cause]}: {share:.0%} of the variance</title>"
             place = f'x="{x:.1f}" y="{y + 15:.1f}" width="{w:.1f}" height="12"'
             body.append(f'<rect {place} fill="{CAUSE_COLORS[cause]}">{title}</rect>')
             x += w
     for k, (cause, color) in enumerate(CAUSE_COLORS.items()):
-        px, py = left + (k % 2) * _WIDTH / 2, height - 34 + 18 * (k // 2)
+        px, py = left + (k % 2) * WIDTH / 2, height - 34 + 18 * (k // 2)
         body.append(f'<rect x="{px:.0f}" y="{py:.0f}" width="11" height="11" fill="{color}"/>')
-        body.append(_text(px + 16, py + 10, CAUSE_WORDS[cause]))
-    return _svg(height + 6, body, "what makes the uncertainty of each feature")
-
-
-def round_ticks(low: float, high: float) -> list[float]:
-    """Return four to seven round numbers from below `low` to above `high`."""
-    span = max(high - low, 1e-6)
-    raw = span / 4
-    size = 10.0 ** np.floor(np.log10(raw))
-    step = float(next(m * size for m in (1, 2, 5, 10) if m * size >= raw))
-    first, last = int(np.floor(low / step)), int(np.ceil(high / step))
-    return [round(step * i, 9) for i in range(first, max(last, first + 1) + 1)]
-
-
-def _stroke(x0: float, y0: float, x1: float, y1: float, color: str, width: float) -> str:
-    return f'<path d="M{x0:.1f} {y0:.1f}L{x1:.1f} {y1:.1f}" stroke="{color}" stroke-width="{width:g}"/>'
-
-
-def _text(x: float, y: float, text: str) -> str:
-    return f'<text x="{x:.0f}" y="{y:.0f}" font-size="12" fill="{_INK}">{escape(text)}</text>'
-
-
-def _svg(height: float, body: Sequence[str], label: str) -> str:
-    head = f'<svg class="plot" viewBox="0 0 {_WIDTH:.0f} {height:.0f}" role="img" aria-label="{escape(label)}">'
-    return head + "".join(body) + "</svg>"
+        body.append(text(px + 16, py + 10, CAUSE_WORDS[cause]))
+    return svg(height + 6, body, "what makes the uncertainty of each feature")

@@ -9,16 +9,22 @@ import numpy as np
 
 from cadcam.arrays import significant
 from cadcam.record.record import Deviation, Finding, Record
-from cadcam.record.trend import Trend, outcome
+from cadcam.record.trend import Trend, outcome, trends
 from cadcam.report.table import Table, counted, with_sigma
+
+_FEW, _CLEAR = (
+    10,
+    4.0,
+)  # parts, and sigmas, from which a drift is told: of 200 features one in a hundred times by chance
+FEATURE_HEADS = ("feature", "what", "FAIL", "UNDECIDED", "PASS", "mean", "sigma", "measuring", "largest", "tolerance")
+SIGMA_NOTE = "sigma: from part to part; measuring: of that the measurements' own"
+_SOON = 10.0  # times as many parts as there are: what is farther away is not foretold
 
 
 def list_table(records: Sequence[Record], *, of: int) -> Table:
     """Return one line for each record; `of` is the total number."""
-    rows = tuple(
-        (_time(r), r.id[:8], r.part, r.serial, r.station, r.verdict or _unjudged(r), _worst(r)) for r in records
-    )
-    notes = (_counts(Counter(r.verdict for r in records)),) if records else ()
+    rows = tuple((when(r), r.id[:8], r.part, r.serial, r.station, r.verdict or unjudged(r), worst(r)) for r in records)
+    notes = (in_counts(Counter(r.verdict for r in records)),) if records else ()
     title = counted(len(records), "record") + (f", the latest of {of}" if of > len(records) else "")
     columns = ("time (UTC)", "id", "part", "serial", "station", "verdict", "missing, or largest share of a tolerance")
     return Table(title, columns, rows, columns[:-1], notes)
@@ -30,8 +36,8 @@ def record_tables(record: Record) -> list[Table]:
         ("part", record.part),
         ("serial", record.serial),
         ("station", record.station),
-        ("time", f"{_time(record)} UTC"),
-        ("verdict", record.verdict or _unjudged(record)),
+        ("time", f"{when(record)} UTC"),
+        ("verdict", record.verdict or unjudged(record)),
         ("reason", record.reason),
         ("quality", "" if record.quality is None else f"{record.quality:.3f}"),
         ("software", record.software),
@@ -69,24 +75,54 @@ def pose_table(record: Record) -> Table:
     return Table("Pose", ("", ""), rows, ("",))
 
 
+def features_table(records: Sequence[Record]) -> Table:
+    """Return a line for each feature: what was judged of it over the parts, what is wrong first."""
+    each = sorted(trends(records), key=by_trouble)
+    drifts = (f"{t.feature}, {t.kind}, drifts by {drift}" for t in each if (drift := drift_words(t)))
+    title, rows = f"Features, {counted(len(records), 'part')}", tuple(feature_cells(trend) for trend in each)
+    return Table(title, FEATURE_HEADS, rows, ("feature", "what"), (SIGMA_NOTE, *drifts) if rows else ())
+
+
+def feature_cells(trend: Trend) -> tuple[str, ...]:
+    """Return what is told of a feature under `FEATURE_HEADS`."""
+    counts = (str(trend.verdicts.get(verdict, 0) or "") for verdict in ("FAIL", "UNDECIDED", "PASS"))
+    head = (trend.feature, trend.kind, *counts)
+    if not trend.points:
+        return (*head, "", "", "", "", "")
+    own, spread = trend.measured_sigma, trend.sigma
+    mean, _ = with_sigma(trend.mean, spread if spread > 0 else own)
+    largest = max((d for _, d in trend.points), key=lambda d: abs(d.deviation))
+    last = trend.points[-1][1]
+    limit = "" if last.lower is last.upper is None else _tolerance(last)
+    scatter = f"{spread:.2g}" if np.isfinite(spread) else ""
+    return (*head, f"{mean} {trend.unit}", scatter, f"{own:.2g}", deviation_text(largest), limit)
+
+
+def by_trouble(trend: Trend) -> tuple[float, ...]:
+    """Return a sort key: what fails most comes first, then what is undecided, then what is nearest to its limits."""
+    verdicts = trend.verdicts
+    shares = [share for _, d in trend.points if (share := _share(d)) is not None]
+    return (-verdicts.get("FAIL", 0), -verdicts.get("UNDECIDED", 0), -max(shares, default=-1.0))
+
+
 def trend_tables(trend: Trend, *, newest: int | None = None) -> list[Table]:
     """Return one line for each part, or the newest of them, and mean and scatter over all of them."""
     shown = trend.judged if newest is None else trend.judged[-newest:]
-    rows = tuple((_time(r), r.part, r.serial, _judged_text(one), one.verdict) for r, one in shown)
+    rows = tuple((when(r), r.part, r.serial, _judged_text(one), one.verdict) for r, one in shown)
     columns = ("time (UTC)", "part", "serial", "deviation" if trend.unit else "finding", "verdict")
     left = columns if len(trend.points) < len(trend) else tuple(column for column in columns if column != "deviation")
     of = f", the latest of {len(trend)}" if len(shown) < len(trend) else ""
     lines = Table(f"{trend.feature}, {counted(len(shown), 'record')}{of}", columns, rows, left)
     said = _scatter_rows(trend) if trend.unit else []
-    said.append(("verdicts", _counts(trend.verdicts)))
+    said.append(("verdicts", in_counts(trend.verdicts)))
     unchanged = trend.unchanged
     if (last := outcome(trend.judged[-1][1])) and len(trend) > 1:
         first = unchanged[0]
-        since = " ".join(filter(None, (_time(first), first.serial)))
+        since = " ".join(filter(None, (when(first), first.serial)))
         said.append(("at the end", f"{last} since {since}, {counted(len(unchanged), 'record')}"))
     if trend.without:
         number, every = len(trend.without), len(trend.without) + len({r.id for r, _ in trend.judged})
-        of_parts = _counts(Counter(r.verdict for r in trend.without))
+        of_parts = in_counts(Counter(r.verdict for r in trend.without))
         said.append(("without a value", f"{number} of {counted(every, 'record')}; as a whole {of_parts}"))
     return [lines, Table("Over all parts", ("", ""), tuple(said), ("",))]
 
@@ -104,16 +140,37 @@ def _scatter_rows(trend: Trend) -> list[tuple[str, str]]:
     ]
     if several and trend.sigma > own:
         said.append((f"of that the parts', {trend.unit}", f"{np.sqrt(trend.sigma**2 - own**2):.2g}"))
+    if drift := drift_words(trend):
+        said.append(("drift", drift))
     if points < len(trend):
         said.append(("could not be measured", f"{len(trend) - points} of {counted(len(trend), 'record')}"))
     return said
+
+
+def drift_words(trend: Trend) -> str:
+    """Return by how much a deviation drifts, and how soon it reaches its limit so; "" where chance might do it."""
+    slope, sigma = trend.drift
+    points = trend.points
+    if len(points) < _FEW or not abs(slope) > _CLEAR * sigma:
+        return ""
+    value, U = with_sigma(slope, 2 * sigma)
+    said = f"{value} +- {U or 'exact'} {trend.unit} a part"
+    last = points[-1][1]
+    limit = last.upper if slope > 0 else last.lower
+    now = trend.mean + 0.5 * slope * (len(points) - 1)
+    if limit is None or (limit < 0 <= min(d.deviation for _, d in points)):  # a distance does not fall below 0
+        return said
+    left = (limit - now) / slope
+    if left <= 0:
+        return f"{said}, now beyond its limit"
+    return f"{said}; at this rate at its limit in {left:.0f} parts" if left < _SOON * len(points) else said
 
 
 def _judged_text(one: Deviation | Finding) -> str:
     return deviation_text(one) if isinstance(one, Deviation) else one.reason
 
 
-def _counts(verdicts: Mapping[str, int]) -> str:
+def in_counts(verdicts: Mapping[str, int]) -> str:
     """Return how often each verdict was given, in words."""
     return ", ".join(f"{count} {verdict or 'not judged'}" for verdict, count in verdicts.items())
 
@@ -132,7 +189,7 @@ def _tolerance(d: Deviation) -> str:
     return f"{low} ... {high} {d.unit}"
 
 
-def _worst(record: Record) -> str:
+def worst(record: Record) -> str:
     """Return which feature is missing, or whose deviation takes up most of its tolerance, and how much, in percent."""
     missing = [f.feature for f in record.findings if f.verdict == "FAIL"]
     if missing:
@@ -160,9 +217,11 @@ def _share(d: Deviation) -> float | None:
     return float(max(off, 0.0) / room) if room > 0 else float("inf") if off > room else 0.0
 
 
-def _unjudged(record: Record) -> str:
+def unjudged(record: Record) -> str:
+    """Return what stands in place of the verdict of a part that was not judged."""
     return "located" if record.pose is not None else "not found"
 
 
-def _time(record: Record) -> str:
+def when(record: Record) -> str:
+    """Return when a part was measured, UTC, to the second."""
     return record.time.replace(tzinfo=None).isoformat(" ", "seconds")

@@ -1,0 +1,346 @@
+"""`cadcam inspect`: folders of photos of parts -> a verdict for each part, kept in a store; charts over the parts."""
+
+from __future__ import annotations
+
+import argparse
+import time
+from collections import Counter, deque
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
+
+from cadcam.cli.arguments import NO, Verbs, add_json, verb
+from cadcam.cli.arrivals import Arrival, Arrivals, Source
+from cadcam.cli.cameras import hash_of
+from cadcam.cli.judging import (
+    TOLERANCES_HELP,
+    add_judging_options,
+    judged_by,
+    options_as_asked,
+    origin_of,
+    part_to_judge,
+    tolerances_as_asked,
+)
+from cadcam.cli.locating import (
+    FREEDOM_HELP,
+    START_FILE_HELP,
+    VIEWS_HELP,
+    add_start_option,
+    add_view_options,
+    freedom_as_asked,
+    located,
+    views_as_asked,
+)
+from cadcam.cli.models import add_model_options, check_order, load_as_asked
+from cadcam.cli.output import check_folder, print_json, print_tables, refuse_own_folder, say, say_written, working
+from cadcam.cli.photos import Shots, add_photo_options, camera_sources, shots_by, viewpoints_of
+from cadcam.cli.stores import STORE_HELP, add_store_option, store_address
+from cadcam.cli.whites import white_as_asked
+from cadcam.errors import BadValue, CadcamError, UnreadableFile, UnusableStore
+from cadcam.image.suffixes import READABLE
+
+if TYPE_CHECKING:
+    from cadcam.camera.viewpoint import Viewpoint
+    from cadcam.geometry.rigid import Rigid
+    from cadcam.locate.freedom import Freedom
+    from cadcam.locate.part import Part
+    from cadcam.locate.views.view_range import ViewRange
+    from cadcam.record.record import Record
+    from cadcam.record.store import Store
+    from cadcam.verify.inspection import InspectionOptions
+    from cadcam.verify.judge import Verification
+    from cadcam.verify.tolerances.tolerance import Tolerances
+
+_EVERY_S = 1.0  # between looks at the folders; photos that are the same in two of them are complete
+_PAGE_S = 10.0  # between writings of the page while there is more to do
+_ASKED_FOR_WHITE = 20  # photos of a camera from which is told what is white in those of more than 8 bits
+_PAGE = "index.html"
+_CHARTED = 300  # parts on the page: the latest
+_DESCRIPTION = """\
+Judge one part after the other, as `cadcam verify` judges one: a folder of photos in, for each part a verdict, a record
+in the store (`cadcam state`) and a report; over all parts a page with a chart of each feature. With --watch it goes on
+with whatever arrives, until it is stopped."""
+_EXAMPLES = f"""\
+  cadcam inspect photos/ part.step --camera camera.json --tolerances tolerances.yaml -o inspected/
+  cadcam inspect photos/ part.step --camera camera.json --tolerances tolerances.yaml --start near.json --watch
+  cadcam inspect left/ right/ part.step --rig rig.json --tolerances tolerances.yaml --station "cell 3"
+  cadcam inspect 'left=in/*_L.png' 'right=in/*_R.png' part.step --rig rig.json --tolerances tolerances.yaml
+
+photos: of each camera a folder, or a pattern with one * in the name of the file. A photo's serial number is its name
+without the suffix, or what stands for *. Photos of one serial number show one part; with several cameras a part is
+judged when all of them have a photo of it.
+
+A part is judged once: when its record is in the store, with the same photos, model, camera and tolerances by their
+contents, it is left out. So the same command goes on where it was, and judges anew what was judged by other limits.
+
+-o FOLDER gets index.html, the page of all parts, and parts/SERIAL.html, the report of each.
+
+{TOLERANCES_HELP}
+start:    --start FILE    about where all parts are; it may be off by some 20 degrees, 40 px and 10 % of the distance.
+                          Without it each is searched for, which takes longer
+{START_FILE_HELP}
+{FREEDOM_HELP}
+{VIEWS_HELP}
+{STORE_HELP}
+exit codes: 2 where photos could not be judged (unreadable, of another size ...; the others were), else 1 where a part
+FAILs, else 3 where one is UNDECIDED or not found, else 0. Without --tolerances nothing is judged: 3 where a part was
+not found, else 0."""
+
+
+def add_to(verbs: Verbs) -> None:
+    """Add the verb."""
+    short = "folders of photos + CAD + tolerances -> a verdict for each part, kept; charts over the parts"
+    parser = verb(verbs, "inspect", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
+    parser.add_argument("photos", nargs="+", metavar="PHOTOS", help="folder or pattern of photos; one per camera")
+    add_model_options(parser)
+    add_photo_options(parser)
+    parser.add_argument("--tolerances", metavar="FILE", help="tolerance file (see below)")
+    add_start_option(parser)
+    add_view_options(parser)
+    add_judging_options(parser)
+    group = parser.add_argument_group("results")
+    group.add_argument("--part", metavar="NAME", help="kind of part, in store and reports (default: the model's name)")
+    group.add_argument("--station", metavar="NAME", help="where it is measured, in store and reports")
+    add_store_option(group)
+    group.add_argument("-o", "--output", metavar="FOLDER", help="write the page of all parts and the report of each")
+    group.add_argument("--watch", action="store_true", help="go on with photos that arrive, until Ctrl-C")
+    parser.set_defaults(resumes=True, points=None)
+    add_json(parser)
+
+
+def run(arguments: argparse.Namespace) -> int:
+    """Judge what is there, and what arrives; return the exit code."""
+    from cadcam.record.store import open_store
+
+    check_order(arguments.photos, arguments.model, frames=True)
+    check_folder(arguments.output)
+    arrivals = Arrivals([Source.of(text) for text in arguments.photos])
+    refuse_own_folder(arguments.output, [str(source.folder / "photo") for source in arrivals.sources])
+    if not arguments.watch and not arrivals.there():
+        raise BadValue("photos", f"none of a part in {', '.join(arguments.photos)}", _wanted(arrivals))
+    cell = _cell(arguments)
+    with open_store(store_address(arguments)) as store:
+        line = _Line(cell, store)
+        try:
+            for some in _arriving(arrivals) if arguments.watch else [arrivals.there()]:
+                line.take(some)
+        except KeyboardInterrupt:
+            if not arguments.watch:
+                line.write_page()
+                raise
+        line.write_page()
+    _report(line, arrivals.incomplete())
+    return line.exit_code
+
+
+def _arriving(arrivals: Arrivals) -> Iterator[list[Arrival]]:
+    """Yield what arrives, for ever: a folder that is not there may come back."""
+    told = ""
+    while True:
+        with working("waiting for photos; Ctrl-C ends"):
+            try:
+                new = arrivals.new()
+            except UnreadableFile as error:
+                new = []
+                if str(error) != told:
+                    told = str(error)
+                    say(f"{told}; waiting for it")
+            if not new:
+                time.sleep(_EVERY_S)
+                continue
+        told = ""
+        yield new
+
+
+def _wanted(arrivals: Arrivals) -> str:
+    if lacking := arrivals.incomplete():
+        return f"of each camera one photo of the same serial number, which {lacking[0]!r} has not"
+    return f"pictures ({' '.join(READABLE)}), or --watch to wait for them"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Cell:
+    """What is the same for all parts: cameras, part, tolerances, where to look; and the files that say so."""
+
+    arguments: argparse.Namespace
+    viewpoints: Sequence[Viewpoint]
+    camera_from_world: Rigid | None
+    start: Rigid | None
+    freedom: Freedom
+    views: ViewRange
+    options: InspectionOptions
+    part: Part
+    tolerances: Tolerances
+    cameras: Sequence[tuple[str, str, str]]
+    files: Sequence[tuple[str, str, str]]
+
+    @property
+    def name(self) -> str:
+        """The kind of part."""
+        return str(self.arguments.part or Path(self.arguments.model).stem)
+
+    def prints(self, arrival: Arrival) -> tuple[str, set[str]]:
+        """Return the hash of a part's first photo, and those of all files that its verdict comes from."""
+        photos = [hash_of(file) for file in arrival.files]
+        return photos[0], {*photos, *(digest for _, _, digest in (*self.cameras, *self.files))}
+
+    def shots(self, arrival: Arrival, whites: Sequence[float | None]) -> Shots:
+        """Return the photos of a part; each is called by its file's name where that tells them apart."""
+        names = [Path(file).name for file in arrival.files]
+        if self.arguments.rig or len(set(names)) < len(names):
+            names = [view.name for view in self.viewpoints]
+        views = [replace(view, name=name) for view, name in zip(self.viewpoints, names, strict=True)]
+        return shots_by(views, self.camera_from_world, arrival.files, whites, self.cameras)
+
+    def judged(self, shots: Shots) -> Verification:
+        """Return what is found of a part."""
+        from cadcam.verify.judge import verify_part
+
+        place = located(self.part, shots, self.start, self.freedom, self.views)
+        how: dict[str, Any] = {"options": self.options, "freedom": self.freedom}
+        with working("judging"):
+            return verify_part(self.part, shots.photos, place, self.tolerances, **how)
+
+
+def _cell(arguments: argparse.Namespace) -> _Cell:
+    from cadcam.files.pose_estimate import read_part_pose
+
+    viewpoints, said = viewpoints_of(arguments.photos, arguments.camera, arguments.rig)
+    freedom = freedom_as_asked(arguments, posed=arguments.start is not None)
+    views, start = views_as_asked(arguments, said, "--start"), None
+    if arguments.start is not None:
+        start = read_part_pose(arguments.start, camera_from_world=viewpoints[0].camera_from_world)
+    tolerances, cameras = tolerances_as_asked(arguments), camera_sources(arguments)
+    mesh, report = load_as_asked(arguments)
+    part, tolerances = part_to_judge(arguments, mesh, tolerances)
+    how = (start, freedom, views, options_as_asked(arguments), part, tolerances)
+    return _Cell(arguments, viewpoints, said, *how, cameras, judged_by(arguments, report))
+
+
+class _Line:
+    """The parts one after the other: what was found of each is printed, reported, and kept."""
+
+    def __init__(self, cell: _Cell, store: Store) -> None:
+        self._cell, self._store, self.arguments = cell, store, cell.arguments
+        self.folder = None if cell.arguments.output is None else Path(cell.arguments.output)
+        self._whites: list[float | None] = []
+        self._page_due = 0.0
+        self.store = store.name
+        self.latest: deque[Record] = deque(maxlen=_CHARTED)
+        self.parts: list[dict[str, Any]] = []  # of each what is printed with --json
+        self.errors: dict[str, str] = {}
+
+    def take(self, arrivals: Sequence[Arrival]) -> None:
+        """Judge some parts, or find that they were."""
+        self._whites = self._whites or self._find_whites(arrivals)
+        for number, arrival in enumerate(arrivals, 1):
+            begun = time.monotonic()
+            self.errors.pop(arrival.serial, None)
+            try:
+                first, prints = self._cell.prints(arrival)
+                before = self._before(arrival, first, prints)
+                if before is None:
+                    shots = self._cell.shots(arrival, self._whites)
+                    found = self._cell.judged(shots)
+            except UnusableStore:
+                raise
+            except CadcamError as error:  # of these photos: there are others
+                self.errors[arrival.serial] = str(error)
+                say(f"{arrival.serial}: {error}")
+                continue
+            record = self._keep(arrival, found, shots) if before is None else before
+            self._note(record, before is not None)
+            if before is None and not self.arguments.json:
+                _tell(record, f"{number}/{len(arrivals)}", time.monotonic() - begun)
+            if time.monotonic() > self._page_due:
+                self.write_page()
+
+    def _find_whites(self, arrivals: Sequence[Arrival]) -> list[float | None]:
+        """Return what is white in the photos of each camera, by those that are there first."""
+        columns = list(zip(*(arrival.files for arrival in arrivals[:_ASKED_FOR_WHITE]), strict=True))
+        if not self.arguments.rig:
+            return [white_as_asked(self.arguments, [file for files in columns for file in files])] * len(columns)
+        return [white_as_asked(self.arguments, files) for files in columns]
+
+    def _before(self, arrival: Arrival, first: str, prints: set[str]) -> Record | None:
+        """Return the record of a part that was judged before, from the same photos and by the same files, if any."""
+        from cadcam.record.record import as_kept
+
+        known = self._store.query(part=self._cell.name, serial=as_kept(arrival.serial), sha256=first)
+        return next((r for r in reversed(known) if {source.sha256 for source in r.sources} == prints), None)
+
+    def _keep(self, arrival: Arrival, found: Verification, shots: Shots) -> Record:
+        from cadcam.report.verify.json import record_of
+        from cadcam.report.verify.page import write_verification_page
+
+        cell = self._cell
+        origin = origin_of(self.arguments, shots, cell.files, part=cell.name, serial=arrival.serial)
+        if self.folder is not None:
+            page = self.folder / _report_of(arrival.serial)
+            write_verification_page(page, found, shots.photos, origin, scene=cell.part.scene)
+        record = record_of(found, origin)
+        self._store.add(record)
+        return record
+
+    def _note(self, record: Record, before: bool) -> None:
+        said = {name: getattr(record, name) for name in ("serial", "id", "verdict", "reason", "quality")}
+        self.parts.append(said | {"found": record.pose is not None, "judged_before": before})
+        self.latest.append(record)
+
+    def write_page(self) -> None:
+        """Write the page of the latest parts."""
+        from cadcam.report.state.page import write_state_page
+
+        self._page_due = time.monotonic() + _PAGE_S
+        if self.folder is None or not self.latest:
+            return
+        last = {record.serial: record.id for record in self.latest}
+        there = {i: _report_of(serial) for serial, i in last.items() if (self.folder / _report_of(serial)).exists()}
+        records = sorted(self.latest, key=lambda record: record.time)
+        write_state_page(self.folder / _PAGE, records, links={i: quote(name) for i, name in there.items()})
+
+    @property
+    def exit_code(self) -> int:
+        """What the parts come to."""
+        if self.errors:
+            return 2
+        verdicts = {part["verdict"] for part in self.parts}
+        if "FAIL" in verdicts:
+            return 1
+        return 0 if verdicts <= {"PASS", ""} and all(part["found"] for part in self.parts) else NO
+
+
+def _report_of(serial: str) -> str:
+    return f"parts/{serial}.html"
+
+
+def _tell(record: Record, number: str, took: float) -> None:
+    """Print what was found of a part."""
+    from cadcam.report.state.tables import unjudged
+    from cadcam.report.table import spelled
+
+    what = f"{record.verdict or unjudged(record):<9}  {took:5.1f} s  {spelled(record.reason)}"
+    print(f"{number:>9}  {spelled(record.serial):<12}  {what}".rstrip(), flush=True)
+
+
+def _report(line: _Line, incomplete: Sequence[str]) -> None:
+    from cadcam.report.state.tables import features_table
+    from cadcam.report.table import counted
+
+    if line.arguments.json:
+        more = {"errors": line.errors, "incomplete": list(incomplete), "store": line.store}
+        print_json({"parts": line.parts} | more)
+        return
+    if line.latest:
+        print_tables([features_table(sorted(line.latest, key=lambda record: record.time))])
+    counts = Counter(part["verdict"] or "not judged" for part in line.parts)
+    said = [f"{count} {verdict}" for verdict, count in counts.items()]
+    said += [f"{len(line.errors)} could not be judged"] if line.errors else []
+    said += [f"{len(incomplete)} without one photo of each camera ({incomplete[0]} ...)"] if incomplete else []
+    known = sum(part["judged_before"] for part in line.parts)
+    before = f" ({known} judged before)" if known else ""
+    say(f"{counted(len(line.parts), 'part')}{before}: {', '.join(said)}; kept in {line.store}")
+    if line.folder is not None and line.latest:
+        say_written(str(line.folder / _PAGE))

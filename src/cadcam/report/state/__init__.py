@@ -1,0 +1,1 @@
+"""What a store holds of many parts as reports: tables, charts, page."""
