@@ -160,6 +160,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.record.record import Source as Source
     from cadcam.record.store import open_store as open_store
     from cadcam.record.trend import trend as trend
+    from cadcam.record.trend import trends as trends
     from cadcam.render import open_renderer as open_renderer
     from cadcam.render.cutout import Cutout as Cutout
     from cadcam.render.light import Lamp as Lamp
@@ -184,6 +185,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.render.view import Look as Look
     from cadcam.render.view import Scene as Scene
     from cadcam.report.pick.page import write_pick_page as write_pick_page
+    from cadcam.report.state.page import write_state_page as write_state_page
     from cadcam.report.verify.json import VerificationOrigin as VerificationOrigin
     from cadcam.report.verify.json import record_of as record_of
     from cadcam.report.verify.page import write_verification_page as write_verification_page
@@ -395,6 +397,7 @@ _HOME = {
     "track_part": "cadcam.locate.track.tracker",
     "track_part_to_log": "cadcam.locate.track.log",
     "trend": "cadcam.record.trend",
+    "trends": "cadcam.record.trend",
     "uv_from_pixel_matrix": "cadcam.camera.extended_pinhole",
     "verify_part": "cadcam.verify.judge",
     "viewer_parameters": "cadcam.files.foreign.viewers",
@@ -418,6 +421,7 @@ _HOME = {
     "write_rig": "cadcam.files.rig",
     "write_sensor": "cadcam.files.sensor",
     "write_station": "cadcam.station.document",
+    "write_state_page": "cadcam.report.state.page",
     "write_verification_page": "cadcam.report.verify.page",
 }
 __all__ = ["__version__", *_HOME]

@@ -45,6 +45,15 @@ def test_a_record_comes_back_to_the_last_bit(where: str) -> None:
     same(b[0], bare)
 
 
+def test_records_are_found_by_the_file_that_they_came_from(where: str) -> None:
+    with open_store(where) as store:
+        store.add(record(1), record(2), Record("bolt", sources=(Source("cad", "bolt.step", "12" * 32),)))
+        assert [r.serial for r in store.query(sha256="0c" * 32)] == ["S001", "S002"]
+        assert store.count(sha256="12" * 32) == 1
+        assert store.query(sha256="ab" * 32, serial="S002")[0].serial == "S002"
+        assert store.query(sha256="00" * 32) == []
+
+
 @pytest.mark.parametrize(
     "made",
     [

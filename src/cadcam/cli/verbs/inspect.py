@@ -242,7 +242,7 @@ class _Line:
                 first, prints = self._cell.prints(arrival)
                 before = self._before(arrival, first, prints)
                 if before is None:
-                    shots = self._cell.shots(arrival, self._whites)
+                    shots = self._cell.shots(arrival, self._whites or [None] * len(arrival.files))
                     found = self._cell.judged(shots)
             except UnusableStore:
                 raise
@@ -258,11 +258,12 @@ class _Line:
                 self.write_page()
 
     def _find_whites(self, arrivals: Sequence[Arrival]) -> list[float | None]:
-        """Return what is white in the photos of each camera, by those that are there first."""
-        columns = list(zip(*(arrival.files for arrival in arrivals[:_ASKED_FOR_WHITE]), strict=True))
-        if not self.arguments.rig:
-            return [white_as_asked(self.arguments, [file for files in columns for file in files])] * len(columns)
-        return [white_as_asked(self.arguments, files) for files in columns]
+        """Return what is white in the photos of each camera, by the first that can be read; [] where none can."""
+        sample = [arrival for arrival in arrivals[:_ASKED_FOR_WHITE] if _is_readable(arrival)]
+        columns = list(zip(*(arrival.files for arrival in sample), strict=True))
+        if self.arguments.rig or not columns:
+            return [white_as_asked(self.arguments, files) for files in columns]
+        return [white_as_asked(self.arguments, [file for files in columns for file in files])] * len(columns)
 
     def _before(self, arrival: Arrival, first: str, prints: set[str]) -> Record | None:
         """Return the record of a part that was judged before, from the same photos and by the same files, if any."""
@@ -310,6 +311,16 @@ class _Line:
         if "FAIL" in verdicts:
             return 1
         return 0 if verdicts <= {"PASS", ""} and all(part["found"] for part in self.parts) else NO
+
+
+def _is_readable(arrival: Arrival) -> bool:
+    from cadcam.image.camera_picture import is_deep
+
+    try:
+        _ = [is_deep(file) for file in arrival.files]
+    except CadcamError:
+        return False
+    return True
 
 
 def _report_of(serial: str) -> str:

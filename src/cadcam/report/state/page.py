@@ -163,7 +163,7 @@ def _part_cells(record: Record, address: str) -> list[str]:
         f'<a href="{escape(address)}">{name}</a>' if address else name,
         when(record).replace(" ", _HELD),
         f'<span class="tag" style="color:{color}">{record.verdict or unjudged(record)}</span>',
-        escape(worst(record)),
+        named(worst(record)),
         "" if record.quality is None else f"{record.quality:.2f}",
         _signed(record.reason),
     ]

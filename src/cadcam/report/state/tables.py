@@ -12,10 +12,8 @@ from cadcam.record.record import Deviation, Finding, Record
 from cadcam.record.trend import Trend, outcome, trends
 from cadcam.report.table import Table, counted, with_sigma
 
-_FEW, _CLEAR = (
-    10,
-    4.0,
-)  # parts, and sigmas, from which a drift is told: of 200 features one in a hundred times by chance
+_FEW, _BY_CHANCE = 10, 1e-4  # parts from which a drift is told, and how probable it may be without any
+_TINY = 1e-300
 FEATURE_HEADS = ("feature", "what", "FAIL", "UNDECIDED", "PASS", "mean", "sigma", "measuring", "largest", "tolerance")
 SIGMA_NOTE = "sigma: from part to part; measuring: of that the measurements' own"
 _SOON = 10.0  # times as many parts as there are: what is farther away is not foretold
@@ -149,9 +147,11 @@ def _scatter_rows(trend: Trend) -> list[tuple[str, str]]:
 
 def drift_words(trend: Trend) -> str:
     """Return by how much a deviation drifts, and how soon it reaches its limit so; "" where chance might do it."""
+    from scipy.special import stdtr
+
     slope, sigma = trend.drift
     points = trend.points
-    if len(points) < _FEW or not abs(slope) > _CLEAR * sigma:
+    if len(points) < _FEW or not 2 * stdtr(len(points) - 2, -abs(slope) / max(sigma, _TINY)) < _BY_CHANCE:
         return ""
     value, U = with_sigma(slope, 2 * sigma)
     said = f"{value} +- {U or 'exact'} {trend.unit} a part"

@@ -1,0 +1,229 @@
+"""`cadcam inspect`: parts one after the other are judged, kept and reported; nothing is lost, nothing done twice."""
+
+from __future__ import annotations
+
+import json
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from cadcam.cad.write import write_model
+from cadcam.files.camera import write_camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import write_picture
+from cadcam.record.store import open_store
+from cadcam.verify import judge
+
+from ..verify.scene import CAMERA, POSE, displaced, photographed, plate
+from .job import Ran
+
+Cadcam = Callable[..., Ran]
+SIDE = Rigid.look_at((-620.0, -520.0, 500.0), (10.0, 0.0, 10.0))
+TOLERANCES = """\
+features:
+  rib:
+    part: rib 1
+    position_mm: 0.5
+    presence: required
+"""
+
+
+@pytest.fixture
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of a cell: model, camera, a start, tolerances, and photos of a good and a bad part in `in`."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("CADCAM_STORE", raising=False)
+    write_model("plate.glb", plate())
+    write_camera("camera.json", CAMERA)
+    rows = "\n".join(" ".join(repr(float(v)) for v in row) for row in POSE.matrix)
+    Path("near.txt").write_text(f"# camera_from_part, mm\n{rows}\n")
+    Path("tolerances.yaml").write_text(TOLERANCES)
+    Path("in").mkdir()
+    rng = np.random.default_rng(5)
+    moved = POSE @ Rigid(translation=(4.0, -6.0, 3.0))
+    write_picture("in/A 9.png", photographed(plate(), rng, moved))
+    write_picture("in/A 10.png", photographed(displaced("rib 1", np.array([0.0, 1.5, 0.0])), rng))
+    return tmp_path
+
+
+def inspected(cadcam: Cadcam, *more: str, photos: tuple[str, ...] = ("in",), camera: str = "camera.json") -> Ran:
+    files = ("--camera", camera, "--start", "near.txt", "--tolerances", "tolerances.yaml", "-o", "out")
+    return cadcam("inspect", *photos, "plate.glb", *files, *more)
+
+
+def never(*given: object, **named: object) -> None:
+    raise AssertionError("it was judged once more")
+
+
+def test_each_part_gets_a_verdict_a_record_and_a_report_and_all_of_them_a_page(cadcam: Cadcam, cell: Path) -> None:
+    ran = inspected(cadcam, "--station", "cell 3")
+    assert ran.code == 1  # one FAILs
+    told = [re.split(r"  +", line.strip())[:3] for line in ran.out.splitlines()[:2]]
+    assert told == [["1/2", "A 9", "PASS"], ["2/2", "A 10", "FAIL"]]
+    assert "2 parts: 1 PASS, 1 FAIL; kept in parts.sqlite" in ran.err
+    with open_store("parts.sqlite", create=False) as store:
+        records = store.query()
+    assert [(r.part, r.serial, r.station, r.verdict) for r in records] == [
+        ("plate", "A 9", "cell 3", "PASS"),
+        ("plate", "A 10", "cell 3", "FAIL"),
+    ]
+    assert sorted(source.role for source in records[0].sources) == ["cad", "camera", "photo", "tolerances"]
+    assert "FAIL" in (cell / "out/parts/A 10.html").read_text()
+    page = (cell / "out/index.html").read_text()
+    assert 'href="parts/A%2010.html"' in page
+    assert "rib" in page
+
+
+def test_what_was_judged_is_not_judged_again_but_by_other_limits_it_is(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (first,) = [part for part in inspected(cadcam, "--json").json["parts"] if part["serial"] == "A 10"]
+    with monkeypatch.context() as patch:
+        patch.setattr(judge, "verify_part", never)
+        again = inspected(cadcam, "--json")
+        assert again.code == 1
+        assert [part["judged_before"] for part in again.json["parts"]] == [True, True]
+        assert first["id"] in {part["id"] for part in again.json["parts"]}
+    Path("tolerances.yaml").write_text(TOLERANCES.replace("0.5", "3"))
+    other = inspected(cadcam, "--json")
+    assert other.code == 0
+    assert [(part["verdict"], part["judged_before"]) for part in other.json["parts"]] == [("PASS", False)] * 2
+
+
+def test_a_photo_that_cannot_be_judged_is_named_and_the_others_are_judged(cadcam: Cadcam, cell: Path) -> None:
+    whole = (cell / "in/A 9.png").read_bytes()
+    (cell / "in/A 9.png").write_bytes(whole[:2000])
+    write_picture("in/B.png", np.zeros((40, 50)))
+    ran = inspected(cadcam, "--json")
+    assert ran.code == 2
+    assert {part["serial"] for part in ran.json["parts"]} == {"A 10"}
+    assert "cut off or damaged" in ran.json["errors"]["A 9"]
+    assert "50 x 40" in ran.json["errors"]["B"]
+    (cell / "in/B.png").unlink()
+    (cell / "in/A 9.png").write_bytes(whole)
+    mended = inspected(cadcam, "--json")
+    assert mended.code == 1
+    assert mended.json["errors"] == {}
+
+
+def test_a_part_that_is_not_in_the_picture_is_kept_as_not_found(cadcam: Cadcam, cell: Path) -> None:
+    rng = np.random.default_rng(3)
+    write_picture("in/A 9.png", np.clip(0.5 + rng.normal(scale=0.01, size=CAMERA.size[::-1]), 0, 1))
+    (cell / "in/A 10.png").unlink()
+    ran = inspected(cadcam, "--json")
+    assert ran.code == 3
+    assert [(part["verdict"], part["found"]) for part in ran.json["parts"]] == [("UNDECIDED", False)]
+    assert "not found in 1 picture" in (cell / "out/index.html").read_text()
+
+
+def test_interrupted_it_keeps_what_was_judged_and_goes_on_there(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged, calls = judge.verify_part, []
+
+    def once(*given: Any, **how: Any) -> judge.Verification:
+        calls.append(1)
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+        return judged(*given, **how)
+
+    monkeypatch.setattr(judge, "verify_part", once)
+    broken = inspected(cadcam)
+    assert broken.code == 130
+    assert "the same command goes on where it was" in broken.err
+    assert "A 9" in (cell / "out/index.html").read_text()
+    assert [part["judged_before"] for part in inspected(cadcam, "--json").json["parts"]] == [True, False]
+    assert len(calls) == 3
+
+
+def test_it_watches_until_it_is_stopped(cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing is there at first; a photo arrives in two pieces; the folder is away for a while."""
+    whole = {path.name: path.read_bytes() for path in (cell / "in").iterdir()}
+    for name in whole:
+        (cell / "in" / name).unlink()
+    steps = iter(
+        [
+            lambda: (cell / "in/A 9.png").write_bytes(whole["A 9.png"][:500]),
+            lambda: (cell / "in/A 9.png").write_bytes(whole["A 9.png"]),
+            lambda: None,
+            lambda: (cell / "in").rename(cell / "away"),
+            lambda: (cell / "away").rename(cell / "in"),
+            lambda: (cell / "in/A 10.png").write_bytes(whole["A 10.png"]),
+            lambda: None,
+        ]
+    )
+
+    def sleep(seconds: float) -> None:
+        step = next(steps, None)
+        if step is None:
+            raise KeyboardInterrupt
+        step()
+
+    monkeypatch.setattr(time, "sleep", sleep)
+    ran = inspected(cadcam, "--watch", "--json")
+    assert ran.code == 1
+    assert [(part["serial"], part["verdict"]) for part in ran.json["parts"]] == [("A 9", "PASS"), ("A 10", "FAIL")]
+    assert ran.json["errors"] == {}
+    assert "in: No such file or directory" in ran.err
+
+
+def test_limits_that_are_changed_meanwhile_are_not_those_that_were_judged_by(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    judged = judge.verify_part
+
+    def change(*given: Any, **how: Any) -> judge.Verification:
+        Path("tolerances.yaml").write_text(TOLERANCES.replace("0.5", "3"))
+        return judged(*given, **how)
+
+    monkeypatch.setattr(judge, "verify_part", change)
+    inspected(cadcam)
+    monkeypatch.undo()
+    monkeypatch.chdir(cell)
+    assert [part["judged_before"] for part in inspected(cadcam, "--json").json["parts"]] == [False, False]
+
+
+def test_photos_of_two_cameras_are_paired_by_serial(cadcam: Cadcam, cell: Path) -> None:
+    write_camera("front.json", CAMERA, camera_from_world=POSE)
+    write_camera("side.json", CAMERA, camera_from_world=SIDE)
+    Path("near.txt").write_text(Path("near.txt").read_text().replace("camera_from_part", "world_from_part"))
+    Path("near.txt").write_text("# world_from_part, mm\n1 0 0 0\n0 1 0 0\n0 0 1 0\n")
+    rng = np.random.default_rng(8)
+    for name, mesh in (("1", plate()), ("2", displaced("rib 1", np.array([0.0, 1.5, 0.0])))):
+        write_picture(f"in/{name}_F.png", photographed(mesh, rng))
+        write_picture(f"in/{name}_S.png", photographed(mesh, rng, SIDE))
+    write_picture("in/3_F.png", photographed(plate(), rng))
+    ran = inspected(cadcam, "--camera", "side.json", "--json", photos=("in/*_F.png", "in/*_S.png"), camera="front.json")
+    assert [(part["serial"], part["verdict"]) for part in ran.json["parts"]] == [("1", "PASS"), ("2", "FAIL")]
+    assert ran.json["incomplete"] == ["3"]
+
+
+@pytest.mark.parametrize(
+    ("words", "says"),
+    [
+        (("in/A 9.png", "plate.glb"), "`cadcam verify` judges one part"),
+        (("empty", "plate.glb"), "none of a part in empty; expected pictures"),
+        (("in", "plate.glb", "-o", "in"), "holds the pictures that are read"),
+        (("in", "in", "plate.glb"), "--camera is given once for 2 photos"),
+        (("plate.glb", "in"), "the model last"),
+    ],
+)
+def test_a_mistake_is_explained(cadcam: Cadcam, cell: Path, words: tuple[str, ...], says: str) -> None:
+    Path("empty").mkdir()
+    ran = cadcam("inspect", *words, "--camera", "camera.json")
+    assert ran.code == 2
+    assert says in ran.err
+    assert not Path("parts.sqlite").exists()
+
+
+def test_records_can_be_asked_for_by_the_file_they_came_from(cadcam: Cadcam, cell: Path) -> None:
+    inspected(cadcam)
+    assert json.loads(cadcam("state", "list", "--source", "camera.json", "--json").out)["of"] == 2
+    listed = json.loads(cadcam("state", "list", "--source", "in/A 10.png", "--json").out)
+    assert [record["serial"] for record in listed["records"]] == ["A 10"]
+    assert "no record fits --source" in cadcam("state", "list", "--source", "near.txt").err
