@@ -32,6 +32,7 @@ RUNS: dict[str, tuple[list[str], list[str], str]] = {
         ["scenes/four_fixed.yaml", "scenes/six_stations.yaml", "scenes/uncertainty.jpg"],
         "one camera at 6 places",
     ),
+    "inspect_a_line.py": (["line"], ["line/inspected/index.html", "line/rib.svg"], "S008          FAIL"),
     "verify_a_part.py": (["judged", "4"], ["judged/report.html", "judged/verify.svg"], "FAIL"),
     "sample_parts.py": (["models"], ["models/bench.glb", "models/bracket.stl"], "shipblock_10k.obj"),
 }

@@ -1,4 +1,4 @@
-"""The Python of the README and of docs/python.md runs as printed on the files of the demo; its commands are CI's."""
+"""The Python of README, python.md and inspect.md runs as printed on the files of the demo; README's commands are CI's."""
 
 from __future__ import annotations
 
@@ -12,7 +12,11 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text()
 SNIPPETS = re.findall(r"```python\n(.*?)```", README, flags=re.DOTALL)
-PAGE = re.findall(r"```python\n(.*?)```", (ROOT / "docs/python.md").read_text(), flags=re.DOTALL)
+PAGE = [
+    snippet
+    for page in ("docs/python.md", "docs/inspect.md")
+    for snippet in re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL)
+]
 
 
 @pytest.fixture(scope="module")
@@ -24,7 +28,7 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_there_is_a_snippet_for_each_job() -> None:
     assert len(SNIPPETS) == 5
-    assert len(PAGE) == 4
+    assert len(PAGE) == 5
 
 
 @pytest.mark.parametrize("snippet", [*SNIPPETS, *PAGE], ids=range(len(SNIPPETS) + len(PAGE)))

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping, Sequence
 from html import escape
 
 import numpy as np
 
+from cadcam.kinds import expect, expect_path
 from cadcam.record.record import Deviation, Finding, Record
 from cadcam.record.trend import Trend
 from cadcam.report.chart import INK, PLAIN, VERDICT_COLORS, Frame, round_ticks, stroke, svg
 from cadcam.report.state.tables import deviation_text, when
+from cadcam.whole import utf8, write_whole
 
 _MOST = 300  # parts in a chart, the latest: more would be less than a pixel each
 _FAR = 4.0  # limits beyond so many times what was measured are told in words: the deviations would be one flat line
@@ -39,6 +42,16 @@ def trend_chart(trend: Trend, links: Mapping[str, str]) -> str:
     of = f"the latest {len(shown)} of {len(trend)}" if len(shown) < len(trend) else f"{len(shown)}"
     body.append(frame.caption(f"{of} parts, in order of time{told}"))
     return svg(frame.height, body, f"{trend.kind} of {trend.feature} over the parts")
+
+
+def write_trend_svg(path: str | os.PathLike[str], trend: Trend) -> None:
+    """Write the chart as a picture of its own on white paper, whole or not at all."""
+    expect_path(path)
+    expect(trend, "trend", Trend)
+    drawn = trend_chart(trend, {})
+    head, _, body = drawn.partition(">")
+    head = head.replace("<svg ", '<svg xmlns="http://www.w3.org/2000/svg" font-family="sans-serif" ', 1)
+    write_whole(path, utf8(f'{head}><rect width="100%" height="100%" fill="#ffffff"/>{body}\n'))
 
 
 def _range(values: Sequence[Deviation]) -> tuple[float, float]:
