@@ -33,7 +33,7 @@ def main(folder: Path) -> None:
     station(folder)
     words = ["inspect", folder / "photos", folder / "plate.glb", "--camera", folder / "camera.json"]
     words += ["--start", folder / "near.txt", "--tolerances", folder / "tolerances.yaml"]
-    words += ["--store", folder / "parts.sqlite", "-o", folder / "inspected"]
+    words += ["--store", folder / "parts.sqlite", "--reports", folder / "inspected"]
     command([str(word) for word in words])
     with cadcam.open_store(folder / "parts.sqlite") as store:
         rib = cadcam.trend(store.query(part="plate"), "rib")

@@ -52,7 +52,7 @@ def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def inspected(cadcam: Cadcam, *more: str, photos: tuple[str, ...] = ("in",), camera: str = "camera.json") -> Ran:
-    files = ("--camera", camera, "--start", "near.txt", "--tolerances", "tolerances.yaml", "-o", "out")
+    files = ("--camera", camera, "--start", "near.txt", "--tolerances", "tolerances.yaml", "--reports", "out")
     return cadcam("inspect", *photos, "plate.glb", *files, *more)
 
 
@@ -208,7 +208,7 @@ def test_photos_of_two_cameras_are_paired_by_serial(cadcam: Cadcam, cell: Path) 
     [
         (("in/A 9.png", "plate.glb"), "`cadcam verify` judges one part"),
         (("empty", "plate.glb"), "none of a part in empty; expected pictures"),
-        (("in", "plate.glb", "-o", "in"), "holds the pictures that are read"),
+        (("in", "plate.glb", "--reports", "in"), "holds the pictures that are read"),
         (("in", "in", "plate.glb"), "--camera is given once for 2 photos"),
         (("plate.glb", "in"), "the model last"),
     ],

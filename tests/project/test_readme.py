@@ -1,4 +1,4 @@
-"""The Python of README, python.md and inspect.md runs as printed on the files of the demo; README's commands are CI's."""
+"""The Python of README, python.md and inspect.md runs as printed on the demo's files; README's commands are CI's."""
 
 from __future__ import annotations
 

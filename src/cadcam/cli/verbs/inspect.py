@@ -63,7 +63,7 @@ Judge one part after the other, as `cadcam verify` judges one: a folder of photo
 in the store (`cadcam state`) and a report; over all parts a page with a chart of each feature. With --watch it goes on
 with whatever arrives, until it is stopped."""
 _EXAMPLES = f"""\
-  cadcam inspect photos/ part.step --camera camera.json --tolerances tolerances.yaml -o inspected/
+  cadcam inspect photos/ part.step --camera camera.json --tolerances tolerances.yaml --reports inspected/
   cadcam inspect photos/ part.step --camera camera.json --tolerances tolerances.yaml --start near.json --watch
   cadcam inspect left/ right/ part.step --rig rig.json --tolerances tolerances.yaml --station "cell 3"
   cadcam inspect 'left=in/*_L.png' 'right=in/*_R.png' part.step --rig rig.json --tolerances tolerances.yaml
@@ -75,7 +75,7 @@ judged when all of them have a photo of it.
 A part is judged once: when its record is in the store, with the same photos, model, camera and tolerances by their
 contents, it is left out. So the same command goes on where it was, and judges anew what was judged by other limits.
 
--o FOLDER gets index.html, the page of all parts, and parts/SERIAL.html, the report of each.
+--reports FOLDER gets index.html, the page of all parts, and parts/SERIAL.html, the report of each.
 
 {TOLERANCES_HELP}
 start:    --start FILE    about where all parts are; it may be off by some 20 degrees, 40 px and 10 % of the distance.
@@ -104,7 +104,7 @@ def add_to(verbs: Verbs) -> None:
     group.add_argument("--part", metavar="NAME", help="kind of part, in store and reports (default: the model's name)")
     group.add_argument("--station", metavar="NAME", help="where it is measured, in store and reports")
     add_store_option(group)
-    group.add_argument("-o", "--output", metavar="FOLDER", help="write the page of all parts and the report of each")
+    group.add_argument("--reports", metavar="FOLDER", help="write the page of all parts and the report of each")
     group.add_argument("--watch", action="store_true", help="go on with photos that arrive, until Ctrl-C")
     parser.set_defaults(resumes=True, points=None)
     add_json(parser)
@@ -115,9 +115,9 @@ def run(arguments: argparse.Namespace) -> int:
     from cadcam.record.store import open_store
 
     check_order(arguments.photos, arguments.model, frames=True)
-    check_folder(arguments.output)
+    check_folder(arguments.reports)
     arrivals = Arrivals([Source.of(text) for text in arguments.photos])
-    refuse_own_folder(arguments.output, [str(source.folder / "photo") for source in arrivals.sources])
+    refuse_own_folder(arguments.reports, [str(source.folder / "photo") for source in arrivals.sources])
     if not arguments.watch and not arrivals.there():
         raise BadValue("photos", f"none of a part in {', '.join(arguments.photos)}", _wanted(arrivals))
     cell = _cell(arguments)
@@ -224,7 +224,7 @@ class _Line:
 
     def __init__(self, cell: _Cell, store: Store) -> None:
         self._cell, self._store, self.arguments = cell, store, cell.arguments
-        self.folder = None if cell.arguments.output is None else Path(cell.arguments.output)
+        self.folder = None if cell.arguments.reports is None else Path(cell.arguments.reports)
         self._whites: list[float | None] = []
         self._page_due = 0.0
         self.store = store.name
