@@ -214,7 +214,7 @@ def model_alone(view: View) -> Picture:
     if view.coverage[emptiest] > 0 or not background.any():
         return view.image  # of large pictures every copy counts
     behind = (1 - view.coverage)[..., None] * background
-    return np.subtract(view.image, behind, out=behind)
+    return np.asarray(np.subtract(view.image, behind, out=behind), np.float32)
 
 
 def _layers(wireframe: Wireframe, style: LineStyle) -> Iterator[SvgLayer]:
