@@ -103,6 +103,13 @@ def test_poses_of_the_part_are_taken_as_the_help_calls_them(cadcam: Cadcam, job:
     assert said[0] == said[1] == said[2]
 
 
+def test_a_set_of_which_no_picture_shows_the_part_says_so(cadcam: Cadcam, job: Path) -> None:
+    columns = "name,r11,r12,r13,r21,r22,r23,r31,r32,r33,tx,ty,tz\n"
+    (job / "poses.csv").write_text(f"# camera_from_part, mm\n{columns}a,1,0,0,0,1,0,0,0,1,0,0,-500\n")
+    words = ("dataset", job / "block.obj", "-o", job / "behind", "--poses", job / "poses.csv", *SMALL)
+    assert "no picture shows anything of the part: do the poses put the part before" in cadcam(*words).err
+
+
 def test_what_differs_of_a_data_set_is_what_was_asked_for_and_not_what_follows_from_it(
     cadcam: Cadcam, job: Path
 ) -> None:
