@@ -131,7 +131,7 @@ WRONG: dict[str, tuple[Callable[[Path], object], str]] = {
         lambda _: cadcam.Viewpoint("a", CAMERA, POSE, 0.1, errors=[np.eye(2)]),
         r"errors\[0\] is an array of shape \(2, 2\); expected an ErrorSource with its effect",
     ),
-    "a step": (lambda _: cadcam.plan_layout(layout(), step=None), "step is None; expected a function"),
+    "a step": (lambda _: cadcam.plan_layout(layout(), step=1), "step is 1; expected a function"),
     "poses of a layout": (lambda _: layout(poses=[POSE]), "poses is a list of 1; expected a Mapping"),
     "a pose of a layout": (lambda _: layout(poses={"a": None}), r"poses\['a'\] is None; expected a Rigid"),
     "a name of a pose": (lambda _: layout(poses={7: POSE}), "a name in poses is 7; expected a str"),

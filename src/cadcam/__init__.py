@@ -15,6 +15,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.cad.edges import EdgeKind as EdgeKind
     from cadcam.cad.edges import feature_edges as feature_edges
     from cadcam.cad.mesh import Mesh as Mesh
+    from cadcam.cad.objects import mesh_of as mesh_of
     from cadcam.cad.read import read_model as read_model
     from cadcam.cad.read import read_model_with_report as read_model_with_report
     from cadcam.cad.write import write_model as write_model
@@ -342,6 +343,7 @@ _HOME = {
     "match_templates": "cadcam.locate.match.templates",
     "measure_marks": "cadcam.station.measure",
     "measure_points": "cadcam.calibrate.measure.points",
+    "mesh_of": "cadcam.cad.objects",
     "monte_carlo_variability": "cadcam.calibrate.variability.methods",
     "named_light": "cadcam.render.light",
     "named_look": "cadcam.render.looks",

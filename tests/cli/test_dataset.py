@@ -60,6 +60,9 @@ def test_the_jobs_camera_with_its_lens_and_grey_pictures(cadcam: Cadcam, job: Pa
         (("-o", "block.obj/set"), "block.obj/set: cannot be written: '{job}/block.obj' is a file; name a folder"),
         (("--fill", "0.9,0.4"), "(least, greatest), from 0.01 to 2"),
         (("--fill", "0.5", "--distance", "900"), "--fill is given beside --distance"),
+        (("--distance", "1,2"), "which puts the camera 1 mm from the middle of a part whose box reaches 37.42 mm"),
+        (("--seen-from", "above:20", "--distance", "10,50"), "expected more than 10.64 mm, or poses of your own"),
+        (("--view-angle", "140"), "expected less than 0.36 with so wide an angle of view, or poses of your own"),
         (("--key-points", "lost.csv"), "lost.csv: no such file"),
     ],
 )
@@ -73,6 +76,15 @@ def test_what_is_wrong_is_one_message_and_exit_2(
     errors = [line for line in ran.err.splitlines() if line.startswith("cadcam dataset: ")]
     assert len(errors) == 1
     assert message.format(job=job) in errors[0]
+
+
+def test_the_camera_may_be_near_a_flat_side_and_anywhere_by_poses_of_one_s_own(cadcam: Cadcam, job: Path) -> None:
+    """The block's box reaches 37.42 mm from its middle, 10.64 mm within 20 degrees of straight up."""
+    words = ("dataset", job / "block.obj", "--count", "1", *SMALL)
+    assert cadcam(*words, "-o", job / "above", "--seen-from", "above:20", "--distance", "11,50").code == 0
+    columns = "name,r11,r12,r13,r21,r22,r23,r31,r32,r33,tx,ty,tz\n"
+    (job / "poses.csv").write_text(f"# camera_from_part, mm\n{columns}a,1,0,0,0,1,0,0,0,1,-30,-20,-5\n")
+    assert cadcam(*words, "-o", job / "within", "--poses", job / "poses.csv").code == 0
 
 
 def test_poses_of_the_part_are_taken_as_the_help_calls_them(cadcam: Cadcam, job: Path) -> None:
@@ -89,6 +101,13 @@ def test_poses_of_the_part_are_taken_as_the_help_calls_them(cadcam: Cadcam, job:
         assert ran.code == 0, ran.err
         said.append((job / direction / "train/000000/scene_gt.json").read_text())
     assert said[0] == said[1] == said[2]
+
+
+def test_a_set_of_which_no_picture_shows_the_part_says_so(cadcam: Cadcam, job: Path) -> None:
+    columns = "name,r11,r12,r13,r21,r22,r23,r31,r32,r33,tx,ty,tz\n"
+    (job / "poses.csv").write_text(f"# camera_from_part, mm\n{columns}a,1,0,0,0,1,0,0,0,1,0,0,-500\n")
+    words = ("dataset", job / "block.obj", "-o", job / "behind", "--poses", job / "poses.csv", *SMALL)
+    assert "no picture shows anything of the part: do the poses put the part before" in cadcam(*words).err
 
 
 def test_what_differs_of_a_data_set_is_what_was_asked_for_and_not_what_follows_from_it(

@@ -272,3 +272,12 @@ def test_pictures_without_the_board_named_are_refused(cadcam: Cadcam, photograph
     )  # fmt: skip
     assert ran.code == 2
     assert "or --board BOARD for pictures of one" in ran.err
+
+
+def test_two_robot_poses_of_one_name_are_refused_and_not_one_of_them_taken(cadcam: Cadcam, cell: Path) -> None:
+    text = (cell / "robot.csv").read_text()
+    again = text.splitlines()[2].replace("p2,", "p1,")
+    (cell / "twice.csv").write_text(f"{text}{again}\n")
+    ran = cadcam(*words(cell, "--convention", "kuka", robot="twice.csv"))
+    assert ran.code == 2
+    assert "twice.csv: names two poses 'p1'; give each a name of its own" in ran.err

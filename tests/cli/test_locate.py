@@ -123,7 +123,7 @@ def test_a_part_on_a_plane_of_the_world_is_found_and_beside_it_refused(cadcam: C
     assert not Path("pose.json").exists()
     assert cadcam(*LOCATE, "--on", "0,0,1,42:8", "--json").json["found"]
     for words, said in (
-        (("--on", "0,0,1,5000"), "no photo shows it"),
+        (("--on", "0,0,1,5000"), "--on 0,0,1,5000, where no photo shows it"),
         (("--on", "0,0,1,50", "--lying", "1,1,-1"), "no face within 5 deg"),
         (("--on", "0,0,1,50:-1"), "within_mm"),
         (("--on", "0,0,1,50:"), "expected a number"),

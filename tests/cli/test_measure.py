@@ -240,3 +240,11 @@ def test_swapped_columns_are_named(cadcam: Cadcam, rig: Path, tmp_path: Path) ->
     assert ran.code == 2
     assert "the two image columns of all views are exchanged" in ran.err
     assert cadcam("measure", rig / "all.csv", *words).code == 0
+
+
+def test_a_motion_in_mm_that_is_said_to_be_in_m_is_named_as_that(cadcam: Cadcam, rig: Path, tmp_path: Path) -> None:
+    (tmp_path / "m.txt").write_text((rig / "motion.txt").read_text().replace(", mm", ", m"))
+    words = ("measure", rig / "moved.csv", "--camera", rig / "left.json", "--moved", f"away=left:{tmp_path / 'm.txt'}")
+    ran = cadcam(*words)
+    assert ran.code == 2
+    assert "only if the motion to 'away' is 1000 times too long: mm said to be m: correct that input" in ran.err

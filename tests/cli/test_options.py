@@ -7,6 +7,7 @@ import inspect
 import re
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -224,3 +225,13 @@ def test_names_are_spelled_the_american_way() -> None:
 def test_a_british_name_is_found() -> None:
     wrong = ["--centre-jitter", "--linearise", "LineStyle.colour", "Camera.normalised", "to_grey", "Quantisation"]
     assert british([*wrong, "--center-jitter", "raised", "noise", "Noise", "precise", "sized", "diameter"]) == wrong
+
+
+def test_help_shows_no_default_by_its_address() -> None:
+    for name in cadcam.__all__:
+        thing = getattr(cadcam, name)
+        members = {f"{name}.{m}": getattr(thing, m) for m in vars(thing)} if isinstance(thing, type) else {}
+        for words, function in ({name: thing} | members).items():
+            if callable(function):
+                with suppress(ValueError):  # of what is written in C, which does not say
+                    assert " at 0x" not in str(inspect.signature(function)), words

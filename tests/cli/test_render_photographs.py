@@ -11,7 +11,7 @@ import pytest
 
 from cadcam.cad.read import read_model
 from cadcam.camera.aperture import Aperture
-from cadcam.cli.photographs import LIGHTS as NAMES
+from cadcam.cli.photograph_options import LIGHTS as NAMES
 from cadcam.cli.sensors import generator
 from cadcam.image.picture import read_picture
 from cadcam.image.sensor.presets import preset

@@ -407,3 +407,16 @@ def test_a_plate_picture_is_no_daily_picture(cadcam: Cadcam, pictured: Path, tmp
     ran = cadcam("station", "measure", pictured / "p1.pgm", "--station-file", tmp_path / "s.json")
     assert ran.code == 2
     assert "number of marks in the picture is 8" in ran.err
+
+
+def test_a_file_that_is_no_log_is_not_added_to(cadcam: Cadcam, folder: Path) -> None:
+    """A drawing or a station file named as the log by mistake: lines at its end would make it unreadable."""
+    for name in ("day_truth.csv", "station_6.json"):
+        before = (folder / name).read_bytes()
+        ran = cadcam(*MEASURE, *BOTH, "--log", name)
+        assert ran.code == 2
+        assert f"{name}: is no log of a station, and would be spoilt" in ran.err
+        assert (folder / name).read_bytes() == before
+    (folder / "new.jsonl").touch()
+    assert cadcam(*MEASURE, *BOTH, "--log", "new.jsonl").code == 0
+    assert cadcam(*MEASURE, *BOTH, "--log", "new.jsonl").code == 0

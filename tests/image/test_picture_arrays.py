@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
 from cadcam.errors import BadValue
-from cadcam.image.picture import checked
+from cadcam.image.picture import checked, encoded
 
 
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
@@ -48,3 +50,15 @@ def test_a_hole_in_a_picture_is_refused_at_its_pixel(bad):
     picture[1, 2] = bad
     with pytest.raises(BadValue, match=r"not finite at pixel \(x, y\) = \(2, 1\)"):
         checked(picture)
+
+
+def test_to_be_written_a_large_picture_is_not_held_once_more_as_numbers(rng: np.random.Generator) -> None:
+    """Bytes, Pillow's copy of them and the file: each at most a quarter of the picture."""
+    picture = rng.random((1500, 1000), np.float32)
+    encoded(picture[:1], "PNG")  # imports
+    tracemalloc.start()
+    try:
+        encoded(picture, "PNG")
+        assert tracemalloc.get_traced_memory()[1] < 0.8 * picture.nbytes
+    finally:
+        tracemalloc.stop()

@@ -42,6 +42,17 @@ def test_the_one_used_longest_ago_goes_where_memory_is_short() -> None:
     assert tables.table(second, 1) is not gone
 
 
+def test_a_large_table_is_kept_alone_until_another_is_made() -> None:
+    """A service whose lens changes from picture to picture holds one; one with one lens makes it once."""
+    tables = LensTables(kept_bytes=ONE // 2)
+    kept = tables.table(CAMERA, 1)
+    assert tables.table(CAMERA, 1) is kept
+    tables.table(Camera.from_focal((20, 15), 50.0, lens=BrownConrady(k1=-0.1)), 1)
+    assert tables.table(CAMERA, 1) is not kept
+    tables = LensTables(kept_bytes=ONE // 2 - 1)
+    assert tables.table(CAMERA, 1) is not tables.table(CAMERA, 1)
+
+
 def test_lenses_that_nobody_asks_for_again_are_not_kept() -> None:
     tables = LensTables(kept_bytes=ONE)
     kept = tables.table(CAMERA, 1)

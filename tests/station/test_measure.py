@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
 import pytest
 
+from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, TooFewPoints, UnknownName
 from cadcam.station.budget import Budget, budget_of
 from cadcam.station.gantry import Repeatability, Sighting, calibrate_gantry
@@ -216,3 +218,23 @@ def test_distances_are_within_their_stated_interval_in_93_to_97_percent():
         cover = distances(stations, day(hall, rng, marks=48))
         within += (np.abs(cover.error) <= cover.half_width).tolist()
     assert 0.93 <= np.mean(within) <= 0.97
+
+
+def test_a_pixel_outside_of_the_picture_is_refused_and_one_far_from_the_plate_s_asked_for(hall, stations, rng):
+    """The hall's pictures are 768 x 576 px; its stations do not know that, but where the plate's marks were seen."""
+    seen = replace(day(hall, rng, marks=1).sightings[0], camera="6", position=stations["6"].grid[7])
+    for q, wanted in (([5000.0, 379.0], "one near those of the plate"), ([-100.0, 379.0], "one in the picture; ")):
+        with pytest.raises(BadValue, match=rf"pixel of 'mark01' is \({q[0]:.1f}, 379.0\); expected {wanted}"):
+            measure_marks(stations, [replace(seen, q=np.array(q))])
+    measure_marks(stations, [replace(seen, q=np.array([5000.0, 379.0]))], extrapolate=True)
+    for corner in ([0.0, 0.0], [767.0, 0.0], [767.0, 575.0], [0.0, 575.0]):
+        measure_marks(stations, [replace(seen, q=np.array(corner))])
+
+
+def test_a_pixel_outside_of_the_lens_picture_is_refused_though_near_the_plate_s(hall, stations, rng):
+    lens = Camera.from_focal((700, 500), 900)
+    positions = [replace(one, lens=lens) for one in stations["6"].positions]
+    station = calibrate_gantry("6", positions)
+    seen = replace(day(hall, rng, marks=1).sightings[0], camera="6", position=station.grid[7], q=np.array([710.0, 9]))
+    with pytest.raises(BadValue, match="expected one in the picture, which is 700 x 500 px"):
+        measure_marks(station, [seen], extrapolate=True)

@@ -4,17 +4,15 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Locked, Mask, frozen
 from cadcam.errors import BadValue, DegenerateGeometry
+from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.kinds import expect_known, expect_positive, said
-
-if TYPE_CHECKING:
-    from cadcam.geometry.rigid import Rigid
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -89,16 +87,6 @@ class Mesh(Locked):
             part_colors=np.full((1, 3), np.nan, np.float32) if color is None else np.asarray(color, np.float32)[None],
         )
 
-    @classmethod
-    def from_object(cls, thing: Any, *, unit: str | None = None, name: str = "part") -> Mesh:
-        """Return a mesh of trimesh, pyvista or Open3D in mm, mended; `unit` is that of its numbers.
-
-        The unit is required unless the object states one. Raises `BadValue`; see `cadcam.cad.objects.mesh_of`.
-        """
-        from cadcam.cad.objects import mesh_of  # it repairs the mesh, and `mend` imports this class
-
-        return mesh_of(thing, unit=unit, name=name)
-
     @property
     def n_faces(self) -> int:
         """Number of triangles."""
@@ -146,8 +134,6 @@ class Mesh(Locked):
 
     def transformed(self, b_from_a: Rigid) -> Mesh:
         """Return the mesh, given in frame a, in frame b."""
-        from cadcam.geometry.rigid import expect_motion
-
         expect_motion(b_from_a, "b_from_a")
         normals = self.corner_normals
         if normals is not None:

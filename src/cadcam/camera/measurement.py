@@ -90,9 +90,9 @@ class Measurement(Locked):
         """Return the covariance (N, 3, 3) mm^2 due to all pixels' noise, independent between points."""
         return self._of_noise(lambda part: part.name == PIXELS)
 
-    def _of_noise(self, counts: Callable[[PixelNoise], bool] = lambda _: True) -> Array:
-        """Return the covariance (N, 3, 3) mm^2 due to noise of these origins, independent between points."""
-        parts = (part.covariance for part in self.noise if counts(part))
+    def _of_noise(self, counts: Callable[[PixelNoise], bool] | None = None) -> Array:
+        """Return the covariance (N, 3, 3) mm^2 due to noise of these origins, by default all, independent."""
+        parts = (part.covariance for part in self.noise if counts is None or counts(part))
         return np.asarray(sum(parts, np.zeros((len(self), 3, 3))))
 
     @property

@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.cli.looks import Dress, look_of
-from cadcam.cli.photographs import Photographs, is_photograph
+from cadcam.cli.dress import Dress
+from cadcam.cli.looks import look_of
+from cadcam.cli.photograph_options import is_photograph
+from cadcam.cli.photographs import Photographs
 from cadcam.cli.wires import INK, lines_as_json, style_of
 from cadcam.errors import BadValue, UnknownName
 from cadcam.image.exr import write_exr

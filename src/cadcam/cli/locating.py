@@ -165,7 +165,7 @@ def _plane_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | No
         normal = camera_from_world.rotation @ plane.normal
         plane = Plane.through(camera_from_world @ plane.foot([0.0, 0.0, 0.0]), normal)
     down = None if arguments.lying is None else np.array(numbers("--lying", arguments.lying, 3))
-    return OnPlane(plane, down, number("--on", within) if known else None)
+    return OnPlane(plane, down, number("--on", within) if known else None, stated=f"--on {arguments.on}")
 
 
 @contextmanager

@@ -91,6 +91,7 @@ def make_dataset(
     names, points = corners(scene) if plan.key_points is None else (plan.key_point_names, plan.key_points)
     props = props_of(plan.occluders, 2 * middle_and_radius(scene.mesh)[1], plan.seed)
     sampler = ShotSampler(plan, scene, props)
+    sampler.refuse_inside()
     inputs = ViewInputs(scene, props, points, plan.sensor, plan.gray, depth_step(sampler.farthest()))
     begin(folder, head_of(plan, inputs, layout, name=name, key_point_names=names))
     write_model_files(folder, scene)

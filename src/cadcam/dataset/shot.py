@@ -15,12 +15,15 @@ from cadcam.arrays import Array
 from cadcam.camera.camera import Camera
 from cadcam.dataset.plan import PLAIN, DatasetPlan, Span, middle_and_radius
 from cadcam.dataset.props import Prop
+from cadcam.errors import BadValue
 from cadcam.geometry import rotation
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.views.view_range import ViewRange
 from cadcam.render.view import Look, Scene
 
 _TRIES = 20  # attempts to place an occluder without touching another
 _CLEAR = 1.05  # least distance of two bounding spheres over the sum of their radii
+_DIRECTIONS = 512  # tried for how far the part's box reaches
 _TOPICS = ("pose", "camera", "light", "background", "occluders", "sensor")
 
 
@@ -64,6 +67,7 @@ class ShotSampler:
         self.middle: Array
         self.radius: float
         self.middle, self.radius = middle_and_radius(scene.mesh)
+        self._half_box = scene.mesh.size_mm / 2
         self._jitters = plan.focal_jitter > 0 or plan.center_jitter_px > 0
 
     def shot(self, index: int) -> Shot:
@@ -90,6 +94,26 @@ class ShotSampler:
         places = np.array([pose @ self.middle for pose in self.plan.poses])
         depths = np.linalg.norm(places, axis=1) if self.props else places[:, 2]
         return float(depths.max()) + self.radius
+
+    def refuse_inside(self) -> None:
+        """Raise `BadValue` where the camera may be drawn inside the part's box, from where it sees insides of faces.
+
+        Poses of the plan's own may be there, in a tank that is looked at from within.
+        """
+        if self.plan.poses:
+            return
+        near, far = self.plan.distances(2 * self.radius)
+        least = _deepest(self._half_box, self.plan.around)
+        if near > least:
+            return
+        said = f"which puts the camera {near:.4g} mm from the middle of a part whose box reaches {least:.4g} mm"
+        if self.plan.around.distance_mm is not None:
+            stated = f"({near:g}, {far:g}), {said} towards where it is seen from"
+            raise BadValue("distance_mm", stated, f"more than {least:.4g} mm, or poses of your own")
+        fill = self.plan.fill
+        stated = f"({fill[0]:g}, {fill[1]:g}), {said} towards where it is seen from"
+        most = fill[1] * near / least
+        raise BadValue("fill", stated, f"less than {most:.2g} with so wide an angle of view, or poses of your own")
 
     def _camera(self, rng: np.random.Generator) -> Camera:
         camera, plan = self.plan.camera, self.plan
@@ -187,6 +211,17 @@ def _aim(camera: Camera, off_px: Array) -> Array:
     x, y, z = rays[np.isfinite(rays).all(axis=1)][0].tolist()
     beside = math.hypot(x, y)
     return rotation.exp(np.array([-y, x, 0.0]) * (math.atan2(beside, z) / beside if beside else 0.0))
+
+
+def _deepest(half_box: Array, around: ViewRange) -> float:
+    """Return how far a box with these half sides (3,) reaches from its middle in the directions of a range of views."""
+    corners = half_box * np.array([(x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    long = corners / max(float(np.linalg.norm(half_box)), 1e-300)
+    within = long[long @ around.axis >= math.cos(math.radians(around.half_angle_deg))]
+    rng = np.random.default_rng(0)  # a box has no such simple farthest point in a narrow cap
+    drawn = np.array([_in_cap(around.axis, math.radians(around.half_angle_deg), rng) for _ in range(_DIRECTIONS)])
+    away = np.abs(np.concatenate([within, drawn]))
+    return float((half_box / np.maximum(away, 1e-300)).min(axis=1).max())
 
 
 def _drawn(span: Span, rng: np.random.Generator) -> float:

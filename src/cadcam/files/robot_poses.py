@@ -50,6 +50,9 @@ class RobotNumbers(Brief):
     unit: str = ""
     angle: str = ""
 
+    def __post_init__(self) -> None:
+        _refuse_twice(self.path, self.names)
+
     @property
     def possible(self) -> tuple[str, ...]:
         """Return the names of the conventions with this many numbers a pose and, if named, these columns and angles."""
@@ -99,9 +102,7 @@ def read_robot_poses(
     poses = found.poses(convention, unit=unit)
     poses = poses.inv if inverted else poses
     names = [name or str(i + 1) for i, name in enumerate(found.names)]
-    twice = next((n for i, n in enumerate(names) if n in names[:i]), None)
-    if twice is not None:
-        raise UnreadableFile(path, f"names two poses {twice!r}", "give each a name of its own")
+    _refuse_twice(found.path, names)
     return dict(zip(names, poses.each, strict=True))
 
 
@@ -122,6 +123,12 @@ def read_robot_numbers(*paths: str | os.PathLike[str]) -> RobotNumbers:
     if path.suffix.lower() in (".yaml", ".yml"):
         return _from_yaml(file)
     return _from_json(file) if start in ("{", "[") else _from_text(file)
+
+
+def _refuse_twice(path: str, names: Sequence[str]) -> None:
+    twice = next((n for i, n in enumerate(names) if n and n in names[:i]), None)
+    if twice is not None:
+        raise UnreadableFile(path, f"names two poses {twice!r}", "give each a name of its own")
 
 
 def _one_each(files: Sequence[Path], label: str) -> RobotNumbers:

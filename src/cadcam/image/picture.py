@@ -128,10 +128,9 @@ def encoded(
     expect_count(quality, "quality", most=100)
     if form == "JPEG" and max(values.shape[:2]) > _LONGEST_JPEG:
         raise BadValue("picture", f"of shape {values.shape}", f"at most {_LONGEST_JPEG} px a side in a JPEG; use PNG")
-    white, dtype = (255.0, np.uint8) if bits == 8 else (65535.0, np.uint16)
-    samples = np.clip(values, 0.0, 1.0)
-    samples *= white
-    samples += 0.5
+    samples = np.zeros(values.shape, np.uint8 if bits == 8 else np.uint16)
+    for row, some in enumerate(values):  # row by row, as large pictures should not be held once more
+        samples[row] = np.clip(some, 0.0, 1.0) * np.float32(np.iinfo(samples.dtype).max) + np.float32(0.5)
     file = io.BytesIO()
     options: dict[str, Any] = {"compress_level": _PACKED}
     if form == "JPEG":
@@ -139,7 +138,7 @@ def encoded(
     if bits == 16:
         options["pnginfo"] = PngInfo()
         options["pnginfo"].add(b"sBIT", bytes([16]))
-    Image.fromarray(samples.astype(dtype)).save(file, form, **options)
+    Image.fromarray(samples).save(file, form, **options)
     return file.getvalue()
 
 

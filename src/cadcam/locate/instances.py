@@ -41,10 +41,6 @@ _SHARED = 0.5  # share of the lines shown from which a pose is another one's
 _NOT_SURE = "lines elsewhere in the photos look nearly as much like the part"
 
 
-def no_step(found: int) -> None:
-    """Do nothing: the default progress step."""
-
-
 def locate_instances(
     part: Part,
     photos: Sequence[Photo],
@@ -52,7 +48,7 @@ def locate_instances(
     views: ViewRange = WHOLE_SPHERE,
     most: int = MOST,
     options: EdgeOptions = EDGES,
-    step: Callable[[int], None] = no_step,
+    step: Callable[[int], None] | None = None,
 ) -> list[Location]:
     """Return where every instance of the part is that the photos show (world_from_part, mm), the surest first.
 
@@ -72,7 +68,8 @@ def locate_instances(
         every = _Instances(part, photos, options, lying)
         while len(every.found) < most:
             best, more = every.searched(views)
-            step(len(every.found))
+            if step:
+                step(len(every.found))
             if not more:
                 break
         found = sorted(every.found, key=lambda one: -one.quality)[:most] or [best]

@@ -172,7 +172,7 @@ def survey(scene: LayoutScene, *, step: Step = nothing) -> CandidateSurvey:
 
 
 def plan_layout(
-    scene: LayoutScene | CandidateSurvey, k: int | None = None, *, keep: Sequence[str] = (), step: Step = nothing
+    scene: LayoutScene | CandidateSurvey, k: int | None = None, *, keep: Sequence[str] = (), step: Step | None = None
 ) -> Layout:
     """Return the best k cameras (default: the scene's number) beside the fixed ones, and what they measure.
 
@@ -183,7 +183,8 @@ def plan_layout(
     expect(scene, "scene", LayoutScene, CandidateSurvey)
     expect(k, "number of cameras", int, np.integer, optional=True)
     keep = expect_names(keep, "keep")
-    expect_callable(step, "step")
+    expect_callable(step, "step", optional=True)
+    step = step or nothing
     seen = survey(scene, step=step) if isinstance(scene, LayoutScene) else scene
     fixed, problem = seen.kept(keep), seen.problem
     k = min(seen.scene.choose, problem.candidates - len(fixed)) if k is None else k

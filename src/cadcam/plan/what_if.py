@@ -32,10 +32,13 @@ class WhatIf:
     impossible: str = ""
 
 
-def what_if(layout: Layout, *, step: Callable[[], None] = lambda: None) -> tuple[WhatIf, ...]:
-    """Return the table, the layout as planned first. The cameras stay in place unless the distance is changed."""
+def what_if(layout: Layout, *, step: Callable[[], None] | None = None) -> tuple[WhatIf, ...]:
+    """Return the table, the layout as planned first. The cameras stay in place unless the distance is changed.
+
+    step: called after each change, for a progress display.
+    """
     expect(layout, "layout", Layout)
-    expect_callable(step, "step")
+    expect_callable(step, "step", optional=True)
     scene = layout.survey.scene
     out = [_said(layout, "as planned", layout.assessment)]
     if len(layout.chosen) > 1:
@@ -48,7 +51,8 @@ def what_if(layout: Layout, *, step: Callable[[], None] = lambda: None) -> tuple
             out.append(_said(layout, change, _assessed(layout, changed, cameras)))
         except CadcamError as error:
             out.append(WhatIf(change, impossible=str(error)))
-        step()
+        if step:
+            step()
     return tuple(out)
 
 

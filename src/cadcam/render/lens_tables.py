@@ -19,7 +19,8 @@ from cadcam.native.core import NativeLens
 
 TABLE_BYTES = 32  # per pixel of a table: the points in tiles, the inverse, patches
 MAKING_BYTES = TABLE_BYTES + 16  # while it is made, of the points in rows
-KEPT_BYTES = 1 << 30  # of tables kept although no renderer may need them any more: one of 24 megapixels
+KEPT_BYTES = 1 << 29  # of tables kept although no renderer may need them any more
+_LARGEST = 2  # of a table, by that, which is kept alone until another is made: 24 megapixels
 _CACHED = 1 << 14  # pixels unprojected at a time
 _STEEP = 1 / 32  # change from pixel to pixel of a plane point, of its distance from the eye
 
@@ -27,7 +28,7 @@ Key = tuple[tuple[int, int], bytes, Lens, int]
 
 
 class LensTables:
-    """The tables used last, of any cameras; in total at most `kept_bytes`."""
+    """The tables used last, of any cameras; in total at most `kept_bytes`, or one of twice that."""
 
     def __init__(self, kept_bytes: int = KEPT_BYTES) -> None:
         self._kept_bytes = kept_bytes
@@ -46,9 +47,14 @@ class LensTables:
             return made
         with self._lock:
             self._tables[key] = made
-            while sum(map(_bytes, self._tables)) > self._kept_bytes:
+            while sum(map(_bytes, self._tables)) > self._limit:
                 self._tables.popitem(last=False)
         return made
+
+    @property
+    def _limit(self) -> int:
+        """Return how many bytes may be kept: of one table alone, the newest, more than of several."""
+        return self._kept_bytes * (_LARGEST if len(self._tables) == 1 else 1)
 
 
 TABLES = LensTables()

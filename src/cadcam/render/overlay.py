@@ -209,9 +209,12 @@ def model_alone(view: View) -> Picture:
 
     The background's colour is that of a pixel without the model; where there is none it is assumed black.
     """
-    empty = np.argwhere(view.coverage == 0)
-    background = view.image[tuple(empty[0])] if len(empty) else np.zeros(3, np.float32)
-    return np.asarray(view.image - (1 - view.coverage)[..., None] * background, np.float32)
+    emptiest = np.unravel_index(np.argmin(view.coverage), view.coverage.shape)
+    background = view.image[emptiest]
+    if view.coverage[emptiest] > 0 or not background.any():
+        return view.image  # of large pictures every copy counts
+    behind = (1 - view.coverage)[..., None] * background
+    return np.asarray(np.subtract(view.image, behind, out=behind), np.float32)
 
 
 def _layers(wireframe: Wireframe, style: LineStyle) -> Iterator[SvgLayer]:

@@ -92,7 +92,7 @@ class Photographer:
         aperture: Aperture | None = None,
         blur_px: float = 0.0,
         samples: int = SAMPLES,
-        step: Callable[[], None] = lambda: None,
+        step: Callable[[], None] | None = None,
     ) -> Cutout:
         """Return the linear radiance that falls on the pixels, cut out of its background; 1 is white at exposure 1.
 
@@ -113,7 +113,8 @@ class Photographer:
         for k, (pixel, opening) in enumerate(zip(points.pixel, points.opening, strict=True)):
             seen = lens.pinhole(camera_from_world, pixel, opening)
             self._add(color, alpha, seen, light, [to[k ^ pairs] for to in towards])
-            step()
+            if step:
+                step()
         for total in (color, alpha):
             total /= np.float32(len(points))
         return Cutout(camera, color, alpha)

@@ -115,6 +115,25 @@ class GantryCalibration(Brief):
         scale = self.positions[0].scale
         return radius_mm / float(np.sqrt(scale.scale_x * scale.scale_y))
 
+    def check_pixel(self, sighting: Sighting, *, extrapolate: bool = False) -> None:
+        """Raise `BadValue` for a pixel outside of the picture, or far from where the plate's marks were seen.
+
+        A picture's size is known only of a lens. Without it, or far from the plate in a larger picture, where errors
+        grow with the square of the distance, a pixel counts as far beyond the marks by more than they extend.
+        """
+        x, y = sighting.q
+        right, below = (np.inf, np.inf) if self.lens is None else np.array(self.lens.size) - 0.5
+        what, given = f"pixel of {sighting.name!r}", f"({x:.1f}, {y:.1f})"
+        if not (-0.5 <= x <= right and -0.5 <= y <= below):
+            size = "" if self.lens is None else f", which is {self.lens.width} x {self.lens.height} px"
+            raise BadValue(what, given, f"one in the picture{size}; (0, 0) is its top left")
+        q = np.concatenate([one.pixels for one in self.positions])
+        low, high = q.min(axis=0), q.max(axis=0)
+        beyond = np.maximum(low - sighting.q, sighting.q - high)
+        if not extrapolate and np.any(beyond > high - low):
+            seen = f"x {low[0]:.0f} to {high[0]:.0f}, y {low[1]:.0f} to {high[1]:.0f} px"
+            raise BadValue(what, given, f"one near those of the plate ({seen}); extrapolation has to be asked for")
+
     def map(self, *, reference: int | None = None) -> DeviationMap:
         """Return how the mechanics deviate at the calibrated positions (Tables 6.9 to 6.11, Fig 6-17, 6-18)."""
         return deviation_map(self.positions, reference=reference)

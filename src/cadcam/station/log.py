@@ -10,6 +10,7 @@ import os
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -28,6 +29,7 @@ from cadcam.station.gantry import Sighting
 from cadcam.whole import utf8
 
 _K = 2.0
+_LONGEST = 1 << 20  # bytes of a line, beyond any of a log
 
 
 def log_entries(
@@ -58,7 +60,11 @@ def log_entries(
 
 
 def append_log(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]]) -> None:
-    """Append entries to a log, all of them or none, and flush them to disk; create the log if necessary."""
+    """Append entries to a log, all of them or none, and flush them to disk; create the log if necessary.
+
+    Raises `UnreadableFile`, and adds nothing, where the file is something else: a drawing, a list of pixels.
+    """
+    refuse_no_log(path)
     data = utf8("".join(json.dumps(entry, ensure_ascii=False) + "\n" for entry in entries))
     try:
         handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o666)
@@ -68,6 +74,19 @@ def append_log(path: str | os.PathLike[str], entries: Sequence[Mapping[str, Any]
             os.close(handle)
     except OSError as error:
         raise UnwritableFile(path, error.strerror or str(error), "choose a place you may write to") from error
+
+
+def refuse_no_log(path: str | os.PathLike[str]) -> None:
+    """Raise `UnreadableFile` where lines of a log would be added to a file that does not begin as one."""
+    if not Path(path).is_file():  # none yet, or a pipe
+        return
+    try:
+        with Path(path).open("rb") as file:
+            first = file.readline(_LONGEST).strip()
+    except OSError:  # what writing to it will tell
+        return
+    if first and not (first.startswith(b"{") and b'"mark"' in first and b'"point_mm"' in first):
+        raise UnreadableFile(path, "is no log of a station, and would be spoilt", "name a new file, or the right log")
 
 
 def _append(handle: int, data: bytes) -> None:

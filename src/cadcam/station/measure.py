@@ -49,8 +49,8 @@ def measure_marks(
 
     rule: "smooth", the weights with the least predicted error (`DeviationField`), or those of
     `station.interpolation.weights`. Raises `UnknownName` for a camera without a calibration, `BadValue` for a position
-    outside of the calibrated ones, unless `extrapolate`, and `DegenerateGeometry` for a pixel that does not show the
-    floor.
+    outside of the calibrated ones or a pixel far from all that the plate's marks were seen at, unless `extrapolate`,
+    and for a pixel outside of the picture; `DegenerateGeometry` for one that does not show the floor.
     """
     expect(stations, "stations", GantryCalibration, Mapping)
     known = {stations.camera: stations} if isinstance(stations, GantryCalibration) else stations
@@ -63,6 +63,7 @@ def measure_marks(
         raise TooFewPoints("measuring", 0, 1, of="marks")
     for sighting in sightings:
         expect_known(sighting.camera, "camera (it has no calibration):", known)
+        known[sighting.camera].check_pixel(sighting, extrapolate=extrapolate)
     index: list[int] = []
     parts: list[_CameraPoints] = []
     visits: list[PixelNoise] = []

@@ -66,7 +66,7 @@ def verify_part(
     *,
     options: InspectionOptions = PLAIN_OPTIONS,
     freedom: Freedom = FREE,
-    tell: Stages = untold,
+    tell: Stages | None = None,
 ) -> Verification:
     """Return the verdict on the part that `located` has in the photos.
 
@@ -85,7 +85,8 @@ def verify_part(
     expect(tolerances, "tolerances", Tolerances)
     expect(options, "options", InspectionOptions)
     expect(freedom, "freedom", Freedom)
-    expect_callable(tell, "tell")
+    expect_callable(tell, "tell", optional=True)
+    tell = tell or untold
     tolerances.check(part.scene)
     if not located.found:
         return _nothing(not_found(located, photos), tolerances, located, None)

@@ -98,12 +98,12 @@ def _suspects(viewpoints: Sequence[Viewpoint], q: Array, plane: Plane | None) ->
 def _other_places(view: Viewpoint) -> Iterator[tuple[str, Rigid]]:
     """Yield other poses that a viewpoint may have been meant to have."""
     pose = view.camera_from_world
-    for factor, unit in ((1e3, "metres"), (1e-3, "micrometres")):
+    for factor, words in ((1e3, "in metres, not millimetres"), (1e-3, "1000 times too long: mm said to be m")):
         if view.motion is None:
-            yield f"the place of camera {view.name!r} is in {unit}, not millimetres", _scaled(pose, factor)
+            yield f"the place of camera {view.name!r} is {words}", _scaled(pose, factor)
         else:
             home = pose @ view.motion
-            yield f"the motion to {view.name!r} is in {unit}, not millimetres", home @ _scaled(view.motion, factor).inv
+            yield f"the motion to {view.name!r} is {words}", home @ _scaled(view.motion, factor).inv
     if view.motion is not None:
         yield (
             f"the motion to {view.name!r} is given the other way round (old_from_new)",

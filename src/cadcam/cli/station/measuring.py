@@ -50,7 +50,11 @@ def measure_marks(arguments: argparse.Namespace) -> None:
 
 
 def _refuse_unused(arguments: argparse.Namespace) -> None:
+    from cadcam.station.log import refuse_no_log
+
     check_target(arguments.csv, (".csv",))
+    if arguments.log:
+        refuse_no_log(arguments.log)
     if not arguments.drawing:
         refuse(
             arguments, "--between", "--csv", why="without --drawing", expected="--drawing FILE with the marks' places"

@@ -183,6 +183,9 @@ def run(arguments: argparse.Namespace) -> None:
     from cadcam.report.dataset import summary
 
     print_tables([summary(made)])
+    if not any(made.visible):
+        said = "do the poses put the part before the camera, in mm?" if plan.poses else "is it always hidden?"
+        say(f"no picture shows anything of the part: {said}")
     say(f"wrote {made.folder}; look at {shlex.quote(str(made.contact))}")
 
 

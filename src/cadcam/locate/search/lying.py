@@ -25,7 +25,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.support import SEARCHED
 from cadcam.locate.search.climb import Climb, FieldLevel, climbed
 from cadcam.locate.uncertainty import weakest_direction
-from cadcam.locate.views.resting import few
+from cadcam.locate.views.resting import OnPlane, few
 from cadcam.locate.views.view_range import ViewRange
 
 _STATED_DEG = 5.0  # faces so near to a direction that was stated are meant
@@ -56,7 +56,7 @@ class Lying:
         if views.on is None:
             return None
         faces = part.resting.chosen(views.on.down, _STATED_DEG)
-        plane = _towards_cameras(views.on.plane, photos)
+        plane = _towards_cameras(views.on, photos)
         return cls(part, plane, views.on.checked_mm, views.on.within_mm is not None, faces, _unlike(part, faces))
 
     @property
@@ -218,15 +218,15 @@ def _unlike(part: Part, faces: Longs) -> Longs:
     return every[few(resting.down[every], _MOST_FACES)]
 
 
-def _towards_cameras(plane: Plane, photos: Sequence[Photo]) -> Plane:
+def _towards_cameras(on: OnPlane, photos: Sequence[Photo]) -> Plane:
     """Return the plane with its normal towards the cameras. Raises `BadValue` where no photo shows it."""
+    plane = on.plane
     above = np.array([float(plane.distance(photo.camera_from_world.origin)) for photo in photos])
-    said = f"normal {np.round(plane.normal, 6).tolist()}, offset {float(plane.offset):.6g} mm"
     if above.min() * above.max() <= 0:
-        raise BadValue("plane that the part lies on", f"{said}, not below all cameras", "one with them on one side")
+        raise BadValue("plane that the part lies on", f"{on.named}, not below all cameras", "one with them on one side")
     if not any(_shows(photo, plane).any() for photo in photos):
         wanted = "one in view, in the frame of the world that the cameras' poses are in"
-        raise BadValue("plane that the part lies on", f"{said}, where no photo shows it", wanted)
+        raise BadValue("plane that the part lies on", f"{on.named}, where no photo shows it", wanted)
     return Plane(np.sign(above[0]) * plane.normal, np.sign(above[0]) * plane.offset)
 
 

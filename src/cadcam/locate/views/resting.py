@@ -27,12 +27,14 @@ class OnPlane(Brief):
     down (3,): direction of the part, in its frame, that points to the plane; by default it may lie on any of the faces
     on which it stays lying. within_mm: how far off the plane its face is at most, practically always: by errors of the
     plane, of the cameras' places, and of how the part lies. Where it is stated, found poses are made more accurate by
-    the plane, too; else it serves to search and to check, to 1 mm.
+    the plane, too; else it serves to search and to check, to 1 mm. stated: the plane in the words of who gave it, for
+    errors; default its normal and offset.
     """
 
     plane: Plane
     down: Array | None = None
     within_mm: float | None = None
+    stated: str = ""
 
     def __post_init__(self) -> None:
         expect(self.plane, "plane that the part lies on", Plane)
@@ -48,6 +50,12 @@ class OnPlane(Brief):
         expect_number(self.within_mm, "within_mm of the plane")
         if not 0 <= self.within_mm < np.inf:
             raise BadValue("within_mm of the plane", self.within_mm, "mm, at least 0")
+
+    @property
+    def named(self) -> str:
+        """Return the plane as it is named in errors."""
+        normal = np.round(self.plane.normal, 6).tolist()
+        return self.stated or f"normal {normal}, offset {float(self.plane.offset):.6g} mm"
 
     @property
     def checked_mm(self) -> float:
