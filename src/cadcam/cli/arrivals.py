@@ -77,7 +77,7 @@ class Arrivals:
     """What is in the sources of all cameras: parts of which every camera has a photo, in the order of their names."""
 
     def __init__(self, sources: Sequence[Source]) -> None:
-        self.sources = tuple(sources)
+        self.sources: tuple[Source, ...] = tuple(sources)
         self._before: dict[Arrival, _Stamp] = {}
         self._given: dict[Arrival, _Stamp] = {}
 
