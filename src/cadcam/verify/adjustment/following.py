@@ -10,7 +10,8 @@ between sides add to its covariance.
 A body that turns moves by d + w x a at a place a from the middle of its places; its feet rise or sink together. Where
 its turn is judged, one that tilts and sinks as well is taken for it only if it is so much the more probable: what a
 tilt does to the lines of feet, sinking by as much takes back. One that stays upright may well sink: as far as that
-explains more than that its feet follow. By one photo a rib that tips looks like one that sinks.
+explains more than that its feet follow. By one photo a rib that tips looks like one that sinks. A body that tips may
+also sink by some of its feet alone, which rise to one side and sink to the other: again linear in each part.
 
 Where a shift alone leaves the edges in disagreement, the body may have turned as well. Both are weighed, each with the
 probability of the offsets if motions are as large as they are usually; both sides of the ground are as probable
@@ -39,6 +40,9 @@ _SINKS, _TILTS_AND_SINKS = 0.05, 0.01
 # Misfit of a shift alone, in variances of what edges do, from which the body may have turned: less shows no turn.
 # If one is weighed always, U of bodies in place is a fifth larger.
 _TURNS = 4.0
+# Rounds in which it is found which feet sink, most often two or three; beyond, the part that sinks goes to and fro.
+_ROUNDS = 10
+_ALL_ALIKE = 1e-6  # of the largest: a difference between feet's rises that is rounding
 
 _Weighed: TypeAlias = tuple[float, Estimate]  # with the logarithm of its weight
 
@@ -101,8 +105,25 @@ class BodyLines:
     def rise(self, motions: Array) -> Array:
         """Return by how much (g, m) mm feet rise on the average by unit motions (6, m); g: 1, or 0 without feet."""
         feet = self.lever != 0
-        up = np.column_stack([self.ground, np.cross(self.arms, self.ground)])[feet] @ motions
+        up = self.rises(motions)[feet]
         return np.asarray(up.mean(axis=0, keepdims=True) if feet.any() else up)
+
+    def rises(self, motions: Array) -> Array:
+        """Return by how much (n, m) mm each place rises from its ground by unit motions (6, m)."""
+        return np.asarray(np.column_stack([self.ground, np.cross(self.arms, self.ground)]) @ motions)
+
+    def parts(self, motions: Array) -> list[Mask]:
+        """Return parts (n,) of the feet that may sink while the others rise: to either side of where these differ."""
+        feet = self.lever != 0
+        if not feet.any():
+            return []
+        rises = self.rises(motions)[feet]
+        differ = rises - rises.mean(axis=0)
+        _, S, Vt = np.linalg.svd(differ, full_matrices=False)
+        rounding = _ALL_ALIKE * np.abs(rises).max()
+        ways = np.zeros((np.count_nonzero(rounding < S), len(feet)))
+        ways[:, feet] = Vt[: len(ways)] @ differ.T
+        return [part for way in ways for part in (way < 0, way > 0)]
 
     def _followed(self, sunk: Mask) -> Array:
         behind = np.where(sunk & (self.lever != 0), self.lever, 0.0)
@@ -138,6 +159,7 @@ def following(
         motions = np.vstack([basis @ shift, np.column_stack([np.zeros_like(basis), turns])])
         turned = _turned(adjustment, rows, body, pose, motions, enlarged=True)
         turned = _or_upright(turned, adjustment, rows, body, pose, motions, odds=1.0)
+        turned += _tipped(adjustment, rows, body, pose, motions, enlarged=True)
         found += [(log_weight, estimate.along(shift)) for log_weight, estimate in turned]
     return _mixed(found), misfit
 
@@ -152,7 +174,9 @@ def turning(
     photos: among motions that may be of any size any tilt is improbable.
     """
     sides = _turned(adjustment, rows, body, pose, motions, odds=_TILTS_AND_SINKS)
-    return _mixed(_or_upright(sides, adjustment, rows, body, pose, motions, odds=_SINKS) if upright else sides)
+    if upright:
+        sides = _or_upright(sides, adjustment, rows, body, pose, motions, odds=_SINKS)
+    return _mixed(sides + _tipped(adjustment, rows, body, pose, motions, odds=_TILTS_AND_SINKS))
 
 
 def _or_upright(
@@ -200,6 +224,41 @@ def _turned(
         on_side = _log_probability(estimate, up, sunk[feet][:1])
         rarely = np.log(odds) if sunk.any() else 0.0
         found.append((rarely + on_side - 0.5 * adjustment.unlikeliness(rows, design, pose, prior=1.0), estimate))
+    return found
+
+
+def _tipped(
+    adjustment: Adjustment,
+    rows: Mask,
+    body: BodyLines,
+    pose: FittedPose,
+    motions: Array,
+    *,
+    odds: float = 1.0,
+    enlarged: bool = False,
+) -> list[_Weighed]:
+    """Return the motions (m,) of a body of which some feet sink while others rise, and their weights; see `_turned`.
+
+    Each is one by whose estimate those feet sink that were taken to.
+    """
+    feet, rises = body.lever != 0, body.rises(motions)
+    found: list[_Weighed] = []
+    tried = {(feet & ~feet).tobytes(), feet.tobytes()}  # not in part
+    for sunk in body.parts(motions):
+        for _ in range(_ROUNDS):
+            if sunk.tobytes() in tried:
+                break
+            tried.add(sunk.tobytes())
+            design = body.turned_by(motions, sunk)
+            estimate = adjustment.estimate(rows, design, pose, prior=1.0, enlarged=enlarged)
+            up = rises @ estimate.value
+            if (sunk == (feet & (up < 0))).all():
+                ends = np.flatnonzero(feet)[[np.argmin(up[feet]), np.argmax(up[feet])]]
+                on_side = _log_probability(estimate, rises[ends], np.array([True, False]))
+                unlikely = adjustment.unlikeliness(rows, design, pose, prior=1.0)
+                found.append((float(np.log(odds)) + on_side - 0.5 * unlikely, estimate))
+                break
+            sunk = feet & (up < 0)
     return found
 
 

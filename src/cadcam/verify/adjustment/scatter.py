@@ -19,6 +19,7 @@ from cadcam.arrays import Array, Longs, Mask
 # px), 0.04 % of that variance: none. At the most it is twice as large as an edge may be off and be taken for a line's.
 _LEAST_PX, _MOST_PX = 1e-4, 3.0
 _NEAR = 1e-2  # of the logarithm of tau, when it is found: 1 %, while few edges tell it to better than 30 %
+_NODES, _BEND = 5, 0.25  # of a mean over the logarithm of tau, and where the density's curvature is taken
 _LEAST_FOR_SCALE = 5  # places: from 3 degrees of freedom on Wilson and Hilferty's median is right to 0.7 %
 _GOLDEN = (np.sqrt(5.0) - 1) / 2  # the golden section's share
 
@@ -155,7 +156,8 @@ def common_error(offset: Array, noise: EdgeNoise, J: Array, *, usual: float | No
 
     The maximum of the restricted likelihood, which accounts for the fit of the motion to the same offsets. 0 where
     noise alone explains them. usual (px): prior value, within a factor of e, so that a few edges that happen to agree
-    do not make it vanish.
+    do not make it vanish; then the root of the mean square of what tau may be: few edges leave it open, and a value is
+    as far off as the larger ones have it.
     """
     sums = EdgeSums.of(np.column_stack([J, offset]), noise, fitted=J.shape[1])
     return sums.common_error(noise.tau, usual=usual)
@@ -251,7 +253,7 @@ class EdgeSums:
 
 
 def likeliest(terms: Callable[[float], tuple[Array, float]], k: int, *, usual: float | None) -> float:
-    """Return tau (px) of the greatest restricted likelihood of offsets y, J (N, k) being the Jacobian of the fit.
+    """Return tau (px) by the restricted likelihood of offsets y, J (N, k) being the Jacobian of the fit.
 
     terms: of the logarithm of tau, the upper triangle of (J, y)^T V^-1 (J, y) and log det V. usual: see `common_error`.
     """
@@ -264,8 +266,27 @@ def likeliest(terms: Callable[[float], tuple[Array, float]], k: int, *, usual: f
         unusual = 0.0 if usual is None else (log_tau - np.log(usual)) ** 2
         return log_det + _log_det_and_rest(N) + unusual
 
-    tau = float(np.exp(_least(loss, np.log(_LEAST_PX), np.log(_MOST_PX))))
-    return tau if tau > 2 * _LEAST_PX else 0.0
+    at = _least(loss, np.log(_LEAST_PX), np.log(_MOST_PX))
+    if usual is not None:
+        return _root_mean_square(loss, at)
+    return float(np.exp(at)) if at > np.log(2 * _LEAST_PX) else 0.0
+
+
+def _root_mean_square(loss: Callable[[float], float], at: float) -> float:
+    """Return the root of the mean of tau^2, given minus twice the log density of log tau, which is least at `at`.
+
+    By Gauss and Hermite's rule about there (J. C. Naylor and A. F. M. Smith, Appl. Stat. 31, 1982).
+    """
+    x, weight = np.polynomial.hermite.hermgauss(_NODES)
+    below, least, above = loss(at - _BEND), loss(at), loss(at + _BEND)
+    if not np.isfinite([below, least, above]).all():  # edges that leave a motion free
+        return float(np.exp(at))
+    bend = (below + above - 2 * least) / _BEND**2
+    logs = at + 2 * x / np.sqrt(max(bend, 1.0))  # a usual error alone has 2, and edges may take some of it away
+    more = np.array([loss(float(t)) for t in logs]) - least
+    density = weight * np.exp(x**2 - 0.5 * np.where(np.isfinite(more), more, np.inf))
+    mean = 0.5 * np.log(density @ np.exp(2 * logs) / density.sum())
+    return float(np.exp(_NEAR * np.rint(mean / _NEAR)))  # in steps, as many fits of nearly the same edges share them
 
 
 def _log_det_and_rest(N: Array) -> float:
