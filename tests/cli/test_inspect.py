@@ -72,7 +72,7 @@ def test_each_part_gets_a_verdict_a_record_and_a_report_and_all_of_them_a_page(c
         ("plate", "A 9", "cell 3", "PASS"),
         ("plate", "A 10", "cell 3", "FAIL"),
     ]
-    assert sorted(source.role for source in records[0].sources) == ["cad", "camera", "photo", "tolerances"]
+    assert sorted(source.role for source in records[0].sources) == ["cad", "camera", "photo", "start", "tolerances"]
     assert "FAIL" in (cell / "out/parts/A 10.html").read_text()
     page = (cell / "out/index.html").read_text()
     assert 'href="parts/A%2010.html"' in page
@@ -93,6 +93,17 @@ def test_what_was_judged_is_not_judged_again_but_by_other_limits_it_is(
     other = inspected(cadcam, "--json")
     assert other.code == 0
     assert [(part["verdict"], part["judged_before"]) for part in other.json["parts"]] == [("PASS", False)] * 2
+
+
+def test_another_start_or_again_judges_what_was_judged_before(cadcam: Cadcam, cell: Path) -> None:
+    """Where the start was wrong nothing was found: by a right one it is looked for anew."""
+    (cell / "in/A 10.png").unlink()
+    start = Path("near.txt").read_text()
+    Path("near.txt").write_text(f"{start}\n")
+    before = [inspected(cadcam, "--json", *more).json["parts"][0]["judged_before"] for more in ((), ())]
+    Path("near.txt").write_text(start)
+    after = [inspected(cadcam, "--json", *more).json["parts"][0]["judged_before"] for more in ((), ("--again",), ())]
+    assert (before, after) == ([False, True], [False, False, True])
 
 
 def test_a_photo_that_cannot_be_judged_is_named_and_the_others_are_judged(cadcam: Cadcam, cell: Path) -> None:
@@ -226,4 +237,5 @@ def test_records_can_be_asked_for_by_the_file_they_came_from(cadcam: Cadcam, cel
     assert json.loads(cadcam("state", "list", "--source", "camera.json", "--json").out)["of"] == 2
     listed = json.loads(cadcam("state", "list", "--source", "in/A 10.png", "--json").out)
     assert [record["serial"] for record in listed["records"]] == ["A 10"]
-    assert "no record fits --source" in cadcam("state", "list", "--source", "near.txt").err
+    Path("other.txt").write_text("of nothing")
+    assert "no record fits --source" in cadcam("state", "list", "--source", "other.txt").err

@@ -72,8 +72,9 @@ photos: of each camera a folder, or a pattern with one * in the name of the file
 without the suffix, or what stands for *. Photos of one serial number show one part; with several cameras a part is
 judged when all of them have a photo of it.
 
-A part is judged once: when its record is in the store, with the same photos, model, camera and tolerances by their
-contents, it is left out. So the same command goes on where it was, and judges anew what was judged by other limits.
+A part is judged once: when its record is in the store, with the same photos, model, camera, tolerances and start by
+their contents, it is left out. So the same command goes on where it was, and judges anew what was judged by other
+limits. After a change of other options, --again judges all anew.
 
 --reports FOLDER gets index.html, the page of all parts, and parts/SERIAL.html, the report of each.
 
@@ -106,6 +107,7 @@ def add_to(verbs: Verbs) -> None:
     add_store_option(group)
     group.add_argument("--reports", metavar="FOLDER", help="write the page of all parts and the report of each")
     group.add_argument("--watch", action="store_true", help="go on with photos that arrive, until Ctrl-C")
+    group.add_argument("--again", action="store_true", help="judge anew what was judged before, too")
     parser.set_defaults(resumes=True, points=None)
     add_json(parser)
 
@@ -209,14 +211,15 @@ def _cell(arguments: argparse.Namespace) -> _Cell:
 
     viewpoints, said = viewpoints_of(arguments.photos, arguments.camera, arguments.rig)
     freedom = freedom_as_asked(arguments, posed=arguments.start is not None)
-    views, start = views_as_asked(arguments, said, "--start"), None
+    views, start, placed_by = views_as_asked(arguments, said, "--start"), None, []
     if arguments.start is not None:
         start = read_part_pose(arguments.start, camera_from_world=viewpoints[0].camera_from_world)
+        placed_by = [("start", arguments.start, hash_of(arguments.start))]  # a wrong one, mended, is another question
     tolerances, cameras = tolerances_as_asked(arguments), camera_sources(arguments)
     mesh, report = load_as_asked(arguments)
     part, tolerances = part_to_judge(arguments, mesh, tolerances)
     how = (start, freedom, views, options_as_asked(arguments), part, tolerances)
-    return _Cell(arguments, viewpoints, said, *how, cameras, judged_by(arguments, report))
+    return _Cell(arguments, viewpoints, said, *how, cameras, [*judged_by(arguments, report), *placed_by])
 
 
 class _Line:
@@ -269,6 +272,8 @@ class _Line:
         """Return the record of a part that was judged before, from the same photos and by the same files, if any."""
         from cadcam.record.record import as_kept
 
+        if self.arguments.again:
+            return None
         known = self._store.query(part=self._cell.name, serial=as_kept(arrival.serial), sha256=first)
         return next((r for r in reversed(known) if {source.sha256 for source in r.sources} == prints), None)
 
