@@ -7,12 +7,14 @@ import re
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cadcam.cad.write import write_model
+from cadcam.cli.verbs import inspect
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
@@ -170,6 +172,8 @@ def test_it_watches_until_it_is_stopped(cadcam: Cadcam, cell: Path, monkeypatch:
     )
 
     def sleep(seconds: float) -> None:
+        if seconds < 0.5:  # before the first look
+            return
         step = next(steps, None)
         if step is None:
             raise KeyboardInterrupt
@@ -181,6 +185,28 @@ def test_it_watches_until_it_is_stopped(cadcam: Cadcam, cell: Path, monkeypatch:
     assert [(part["serial"], part["verdict"]) for part in ran.json["parts"]] == [("A 9", "PASS"), ("A 10", "FAIL")]
     assert ran.json["errors"] == {}
     assert "in: No such file or directory" in ran.err
+
+
+def test_while_it_waits_the_page_has_all_parts_and_looks_are_apart(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of two parts, judged a moment after the page was written; no two looks are made at once."""
+    slept: list[float] = []
+    pages: list[str] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        if len(slept) == 5:
+            pages.append((cell / "out/index.html").read_text())
+            raise KeyboardInterrupt
+
+    inspected(cadcam)  # what is judged already takes no time
+    (cell / "out/index.html").unlink()
+    monkeypatch.setattr(inspect, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: 100.0 + sum(slept)))
+    inspected(cadcam, "--watch")
+    assert "A 9" in pages[0]
+    assert "A 10" in pages[0]
+    assert slept[1:] == [1.0] * 4
 
 
 def test_limits_that_are_changed_meanwhile_are_not_those_that_were_judged_by(

@@ -128,6 +128,8 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             for some in _arriving(arrivals) if arguments.watch else [arrivals.there()]:
                 line.take(some)
+                if not some:
+                    line.write_page()
         except KeyboardInterrupt:
             if not arguments.watch:
                 line.write_page()
@@ -138,21 +140,19 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _arriving(arrivals: Arrivals) -> Iterator[list[Arrival]]:
-    """Yield what arrives, for ever: a folder that is not there may come back."""
-    told = ""
+    """Yield what arrives, [] where nothing does, for ever: a folder that is not there may come back."""
+    told, due = "", 0.0
     while True:
         with working("waiting for photos; Ctrl-C ends"):
+            time.sleep(max(due - time.monotonic(), 0.0))  # also after parts that took no time: who writes needs it
+            due = time.monotonic() + _EVERY_S
             try:
-                new = arrivals.new()
+                new, told = arrivals.new(), ""
             except UnreadableFile as error:
                 new = []
                 if str(error) != told:
                     told = str(error)
                     say(f"{told}; waiting for it")
-            if not new:
-                time.sleep(_EVERY_S)
-                continue
-        told = ""
         yield new
 
 
@@ -229,7 +229,7 @@ class _Line:
         self._cell, self._store, self.arguments = cell, store, cell.arguments
         self.folder = None if cell.arguments.reports is None else Path(cell.arguments.reports)
         self._whites: list[float | None] = []
-        self._page_due = 0.0
+        self._page_due, self._unwritten = 0.0, False
         self.store = store.name
         self.latest: deque[Record] = deque(maxlen=_CHARTED)
         self.parts: list[dict[str, Any]] = []  # of each what is printed with --json
@@ -294,14 +294,15 @@ class _Line:
         said = {name: getattr(record, name) for name in ("serial", "id", "verdict", "reason", "quality")}
         self.parts.append(said | {"found": record.pose is not None, "judged_before": before})
         self.latest.append(record)
+        self._unwritten = True
 
     def write_page(self) -> None:
-        """Write the page of the latest parts."""
+        """Write the page of the latest parts, if there is one and it lacks any."""
         from cadcam.report.state.page import write_state_page
 
-        self._page_due = time.monotonic() + _PAGE_S
-        if self.folder is None or not self.latest:
+        if self.folder is None or not self._unwritten:
             return
+        self._page_due, self._unwritten = time.monotonic() + _PAGE_S, False
         last = {record.serial: record.id for record in self.latest}
         there = {i: _report_of(serial) for serial, i in last.items() if (self.folder / _report_of(serial)).exists()}
         records = sorted(self.latest, key=lambda record: record.time)
