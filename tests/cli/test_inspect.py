@@ -97,6 +97,26 @@ def test_what_was_judged_is_not_judged_again_but_by_other_limits_it_is(
     assert [(part["verdict"], part["judged_before"]) for part in other.json["parts"]] == [("PASS", False)] * 2
 
 
+def test_many_are_asked_for_at_once_and_none_is_taken_for_another(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One photo under three serial numbers, two of them judged; asked for two at a time, and one cannot be read."""
+    monkeypatch.setattr(inspect, "_ASKED_AT_ONCE", 2)
+    photo = (cell / "in/A 9.png").read_bytes()
+    (cell / "in/A 10.png").unlink()
+    (cell / "in/B.png").write_bytes(photo)
+    inspected(cadcam)
+    (cell / "in/AA.png").write_bytes(photo)
+    (cell / "in/A.png").mkdir()
+    ran = inspected(cadcam, "--json")
+    assert [(part["serial"], part["judged_before"]) for part in ran.json["parts"]] == [
+        ("A 9", True),
+        ("AA", False),
+        ("B", True),
+    ]
+    assert list(ran.json["errors"]) == ["A"]
+
+
 def test_another_start_or_again_judges_what_was_judged_before(cadcam: Cadcam, cell: Path) -> None:
     """Where the start was wrong nothing was found: by a right one it is looked for anew."""
     (cell / "in/A 10.png").unlink()

@@ -6,6 +6,7 @@ import argparse
 import time
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -38,7 +39,7 @@ from cadcam.cli.output import check_folder, print_json, print_tables, refuse_own
 from cadcam.cli.photos import Shots, add_photo_options, camera_sources, shots_by, viewpoints_of
 from cadcam.cli.stores import STORE_HELP, add_store_option, store_address
 from cadcam.cli.whites import white_as_asked
-from cadcam.errors import BadValue, CadcamError, UnreadableFile, UnusableStore
+from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
 _EVERY_S = 1.0  # between looks at the folders; photos that are the same in two of them are complete
 _PAGE_S = 10.0  # between writings of the page while there is more to do
 _ASKED_FOR_WHITE = 20  # photos of a camera from which is told what is white in those of more than 8 bits
+_ASKED_AT_ONCE = 20  # parts of which is asked in one go whether they were judged before
 _PAGE = "index.html"
 _CHARTED = 300  # parts on the page: the latest
 _DESCRIPTION = """\
@@ -238,27 +240,32 @@ class _Line:
     def take(self, arrivals: Sequence[Arrival]) -> None:
         """Judge some parts, or find that they were."""
         self._whites = self._whites or self._find_whites(arrivals)
-        for number, arrival in enumerate(arrivals, 1):
-            begun = time.monotonic()
+        before: dict[str, Record] = {}
+        for place, arrival in enumerate(arrivals):
+            if place % _ASKED_AT_ONCE == 0:
+                before = self._before(arrivals[place : place + _ASKED_AT_ONCE])
             self.errors.pop(arrival.serial, None)
-            try:
-                first, prints = self._cell.prints(arrival)
-                before = self._before(arrival, first, prints)
-                if before is None:
-                    shots = self._cell.shots(arrival, self._whites or [None] * len(arrival.files))
-                    found = self._cell.judged(shots)
-            except UnusableStore:
-                raise
-            except CadcamError as error:  # of these photos: there are others
-                self.errors[arrival.serial] = str(error)
-                say(f"{arrival.serial}: {error}")
-                continue
-            record = self._keep(arrival, found, shots) if before is None else before
-            self._note(record, before is not None)
-            if before is None and not self.arguments.json:
-                _tell(record, f"{number}/{len(arrivals)}", time.monotonic() - begun)
+            if known := before.get(arrival.serial):
+                self._note(known, before=True)
+            else:
+                self._judge(arrival, f"{place + 1}/{len(arrivals)}")
             if time.monotonic() > self._page_due:
                 self.write_page()
+
+    def _judge(self, arrival: Arrival, number: str) -> None:
+        """Judge a part, keep and tell what was found; or say why its photos cannot be judged."""
+        begun = time.monotonic()
+        try:
+            shots = self._cell.shots(arrival, self._whites or [None] * len(arrival.files))
+            found = self._cell.judged(shots)
+        except CadcamError as error:  # of these photos: there are others
+            self.errors[arrival.serial] = str(error)
+            say(f"{arrival.serial}: {error}")
+            return
+        record = self._keep(arrival, found, shots)
+        self._note(record, before=False)
+        if not self.arguments.json:
+            _tell(record, number, time.monotonic() - begun)
 
     def _find_whites(self, arrivals: Sequence[Arrival]) -> list[float | None]:
         """Return what is white in the photos of each camera, by the first that can be read; [] where none can."""
@@ -268,14 +275,26 @@ class _Line:
             return [white_as_asked(self.arguments, files) for files in columns]
         return [white_as_asked(self.arguments, [file for files in columns for file in files])] * len(columns)
 
-    def _before(self, arrival: Arrival, first: str, prints: set[str]) -> Record | None:
-        """Return the record of a part that was judged before, from the same photos and by the same files, if any."""
+    def _before(self, arrivals: Sequence[Arrival]) -> dict[str, Record]:
+        """Return by serial number the records of parts that were judged before, of the same photos by the same files.
+
+        Many are asked for at once: one at a time, a folder of thousands would take minutes to go through.
+        """
         from cadcam.record.record import as_kept
 
         if self.arguments.again:
-            return None
-        known = self._store.query(part=self._cell.name, serial=as_kept(arrival.serial), sha256=first)
-        return next((r for r in reversed(known) if {source.sha256 for source in r.sources} == prints), None)
+            return {}
+        of: dict[str, tuple[str, set[str]]] = {}  # the hash of its first photo, and those of all files, by serial
+        for arrival in arrivals:
+            with suppress(CadcamError):  # who judges it says why it cannot be read
+                of[arrival.serial] = self._cell.prints(arrival)
+        photos = [first for first, _ in of.values()]
+        known = {
+            (record.serial, frozenset(source.sha256 for source in record.sources)): record  # the latest of equal ones
+            for record in self._store.query(part=self._cell.name, sha256=photos)
+        }
+        each = {serial: known.get((as_kept(serial), frozenset(prints))) for serial, (_, prints) in of.items()}
+        return {serial: record for serial, record in each.items() if record is not None}
 
     def _keep(self, arrival: Arrival, found: Verification, shots: Shots) -> Record:
         from cadcam.report.verify.json import record_of
@@ -290,7 +309,7 @@ class _Line:
         self._store.add(record)
         return record
 
-    def _note(self, record: Record, before: bool) -> None:
+    def _note(self, record: Record, *, before: bool) -> None:
         said = {name: getattr(record, name) for name in ("serial", "id", "verdict", "reason", "quality")}
         self.parts.append(said | {"found": record.pose is not None, "judged_before": before})
         self.latest.append(record)
