@@ -229,6 +229,31 @@ def test_while_it_waits_the_page_has_all_parts_and_looks_are_apart(
     assert slept[1:] == [1.0] * 4
 
 
+def test_of_a_part_that_is_photographed_anew_the_last_verdict_counts(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = (cell / "in/A 9.png").read_bytes()
+    (cell / "in/A 9.png").unlink()
+    steps = iter(
+        [lambda: None, lambda: None, lambda: (cell / "in/A 10.png").write_bytes(good), lambda: None, lambda: None]
+    )
+    slept: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        step = next(steps, None)
+        if step is None:
+            raise KeyboardInterrupt
+        step()
+
+    monkeypatch.setattr(inspect, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: 100.0 + sum(slept)))
+    ran = inspected(cadcam, "--watch", "--json")
+    assert ran.code == 0
+    assert [(part["serial"], part["verdict"]) for part in ran.json["parts"]] == [("A 10", "PASS")]
+    with open_store("parts.sqlite", create=False) as store:
+        assert [record.verdict for record in store.query()] == ["FAIL", "PASS"]
+
+
 def test_limits_that_are_changed_meanwhile_are_not_those_that_were_judged_by(
     cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -8,6 +8,7 @@ from collections import Counter, deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -234,7 +235,7 @@ class _Line:
         self._page_due, self._unwritten = 0.0, False
         self.store = store.name
         self.latest: deque[Record] = deque(maxlen=_CHARTED)
-        self.parts: list[dict[str, Any]] = []  # of each what is printed with --json
+        self._parts: dict[str, dict[str, Any]] = {}  # by serial what is printed with --json: the latest of each
         self.errors: dict[str, str] = {}
 
     def take(self, arrivals: Sequence[Arrival]) -> None:
@@ -269,7 +270,7 @@ class _Line:
 
     def _find_whites(self, arrivals: Sequence[Arrival]) -> list[float | None]:
         """Return what is white in the photos of each camera, by the first that can be read; [] where none can."""
-        sample = [arrival for arrival in arrivals[:_ASKED_FOR_WHITE] if _is_readable(arrival)]
+        sample = list(islice(filter(_is_readable, arrivals), _ASKED_FOR_WHITE))
         columns = list(zip(*(arrival.files for arrival in sample), strict=True))
         if self.arguments.rig or not columns:
             return [white_as_asked(self.arguments, files) for files in columns]
@@ -311,7 +312,7 @@ class _Line:
 
     def _note(self, record: Record, *, before: bool) -> None:
         said = {name: getattr(record, name) for name in ("serial", "id", "verdict", "reason", "quality")}
-        self.parts.append(said | {"found": record.pose is not None, "judged_before": before})
+        self._parts[record.serial] = said | {"found": record.pose is not None, "judged_before": before}
         self.latest.append(record)
         self._unwritten = True
 
@@ -326,6 +327,11 @@ class _Line:
         there = {i: _report_of(serial) for serial, i in last.items() if (self.folder / _report_of(serial)).exists()}
         records = sorted(self.latest, key=lambda record: record.time)
         write_state_page(self.folder / _PAGE, records, links={i: quote(name) for i, name in there.items()})
+
+    @property
+    def parts(self) -> list[dict[str, Any]]:
+        """What is printed of each part with --json: of one that was photographed anew what was found last."""
+        return list(self._parts.values())
 
     @property
     def exit_code(self) -> int:
@@ -374,7 +380,8 @@ def _report(line: _Line, incomplete: Sequence[str]) -> None:
     counts = Counter(part["verdict"] or "not judged" for part in line.parts)
     said = [f"{count} {verdict}" for verdict, count in counts.items()]
     said += [f"{len(line.errors)} could not be judged"] if line.errors else []
-    said += [f"{len(incomplete)} without one photo of each camera ({incomplete[0]} ...)"] if incomplete else []
+    if incomplete:
+        said.append(f"{len(incomplete)} without a photo of each camera, or with several ({incomplete[0]} ...)")
     known = sum(part["judged_before"] for part in line.parts)
     before = f" ({known} judged before)" if known else ""
     say(f"{counted(len(line.parts), 'part')}{before}: {', '.join(said)}; kept in {line.store}")
