@@ -7,12 +7,14 @@ import re
 import time
 from collections.abc import Callable
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 
 from cadcam.cad.write import write_model
+from cadcam.cli.verbs import inspect
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
@@ -72,7 +74,7 @@ def test_each_part_gets_a_verdict_a_record_and_a_report_and_all_of_them_a_page(c
         ("plate", "A 9", "cell 3", "PASS"),
         ("plate", "A 10", "cell 3", "FAIL"),
     ]
-    assert sorted(source.role for source in records[0].sources) == ["cad", "camera", "photo", "tolerances"]
+    assert sorted(source.role for source in records[0].sources) == ["cad", "camera", "photo", "start", "tolerances"]
     assert "FAIL" in (cell / "out/parts/A 10.html").read_text()
     page = (cell / "out/index.html").read_text()
     assert 'href="parts/A%2010.html"' in page
@@ -93,6 +95,37 @@ def test_what_was_judged_is_not_judged_again_but_by_other_limits_it_is(
     other = inspected(cadcam, "--json")
     assert other.code == 0
     assert [(part["verdict"], part["judged_before"]) for part in other.json["parts"]] == [("PASS", False)] * 2
+
+
+def test_many_are_asked_for_at_once_and_none_is_taken_for_another(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """One photo under three serial numbers, two of them judged; asked for two at a time, and one cannot be read."""
+    monkeypatch.setattr(inspect, "_ASKED_AT_ONCE", 2)
+    photo = (cell / "in/A 9.png").read_bytes()
+    (cell / "in/A 10.png").unlink()
+    (cell / "in/B.png").write_bytes(photo)
+    inspected(cadcam)
+    (cell / "in/AA.png").write_bytes(photo)
+    (cell / "in/A.png").mkdir()
+    ran = inspected(cadcam, "--json")
+    assert [(part["serial"], part["judged_before"]) for part in ran.json["parts"]] == [
+        ("A 9", True),
+        ("AA", False),
+        ("B", True),
+    ]
+    assert list(ran.json["errors"]) == ["A"]
+
+
+def test_another_start_or_again_judges_what_was_judged_before(cadcam: Cadcam, cell: Path) -> None:
+    """Where the start was wrong nothing was found: by a right one it is looked for anew."""
+    (cell / "in/A 10.png").unlink()
+    start = Path("near.txt").read_text()
+    Path("near.txt").write_text(f"{start}\n")
+    before = [inspected(cadcam, "--json", *more).json["parts"][0]["judged_before"] for more in ((), ())]
+    Path("near.txt").write_text(start)
+    after = [inspected(cadcam, "--json", *more).json["parts"][0]["judged_before"] for more in ((), ("--again",), ())]
+    assert (before, after) == ([False, True], [False, False, True])
 
 
 def test_a_photo_that_cannot_be_judged_is_named_and_the_others_are_judged(cadcam: Cadcam, cell: Path) -> None:
@@ -159,6 +192,8 @@ def test_it_watches_until_it_is_stopped(cadcam: Cadcam, cell: Path, monkeypatch:
     )
 
     def sleep(seconds: float) -> None:
+        if seconds < 0.5:  # before the first look
+            return
         step = next(steps, None)
         if step is None:
             raise KeyboardInterrupt
@@ -170,6 +205,53 @@ def test_it_watches_until_it_is_stopped(cadcam: Cadcam, cell: Path, monkeypatch:
     assert [(part["serial"], part["verdict"]) for part in ran.json["parts"]] == [("A 9", "PASS"), ("A 10", "FAIL")]
     assert ran.json["errors"] == {}
     assert "in: No such file or directory" in ran.err
+
+
+def test_while_it_waits_the_page_has_all_parts_and_looks_are_apart(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second of two parts, judged a moment after the page was written; no two looks are made at once."""
+    slept: list[float] = []
+    pages: list[str] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        if len(slept) == 5:
+            pages.append((cell / "out/index.html").read_text())
+            raise KeyboardInterrupt
+
+    inspected(cadcam)  # what is judged already takes no time
+    (cell / "out/index.html").unlink()
+    monkeypatch.setattr(inspect, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: 100.0 + sum(slept)))
+    inspected(cadcam, "--watch")
+    assert "A 9" in pages[0]
+    assert "A 10" in pages[0]
+    assert slept[1:] == [1.0] * 4
+
+
+def test_of_a_part_that_is_photographed_anew_the_last_verdict_counts(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    good = (cell / "in/A 9.png").read_bytes()
+    (cell / "in/A 9.png").unlink()
+    steps = iter(
+        [lambda: None, lambda: None, lambda: (cell / "in/A 10.png").write_bytes(good), lambda: None, lambda: None]
+    )
+    slept: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        step = next(steps, None)
+        if step is None:
+            raise KeyboardInterrupt
+        step()
+
+    monkeypatch.setattr(inspect, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: 100.0 + sum(slept)))
+    ran = inspected(cadcam, "--watch", "--json")
+    assert ran.code == 0
+    assert [(part["serial"], part["verdict"]) for part in ran.json["parts"]] == [("A 10", "PASS")]
+    with open_store("parts.sqlite", create=False) as store:
+        assert [record.verdict for record in store.query()] == ["FAIL", "PASS"]
 
 
 def test_limits_that_are_changed_meanwhile_are_not_those_that_were_judged_by(
@@ -226,4 +308,5 @@ def test_records_can_be_asked_for_by_the_file_they_came_from(cadcam: Cadcam, cel
     assert json.loads(cadcam("state", "list", "--source", "camera.json", "--json").out)["of"] == 2
     listed = json.loads(cadcam("state", "list", "--source", "in/A 10.png", "--json").out)
     assert [record["serial"] for record in listed["records"]] == ["A 10"]
-    assert "no record fits --source" in cadcam("state", "list", "--source", "near.txt").err
+    Path("other.txt").write_text("of nothing")
+    assert "no record fits --source" in cadcam("state", "list", "--source", "other.txt").err

@@ -52,6 +52,8 @@ def test_records_are_found_by_the_file_that_they_came_from(where: str) -> None:
         assert store.count(sha256="12" * 32) == 1
         assert store.query(sha256="ab" * 32, serial="S002")[0].serial == "S002"
         assert store.query(sha256="00" * 32) == []
+        assert [r.serial for r in store.query(sha256=["0c" * 32, "12" * 32, "00" * 32])] == ["S001", "S002", ""]
+        assert store.query(sha256=()) == []
 
 
 @pytest.mark.parametrize(

@@ -12,6 +12,7 @@ import pytest
 from cadcam.errors import BadValue
 from cadcam.record.record import Deviation, Finding, Record
 from cadcam.record.trend import Trend, trend, trends
+from cadcam.report.state.chart import trend_chart
 from cadcam.report.state.page import state_page, write_state_page
 from cadcam.report.state.tables import drift_words, features_table
 
@@ -53,6 +54,22 @@ def test_a_point_of_a_chart_leads_to_the_part_and_its_height_is_its_deviation() 
     zero = float(re.findall(r'y="([\d.]+)" text-anchor="end" font-size="11">0<', chart)[0]) - 4
     assert (zero - high) / (zero - low) == pytest.approx(3, abs=0.05)  # written to a tenth of a px
     assert page.count("<a href=") == 3  # both charts and the table; of S0 there is no report
+
+
+def test_what_fails_is_drawn_over_what_passes() -> None:
+    """Among many parts the one that fails would else be under its neighbours."""
+    seen = trend([made(i, 0.1, missing=i == 1) for i in range(4)], "bracket")
+    verdicts = re.findall(r"(PASS|FAIL)</title>", trend_chart(seen, {}))
+    assert verdicts == ["PASS", "PASS", "PASS", "FAIL"]
+
+
+def test_what_is_no_letter_in_a_name_is_spelled_out_in_a_chart() -> None:
+    """A chart of its own is XML, which does not take a control character even where it is escaped."""
+    rib = Deviation("rib\x02", 3.0, 0.1, upper=1.0, verdict="FAIL")
+    (seen,) = trends([Record("block", "S\x011", verdict="FAIL", deviations=(rib,))])
+    drawn = trend_chart(seen, {})
+    assert r"S\x011" in drawn
+    assert not re.search(r"[\x00-\x08]", drawn)
 
 
 def test_limits_far_beyond_all_deviations_are_told_in_words() -> None:

@@ -43,7 +43,7 @@ class Source:
         if path.is_dir():
             return cls(path)
         if path.is_file():
-            expected = "a folder, or a pattern with a *: `cadcam verify` judges one part"
+            expected = "a folder, or a pattern with a *, in quotes: `cadcam verify` judges one part"
             raise BadValue("photos", f"{str(path)!r}, a file", expected)
         if any(c in str(path.parent) for c in "*?[") or path.name.count("*") != 1 or any(c in path.name for c in "?["):
             if "*" not in str(path):

@@ -42,7 +42,7 @@ Named = Literal["part", "serial", "station"]
 NAMED: tuple[Named, ...] = get_args(Named)
 
 
-_TEXTS = {"id_begins", *NAMED, "verdict", "feature", "sha256"}  # of `Which`
+_TEXTS = {"id_begins", *NAMED, "verdict", "feature"}  # of `Which`
 
 
 class Which(TypedDict, total=False):
@@ -50,7 +50,7 @@ class Which(TypedDict, total=False):
 
     id_begins: the beginning of their id. verdict: "" means not judged. since, until: times with their zone, both
     included. feature: only those with a deviation of this name. sha256: only those that came from a file of this
-    fingerprint, be it photo, CAD, camera or tolerances.
+    fingerprint, or of one of these, be it photo, CAD, camera or tolerances.
     """
 
     id_begins: str | None
@@ -61,7 +61,7 @@ class Which(TypedDict, total=False):
     since: datetime | None
     until: datetime | None
     feature: str | None
-    sha256: str | None
+    sha256: str | Sequence[str] | None
 
 
 def open_store(where: str | os.PathLike[str], *, create: bool = True) -> Store:
@@ -260,8 +260,10 @@ class Store:
             having = (sql.select(t.c.measurement_id).where(t.c.feature == feature) for t in self._judged)
             wanted.append(m.id.in_(sql.union_all(*having)))
         if (sha256 := asked.get("sha256")) is not None:
+            several = expect_each([sha256] if isinstance(sha256, str) else sha256, "sha256", str)
             came = schema.source.c
-            wanted.append(m.id.in_(sql.select(came.measurement_id).where(came.sha256 == sha256)))
+            having_one = came.sha256.in_([as_kept(one) for one in several])
+            wanted.append(m.id.in_(sql.select(came.measurement_id).where(having_one)))
         return wanted
 
     def _read(self, ids: Sequence[str]) -> list[Record]:

@@ -6,7 +6,9 @@ import argparse
 import time
 from collections import Counter, deque
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
@@ -38,7 +40,7 @@ from cadcam.cli.output import check_folder, print_json, print_tables, refuse_own
 from cadcam.cli.photos import Shots, add_photo_options, camera_sources, shots_by, viewpoints_of
 from cadcam.cli.stores import STORE_HELP, add_store_option, store_address
 from cadcam.cli.whites import white_as_asked
-from cadcam.errors import BadValue, CadcamError, UnreadableFile, UnusableStore
+from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import READABLE
 
 if TYPE_CHECKING:
@@ -56,6 +58,7 @@ if TYPE_CHECKING:
 _EVERY_S = 1.0  # between looks at the folders; photos that are the same in two of them are complete
 _PAGE_S = 10.0  # between writings of the page while there is more to do
 _ASKED_FOR_WHITE = 20  # photos of a camera from which is told what is white in those of more than 8 bits
+_ASKED_AT_ONCE = 20  # parts of which is asked in one go whether they were judged before
 _PAGE = "index.html"
 _CHARTED = 300  # parts on the page: the latest
 _DESCRIPTION = """\
@@ -72,8 +75,9 @@ photos: of each camera a folder, or a pattern with one * in the name of the file
 without the suffix, or what stands for *. Photos of one serial number show one part; with several cameras a part is
 judged when all of them have a photo of it.
 
-A part is judged once: when its record is in the store, with the same photos, model, camera and tolerances by their
-contents, it is left out. So the same command goes on where it was, and judges anew what was judged by other limits.
+A part is judged once: when its record is in the store, with the same photos, model, camera, tolerances and start by
+their contents, it is left out. So the same command goes on where it was, and judges anew what was judged by other
+limits. After a change of other options, --again judges all anew.
 
 --reports FOLDER gets index.html, the page of all parts, and parts/SERIAL.html, the report of each.
 
@@ -106,6 +110,7 @@ def add_to(verbs: Verbs) -> None:
     add_store_option(group)
     group.add_argument("--reports", metavar="FOLDER", help="write the page of all parts and the report of each")
     group.add_argument("--watch", action="store_true", help="go on with photos that arrive, until Ctrl-C")
+    group.add_argument("--again", action="store_true", help="judge anew what was judged before, too")
     parser.set_defaults(resumes=True, points=None)
     add_json(parser)
 
@@ -126,6 +131,8 @@ def run(arguments: argparse.Namespace) -> int:
         try:
             for some in _arriving(arrivals) if arguments.watch else [arrivals.there()]:
                 line.take(some)
+                if not some:
+                    line.write_page()
         except KeyboardInterrupt:
             if not arguments.watch:
                 line.write_page()
@@ -136,21 +143,19 @@ def run(arguments: argparse.Namespace) -> int:
 
 
 def _arriving(arrivals: Arrivals) -> Iterator[list[Arrival]]:
-    """Yield what arrives, for ever: a folder that is not there may come back."""
-    told = ""
+    """Yield what arrives, [] where nothing does, for ever: a folder that is not there may come back."""
+    told, due = "", 0.0
     while True:
         with working("waiting for photos; Ctrl-C ends"):
+            time.sleep(max(due - time.monotonic(), 0.0))  # also after parts that took no time: who writes needs it
+            due = time.monotonic() + _EVERY_S
             try:
-                new = arrivals.new()
+                new, told = arrivals.new(), ""
             except UnreadableFile as error:
                 new = []
                 if str(error) != told:
                     told = str(error)
                     say(f"{told}; waiting for it")
-            if not new:
-                time.sleep(_EVERY_S)
-                continue
-        told = ""
         yield new
 
 
@@ -209,14 +214,15 @@ def _cell(arguments: argparse.Namespace) -> _Cell:
 
     viewpoints, said = viewpoints_of(arguments.photos, arguments.camera, arguments.rig)
     freedom = freedom_as_asked(arguments, posed=arguments.start is not None)
-    views, start = views_as_asked(arguments, said, "--start"), None
+    views, start, placed_by = views_as_asked(arguments, said, "--start"), None, []
     if arguments.start is not None:
         start = read_part_pose(arguments.start, camera_from_world=viewpoints[0].camera_from_world)
+        placed_by = [("start", arguments.start, hash_of(arguments.start))]  # a wrong one, mended, is another question
     tolerances, cameras = tolerances_as_asked(arguments), camera_sources(arguments)
     mesh, report = load_as_asked(arguments)
     part, tolerances = part_to_judge(arguments, mesh, tolerances)
     how = (start, freedom, views, options_as_asked(arguments), part, tolerances)
-    return _Cell(arguments, viewpoints, said, *how, cameras, judged_by(arguments, report))
+    return _Cell(arguments, viewpoints, said, *how, cameras, [*judged_by(arguments, report), *placed_by])
 
 
 class _Line:
@@ -226,51 +232,70 @@ class _Line:
         self._cell, self._store, self.arguments = cell, store, cell.arguments
         self.folder = None if cell.arguments.reports is None else Path(cell.arguments.reports)
         self._whites: list[float | None] = []
-        self._page_due = 0.0
+        self._page_due, self._unwritten = 0.0, False
         self.store = store.name
         self.latest: deque[Record] = deque(maxlen=_CHARTED)
-        self.parts: list[dict[str, Any]] = []  # of each what is printed with --json
+        self._parts: dict[str, dict[str, Any]] = {}  # by serial what is printed with --json: the latest of each
         self.errors: dict[str, str] = {}
 
     def take(self, arrivals: Sequence[Arrival]) -> None:
         """Judge some parts, or find that they were."""
         self._whites = self._whites or self._find_whites(arrivals)
-        for number, arrival in enumerate(arrivals, 1):
-            begun = time.monotonic()
+        before: dict[str, Record] = {}
+        for place, arrival in enumerate(arrivals):
+            if place % _ASKED_AT_ONCE == 0:
+                before = self._before(arrivals[place : place + _ASKED_AT_ONCE])
             self.errors.pop(arrival.serial, None)
-            try:
-                first, prints = self._cell.prints(arrival)
-                before = self._before(arrival, first, prints)
-                if before is None:
-                    shots = self._cell.shots(arrival, self._whites or [None] * len(arrival.files))
-                    found = self._cell.judged(shots)
-            except UnusableStore:
-                raise
-            except CadcamError as error:  # of these photos: there are others
-                self.errors[arrival.serial] = str(error)
-                say(f"{arrival.serial}: {error}")
-                continue
-            record = self._keep(arrival, found, shots) if before is None else before
-            self._note(record, before is not None)
-            if before is None and not self.arguments.json:
-                _tell(record, f"{number}/{len(arrivals)}", time.monotonic() - begun)
+            if known := before.get(arrival.serial):
+                self._note(known, before=True)
+            else:
+                self._judge(arrival, f"{place + 1}/{len(arrivals)}")
             if time.monotonic() > self._page_due:
                 self.write_page()
 
+    def _judge(self, arrival: Arrival, number: str) -> None:
+        """Judge a part, keep and tell what was found; or say why its photos cannot be judged."""
+        begun = time.monotonic()
+        try:
+            shots = self._cell.shots(arrival, self._whites or [None] * len(arrival.files))
+            found = self._cell.judged(shots)
+        except CadcamError as error:  # of these photos: there are others
+            self.errors[arrival.serial] = str(error)
+            say(f"{arrival.serial}: {error}")
+            return
+        record = self._keep(arrival, found, shots)
+        self._note(record, before=False)
+        if not self.arguments.json:
+            _tell(record, number, time.monotonic() - begun)
+
     def _find_whites(self, arrivals: Sequence[Arrival]) -> list[float | None]:
         """Return what is white in the photos of each camera, by the first that can be read; [] where none can."""
-        sample = [arrival for arrival in arrivals[:_ASKED_FOR_WHITE] if _is_readable(arrival)]
+        sample = list(islice(filter(_is_readable, arrivals), _ASKED_FOR_WHITE))
         columns = list(zip(*(arrival.files for arrival in sample), strict=True))
         if self.arguments.rig or not columns:
             return [white_as_asked(self.arguments, files) for files in columns]
         return [white_as_asked(self.arguments, [file for files in columns for file in files])] * len(columns)
 
-    def _before(self, arrival: Arrival, first: str, prints: set[str]) -> Record | None:
-        """Return the record of a part that was judged before, from the same photos and by the same files, if any."""
+    def _before(self, arrivals: Sequence[Arrival]) -> dict[str, Record]:
+        """Return by serial number the records of parts that were judged before, of the same photos by the same files.
+
+        Many are asked for at once: one at a time, a folder of thousands would take minutes to go through.
+        """
         from cadcam.record.record import as_kept
 
-        known = self._store.query(part=self._cell.name, serial=as_kept(arrival.serial), sha256=first)
-        return next((r for r in reversed(known) if {source.sha256 for source in r.sources} == prints), None)
+        if self.arguments.again:
+            return {}
+        of: dict[str, tuple[str, set[str]]] = {}  # the hash of its first photo, and those of all files, by serial
+        for arrival in arrivals:
+            with suppress(CadcamError):  # who judges it says why it cannot be read
+                of[arrival.serial] = self._cell.prints(arrival)
+        photos = [first for first, _ in of.values()]
+        known = {
+            (record.serial, frozenset(source.sha256 for source in record.sources)): record  # the latest of equal ones
+            for record in self._store.query(part=self._cell.name, sha256=photos)
+        }
+        each = {serial: known.get((as_kept(serial), frozenset(prints))) for serial, (_, prints) in of.items()}
+        return {serial: record for serial, record in each.items() if record is not None}
 
     def _keep(self, arrival: Arrival, found: Verification, shots: Shots) -> Record:
         from cadcam.report.verify.json import record_of
@@ -285,22 +310,28 @@ class _Line:
         self._store.add(record)
         return record
 
-    def _note(self, record: Record, before: bool) -> None:
+    def _note(self, record: Record, *, before: bool) -> None:
         said = {name: getattr(record, name) for name in ("serial", "id", "verdict", "reason", "quality")}
-        self.parts.append(said | {"found": record.pose is not None, "judged_before": before})
+        self._parts[record.serial] = said | {"found": record.pose is not None, "judged_before": before}
         self.latest.append(record)
+        self._unwritten = True
 
     def write_page(self) -> None:
-        """Write the page of the latest parts."""
+        """Write the page of the latest parts, if there is one and it lacks any."""
         from cadcam.report.state.page import write_state_page
 
-        self._page_due = time.monotonic() + _PAGE_S
-        if self.folder is None or not self.latest:
+        if self.folder is None or not self._unwritten:
             return
+        self._page_due, self._unwritten = time.monotonic() + _PAGE_S, False
         last = {record.serial: record.id for record in self.latest}
         there = {i: _report_of(serial) for serial, i in last.items() if (self.folder / _report_of(serial)).exists()}
         records = sorted(self.latest, key=lambda record: record.time)
         write_state_page(self.folder / _PAGE, records, links={i: quote(name) for i, name in there.items()})
+
+    @property
+    def parts(self) -> list[dict[str, Any]]:
+        """What is printed of each part with --json: of one that was photographed anew what was found last."""
+        return list(self._parts.values())
 
     @property
     def exit_code(self) -> int:
@@ -349,7 +380,8 @@ def _report(line: _Line, incomplete: Sequence[str]) -> None:
     counts = Counter(part["verdict"] or "not judged" for part in line.parts)
     said = [f"{count} {verdict}" for verdict, count in counts.items()]
     said += [f"{len(line.errors)} could not be judged"] if line.errors else []
-    said += [f"{len(incomplete)} without one photo of each camera ({incomplete[0]} ...)"] if incomplete else []
+    if incomplete:
+        said.append(f"{len(incomplete)} without a photo of each camera, or with several ({incomplete[0]} ...)")
     known = sum(part["judged_before"] for part in line.parts)
     before = f" ({known} judged before)" if known else ""
     say(f"{counted(len(line.parts), 'part')}{before}: {', '.join(said)}; kept in {line.store}")

@@ -13,11 +13,13 @@ from cadcam.record.record import Deviation, Finding, Record
 from cadcam.record.trend import Trend
 from cadcam.report.chart import INK, PLAIN, VERDICT_COLORS, Frame, round_ticks, stroke, svg
 from cadcam.report.state.tables import deviation_text, when
+from cadcam.report.table import spelled
 from cadcam.whole import utf8, write_whole
 
 _MOST = 300  # parts in a chart, the latest: more would be less than a pixel each
 _FAR = 4.0  # limits beyond so many times what was measured are told in words: the deviations would be one flat line
 _LIMIT = "#dcefe6"
+_ON_TOP = ("", "PASS", "UNDECIDED", "FAIL")  # what is drawn later hides what is drawn before, where parts are many
 
 
 def trend_chart(trend: Trend, links: Mapping[str, str]) -> str:
@@ -35,13 +37,13 @@ def trend_chart(trend: Trend, links: Mapping[str, str]) -> str:
         body += [*areas, *frame.level_lines(trend.unit), *lines]
         outside = max((abs(d.upper) for _, d in values if d.upper is not None and d.upper > frame.ticks[-1]), default=0)
         told = f"; limit {outside:g} {trend.unit}, not shown" if outside else ""
-    for i, (record, one) in enumerate(shown):
+    for i, (record, one) in sorted(enumerate(shown), key=lambda place: _ON_TOP.index(place[1][1].verdict)):
         mark = _value(frame, _x(frame, i, len(shown)), one) if isinstance(one, Deviation) else ""
         mark = mark or _cross(_x(frame, i, len(shown)), frame.height - 30, _color(one))
         body.append(_linked(mark, _said(record, one), links.get(record.id, "")))
     of = f"the latest {len(shown)} of {len(trend)}" if len(shown) < len(trend) else f"{len(shown)}"
     body.append(frame.caption(f"{of} parts, in order of time{told}"))
-    return svg(frame.height, body, f"{trend.kind} of {trend.feature} over the parts")
+    return svg(frame.height, body, f"{trend.kind} of {spelled(trend.feature)} over the parts")
 
 
 def write_trend_svg(path: str | os.PathLike[str], trend: Trend) -> None:
@@ -94,7 +96,7 @@ def _value(frame: Frame, x: float, d: Deviation) -> str:
     color, U = _color(d), d.expanded_uncertainty
     low, high = np.clip([d.deviation - U, d.deviation + U], frame.ticks[0], frame.ticks[-1])
     bar = stroke(x, frame.y(float(low)), x, frame.y(float(high)), color, 1.5)
-    return f'{bar}<circle cx="{x:.1f}" cy="{frame.y(d.deviation):.1f}" r="2.6" fill="{color}"/>'
+    return f'<g opacity="0.4">{bar}</g><circle cx="{x:.1f}" cy="{frame.y(d.deviation):.1f}" r="2.6" fill="{color}"/>'
 
 
 def _cross(x: float, y: float, color: str) -> str:
@@ -110,7 +112,7 @@ def _color(one: Deviation | Finding) -> str:
 
 def _said(record: Record, one: Deviation | Finding) -> str:
     what = deviation_text(one).replace("+-", "±") if isinstance(one, Deviation) else one.reason
-    return ", ".join(t for t in (record.serial, f"{when(record)} UTC", what, one.verdict) if t)
+    return ", ".join(t for t in (spelled(record.serial), f"{when(record)} UTC", what, one.verdict) if t)
 
 
 def _linked(mark: str, said: str, address: str) -> str:

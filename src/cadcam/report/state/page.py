@@ -93,9 +93,10 @@ def _to_do(each: Sequence[Trend], of: Sequence[Record], title: str) -> str:
         for trend in each:
             if not (count := trend.verdicts.get(verdict, 0)):
                 continue
-            last = next((r, one) for r, one in reversed(trend.judged) if one.verdict == verdict)
-            what = f" {word} in {count} of {counted(len(trend), 'part')}, the latest {last[0].serial or when(last[0])}"
-            lines.append(f"<b>{named(trend.feature)}</b>, {escape(trend.kind)},{escape(what)}: {_found(last[1])}")
+            record, last = next((r, one) for r, one in reversed(trend.judged) if one.verdict == verdict)
+            serial = named(record.serial or when(record))
+            what = f"{word} in {count} of {counted(len(trend), 'part')}, the latest {serial}: {_found(last)}"
+            lines.append(f"<b>{named(trend.feature)}</b>, {escape(trend.kind)}, {what}")
             unchanged = trend.unchanged
             if trend.judged[-1][1].verdict == verdict and len(unchanged) > 1:
                 lines[-1] += f", in each of the last {len(unchanged)}"
