@@ -37,6 +37,7 @@ DEFAULTS = {
     "--sigma": "a simulation needs one; estimates find it",
     "--survey-sigma": "a simulation needs one; estimates find it",
     "--seen-from": "a plan file may say it",
+    "--newest": "a page of charts holds more parts than a screen does",
 }
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = (ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md")))
