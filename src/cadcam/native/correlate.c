@@ -240,30 +240,19 @@ INLINE f8 bilinear(const cc_plane *p, f8 x, f8 y) {
     return fused(b, lower - upper, upper);
 }
 
-/* R. Keys, Cubic convolution interpolation, 1981: the kernel of third order, a = -1/2. */
+/* The cubic B-spline's weights of four coefficients, the second at the pixel before. */
 INLINE void cubic_weights(f8 t, f8 w[4]) {
-    const f8 t2 = t * t, t3 = t2 * t;
-    w[0] = -0.5f * t + t2 - 0.5f * t3, w[1] = 1.0f - 2.5f * t2 + 1.5f * t3;
-    w[2] = 0.5f * t + 2.0f * t2 - 1.5f * t3, w[3] = -0.5f * t2 + 0.5f * t3;
+    const f8 r = 1.0f - t, t2 = t * t, r2 = r * r;
+    const float third = 2.0f / 3, sixth = 1.0f / 6;
+    w[0] = sixth * r2 * r, w[1] = third - t2 * (1.0f - 0.5f * t), w[2] = third - r2 * (1.0f - 0.5f * r);
+    w[3] = sixth * t2 * t;
 }
 
-/* Beyond the picture's border its last pixels are repeated. */
-static f8 cubic_at_border(const cc_plane *p, i8 i, i8 j, const f8 wx[4], const f8 wy[4]) {
-    f8 s = eight(0);
-    for (int l = 0; l < 4; l++) {
-        const i8 row = within(j + (l - 1), p->height - 1) * p->width;
-        for (int k = 0; k < 4; k++)
-            s = fused(wx[k] * wy[l], gathered(p->pixels, row + within(i + (k - 1), p->width - 1)), s);
-    }
-    return s;
-}
-
+/* Points lie in [1, width - 2) x [1, height - 2) of the coefficients. */
 INLINE f8 cubic(const cc_plane *p, f8 x, f8 y) {
-    const i8 i = whole_f(x), j = whole_f(y);
+    const i8 i = whole_f(x), j = whole_f(y), at = (j - 1) * p->width + (i - 1);
     f8 wx[4], wy[4], s = eight(0);
     cubic_weights(x - real(i), wx), cubic_weights(y - real(j), wy);
-    if (signs((i < 1) | (j < 1) | (i > p->width - 3) | (j > p->height - 3))) return cubic_at_border(p, i, j, wx, wy);
-    const i8 at = (j - 1) * p->width + (i - 1);
     const float *row[8];
     for (int k = 0; k < 8; k++) row[k] = p->pixels + at[k];
     for (int l = 0; l < 4; l++) {
@@ -276,22 +265,94 @@ INLINE f8 cubic(const cc_plane *p, f8 x, f8 y) {
     return s;
 }
 
+enum { TAIL = 8, ROOM = 8 }; /* px: reach of a coefficient, beyond it 1e-5 are left; that a climb moves within a part */
+
+/* What is read between pixels: the picture, or coefficients of the spline through a part of it, from pixel (x, y) on.
+ * `spare` (capacity) holds two of these. */
+typedef struct {
+    cc_plane plane;
+    int32_t x, y;
+    float *spare;
+    size_t capacity;
+} part;
+
+/* Coefficients of the cubic spline through values `stride` apart (M. Unser, Splines, 1999), TAIL strides further on. */
+static void through(const float *restrict in, size_t n, size_t stride, float *restrict out) {
+    float weight[TAIL + 1];
+    const double pole = sqrt(3.0) - 2;
+    double next = 1, all = 1;
+    for (int k = 1; k <= TAIL; k++) next *= pole, all += 2 * next, weight[k] = (float)next;
+    for (int k = 1; k <= TAIL; k++) weight[k] = (float)(weight[k] / all);
+    weight[0] = (float)(1 / all);
+    for (size_t i = 0; i < n; i++) {
+        const float *at = in + i + TAIL * stride;
+        float s = weight[0] * at[0];
+        for (size_t k = 1; k <= TAIL; k++) s += weight[k] * (at[k * stride] + *(at - k * stride));
+        out[i] = s;
+    }
+}
+
+/* Fit the spline to a part of the picture, beyond whose border its last pixels are repeated; 0 where memory is short. */
+static int fitted(const cc_plane *p, rect r, part *q) {
+    const int32_t width = r.x1 - r.x0 + 1 + 2 * TAIL, height = r.y1 - r.y0 + 1 + 2 * TAIL;
+    const size_t row = (size_t)width, size = row * (size_t)height;
+    if (q->capacity < size) {
+        free(q->spare);
+        q->spare = malloc(2 * size * sizeof *q->spare), q->capacity = q->spare ? size : 0;
+        if (!q->spare) return 0;
+    }
+    float *out = q->spare, *down = q->spare + size;
+    for (int32_t y = 0; y < height; y++) {
+        const int32_t from = r.x0 - TAIL, at = imin(imax(r.y0 - TAIL + y, 0), p->height - 1);
+        const float *pixels = p->pixels + (size_t)at * (size_t)p->width;
+        for (int32_t x = 0; x < width; x++) out[(size_t)y * row + (size_t)x] = pixels[imin(imax(from + x, 0), p->width - 1)];
+    }
+    through(out, size - 2 * TAIL * row, row, down);
+    through(down, size - 2 * TAIL * row - 2 * TAIL, 1, out);
+    q->plane = (cc_plane){out, width, height - 2 * TAIL}, q->x = r.x0, q->y = r.y0;
+    return 1;
+}
+
+/* The pixels that a template's points, in the box, are read from at a pose, and so many more. */
+static rect read_at(const cc_register *task, const box *points, const double pose[4], int32_t more) {
+    const double c = pose[3] * cos(pose[2]), s = pose[3] * sin(pose[2]);
+    const double right = task->plane.width - 1, bottom = task->plane.height - 1;
+    double x0 = right, x1 = 0, y0 = bottom, y1 = 0;
+    for (int k = 0; k < 4; k++) {
+        const double u = k & 1 ? points->x1 : points->x0, v = k & 2 ? points->y1 : points->y0;
+        const double x = lower(upper(pose[0] + c * u - s * v, 0), right);
+        const double y = lower(upper(pose[1] + s * u + c * v, 0), bottom);
+        x0 = lower(x0, x), x1 = upper(x1, x), y0 = lower(y0, y), y1 = upper(y1, y);
+    }
+    return (rect){imax((int32_t)x0 - 1 - more, -1), imin((int32_t)x1 + 2 + more, task->plane.width),
+                  imax((int32_t)y0 - 1 - more, -1), imin((int32_t)y1 + 2 + more, task->plane.height)};
+}
+
+/* See to it that a part holds what is read at a pose; 0 where memory is short. */
+static int seen_to(const cc_register *task, const box *points, const double pose[4], part *q) {
+    if (!task->cubic) return 1;
+    const rect r = read_at(task, points, pose, 1); /* 1: poses are rounded to single precision */
+    const int32_t right = q->x + q->plane.width - 2 * TAIL - 1, bottom = q->y + q->plane.height - 1;
+    if (q->capacity && r.x0 >= q->x && r.x1 <= right && r.y0 >= q->y && r.y1 <= bottom) return 1;
+    return fitted(&task->plane, read_at(task, points, pose, ROOM), q);
+}
+
 /* Sums over the picture g under the template: of g, g^2, g value, g slope. */
 typedef struct { double one, two, value, slope[4]; } sums;
 
-static sums sums_at(const cc_register *r, const double pose[4]) {
+static sums sums_at(const cc_register *r, const part *q, const double pose[4]) {
     const float c = (float)(pose[3] * cos(pose[2])), s = (float)(pose[3] * sin(pose[2]));
-    const f8 x0 = eight((float)pose[0]), y0 = eight((float)pose[1]);
+    const f8 x0 = eight((float)(pose[0] - q->x)), y0 = eight((float)(pose[1] - q->y));
     const float short_of = 1 - FLT_EPSILON; /* the last pixel: between it and the one before */
-    const f8 right = eight((float)(r->plane.width - 1) * short_of);
-    const f8 bottom = eight((float)(r->plane.height - 1) * short_of);
+    const f8 left = eight((float)-q->x), right = eight((float)(r->plane.width - 1 - q->x) * short_of);
+    const f8 top = eight((float)-q->y), bottom = eight((float)(r->plane.height - 1 - q->y) * short_of);
     const f8 mean = eight(r->plane.pixels[0]); /* subtracted first: less cancellation in the sums of squares */
     f8 one = eight(0), two = one, value = one, slope[4] = {one, one, one, one};
     for (int32_t k = 0; k < r->n; k += 8) { /* the caller fills up to a multiple of 8, with zeros in all but count */
         const f8 u = load(r->u + k), v = load(r->v + k);
-        const f8 x = most_of(least_of(x0 + c * u - s * v, right), eight(0));
-        const f8 y = most_of(least_of(y0 + s * u + c * v, bottom), eight(0));
-        f8 g = (r->cubic ? cubic(&r->plane, x, y) : bilinear(&r->plane, x, y)) - mean;
+        const f8 x = most_of(least_of(x0 + c * u - s * v, right), left);
+        const f8 y = most_of(least_of(y0 + s * u + c * v, bottom), top);
+        f8 g = (r->cubic ? cubic(&q->plane, x, y) : bilinear(&q->plane, x, y)) - mean;
         if (k + 8 > r->n) {
             const i8 number = *(const i8 *)LANE;
             g = choose(number < r->n - k, g, eight(0));
@@ -319,24 +380,33 @@ static double moved(double pose[4], const double step[4], double radius) {
     return scale * (hypot(step[0], step[1]) + radius * (fabs(step[2]) + fabs(step[3])));
 }
 
-static double climb(const cc_register *r, double pose[4]) {
+/* Climb to the peak near a pose; its score. -1: memory is short. */
+static int climb(const cc_register *r, const box *points, part *q, double pose[4], double *score) {
     const double start[2] = {pose[0], pose[1]}, scale = pose[3];
+    double far = INFINITY;
     for (int32_t i = 0;; i++) {
-        const sums s = sums_at(r, pose);
-        if (i == r->iterations || fabs(s.value) < 1e-12) return score_of(r, &s);
+        if (!seen_to(r, points, pose, q)) return -1;
+        const sums s = sums_at(r, q, pose);
+        *score = score_of(r, &s);
+        if (i == r->iterations || far < r->settled || fabs(s.value) < 1e-12) return 0;
         double step[4] = {0, 0, 0, 0};
         for (int m = 0; m < r->motions; m++)
             for (int k = 0; k < r->motions; k++) step[m] += r->inverse[m * r->motions + k] * s.slope[k] / s.value;
-        const double far = moved(pose, step, r->radius);
+        far = moved(pose, step, r->radius), *score = 0;
         if (!(hypot(pose[0] - start[0], pose[1] - start[1]) < r->reach) || !(fabs(log(pose[3] / scale)) < 0.4))
             return 0;
-        if (far < r->settled) {
-            const sums last = sums_at(r, pose);
-            return score_of(r, &last);
-        }
     }
 }
 
-void VARIANT(register_poses)(const cc_register *r, double *pose, double *score, int32_t count) {
-    for (int32_t i = 0; i < count; i++) score[i] = climb(r, pose + 4 * (size_t)i);
+int32_t VARIANT(register_poses)(const cc_register *r, double *pose, double *score, int32_t count) {
+    box points = {0, 0, 0, 0}; /* with the origin, where the numbers lie that fill up to a multiple of 8 */
+    for (int32_t k = 0; k < r->n; k++) {
+        points.x0 = lower(points.x0, r->u[k]), points.x1 = upper(points.x1, r->u[k]);
+        points.y0 = lower(points.y0, r->v[k]), points.y1 = upper(points.y1, r->v[k]);
+    }
+    part q = {.plane = r->plane};
+    int32_t fine = 0;
+    for (int32_t i = 0; i < count && !fine; i++) fine = climb(r, &points, &q, pose + 4 * (size_t)i, score + i);
+    free(q.spare);
+    return fine;
 }

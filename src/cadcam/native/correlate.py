@@ -66,7 +66,7 @@ def _core() -> c.CDLL:
             "cc_shrink": (None, [pointer, i32, pointer]),
             "cc_find_spots": (None, [pointer]),
             "cc_search_rows": (i32, [pointer, i32, i32]),
-            "cc_register_poses": (None, [pointer, pointer, pointer, i32]),
+            "cc_register_poses": (i32, [pointer, pointer, pointer, i32]),
         },
     )
 
@@ -208,7 +208,8 @@ def registered(
         reach,
         template.radius,
     )
-    _core().cc_register_poses(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved))
+    if _core().cc_register_poses(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved)):
+        raise NotEnoughMemory(f"there is not enough memory to match in {kept.shape[1]} x {kept.shape[0]} px")
     return moved, np.clip(score, -1.0, 1.0)  # sums are in single precision
 
 
