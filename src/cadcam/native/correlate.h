@@ -60,4 +60,11 @@ CC_API int32_t cc_search_rows(const cc_search *search, int32_t from, int32_t to)
  * or -1 where memory is short. */
 CC_API int32_t cc_register_poses(const cc_register *task, double *pose, double *score, int32_t count);
 
+/* Second moments (count, motions, motions) of what pulls at poses: of the sum of slopes times what the template, at the
+ * picture's gain, does not explain. What two points say counts as one matter by how much of a square of `side` px (a
+ * power of two) at the one lies in that at the other. Points lie whole px apart. shown, alike: slopes times those that
+ * the picture has there, at its gain. Of a task between cubic pixels. 0, or -1 where memory is short. */
+CC_API int32_t cc_register_pulls(const cc_register *task, int32_t side, const double *pose, double *moment,
+                                 double *shown, int32_t count);
+
 #endif
