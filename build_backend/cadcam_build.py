@@ -35,8 +35,8 @@ FLAGS = ["-std=c11", "-O3", "-fPIC", "-fvisibility=hidden"]
 FLAGS += ["-ffp-contract=off"]  # without fused multiply-adds a shared edge is the exact negative of its neighbour's
 FLAGS += ["-fno-math-errno", "-fno-trapping-math"]  # these change no number; loops vectorise
 # The hot files, once for each instruction set; the choice is made at run time (best_level in scene.c).
-HOT = ("cull.c", "raster.c", "strip.c", "bent.c", "tile.c", "tile_plain.c", "shade.c", "correlate.c", "step.c")
-HOT += ("field.c", "slide.c", "climb.c", "sweep.c", "slope.c", "left.c")
+HOT = ("cull.c", "raster.c", "strip.c", "bent.c", "tile.c", "tile_plain.c", "shade.c", "correlate.c", "register.c")
+HOT += ("step.c", "field.c", "slide.c", "climb.c", "sweep.c", "slope.c", "left.c")
 ONCE = (
     "scene.c",
     "lens.c",

@@ -14,6 +14,7 @@ from cadcam.image.correlate import ANY_ANGLE, CorrelateOptions, Peaks, correlate
 from cadcam.image.template import Template
 from cadcam.image.undetermined import undetermined
 from cadcam.native import core
+from cadcam.native.correlate import pulls
 
 try:
     core.library()
@@ -144,6 +145,54 @@ def test_what_has_a_place_is_known_as_stated_in_every_direction(
         errors.append(np.linalg.solve(np.linalg.cholesky(peaks.covariance[0, :3, :3]), error))
         assert not undetermined(peaks, template)[0]
     assert np.sqrt(np.mean(np.square(errors), axis=0)) == pytest.approx(1, abs=WITHIN)
+
+
+@pytest.mark.parametrize("kind", ["edge", "corner"])
+def test_what_only_rounding_blurs_is_known_as_stated(kind: str, rng: np.random.Generator) -> None:
+    """Rounding leaves most at edges, alike along them; between pixels a wrong spline errs alike along them as well.
+
+    Taken for noise all over the template, it made an edge's angle 11, a corner's place 4 times as good as it is.
+    """
+    errors = []
+    for _ in range(DRAWS):
+        peaks, _, q, turn, _ = matched(kind, (0.0, 0.0), rng, ABOUT_UPRIGHT)
+        error = np.array([*(peaks.q[0] - q), wrapped(peaks.angle[0] - turn)])
+        C = peaks.covariance[0, :3, :3]
+        errors.append(np.linalg.solve(np.linalg.cholesky(C), error) if kind == "corner" else error[2:] / C[2, 2] ** 0.5)
+    assert np.sqrt(np.mean(np.square(errors), axis=0)) == pytest.approx(1, abs=WITHIN)
+
+
+@pytest.mark.parametrize("side", [1, 4])
+def test_what_pulls_at_a_peak_is_that_of_a_spline_summed_over_squares(side: int, rng: np.random.Generator) -> None:
+    """By SciPy's spline through all of the picture, and every square's sum written out."""
+    from scipy.ndimage import map_coordinates, spline_filter
+
+    picture = taken("texture", (20.0, 20.0), 0.0, (48, 50), 0.01, rng)
+    points = Template(taken("texture", (10.0, 9.0), 0.2, (20, 21), 0.01, rng)).settling(4)
+    pose = np.array([24.3, 22.9, 0.3, 1.07])
+    u, v, value, J = (
+        a[..., : points.count].astype(np.float64) for a in (points.u, points.v, points.value, points.slope)
+    )
+    spline = spline_filter(picture)
+
+    def seen(at: Array) -> Array:
+        c, s = at[3] * math.cos(at[2]), at[3] * math.sin(at[2])
+        where = [at[1] + s * u + c * v, at[0] + c * u - s * v]
+        return np.asarray(map_coordinates(spline, where, order=3, prefilter=False))
+
+    off = seen(pose) - seen(pose).mean()
+    gain, (angle, scale) = off @ value, pose[2:]
+    c, s = scale * math.cos(angle), scale * math.sin(angle)
+    by = 1e-4 * np.array([[c, s, 0, 0], [-s, c, 0, 0], [0, 0, 1, 0], [0, 0, 0, scale]])
+    slopes = np.stack([(seen(pose + d) - seen(pose - d)) / 2e-4 for d in by])
+    pull = J * (off / gain - value)
+    left, top = np.rint(u - u.min()), np.rint(v - v.min())
+    corners = [(i, j) for i in range(1 - side, 21) for j in range(1 - side, 20)]
+    squares = [(left >= i) & (left < i + side) & (top >= j) & (top < j + side) for i, j in corners]
+    sums = np.stack([pull[:, square].sum(axis=1) for square in squares])
+    moment, shown = (a[0] for a in pulls(picture.astype(np.float32), points, pose, side))
+    assert moment == pytest.approx(sums.T @ sums / side**2, rel=1e-3, abs=1e-3 * np.abs(moment).max())
+    assert shown == pytest.approx(J @ slopes.T / gain, rel=1e-3, abs=1e-3 * np.abs(shown).max())
 
 
 @pytest.mark.parametrize("kind", ["edge", "line"])

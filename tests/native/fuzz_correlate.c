@@ -67,17 +67,22 @@ static void climb(int i, const cc_plane *plane) {
         value[k] = k < n ? (float)around() / sqrtf((float)n) : 0;
         for (int m = 0; m < motions; m++) slope[m * size + k] = k < n ? (float)around() : 0;
     }
-    double inverse[16], pose[20], score[5] = {0};
+    double inverse[16], pose[20], start[20], score[5] = {0}, moment[80] = {0}, shown[80] = {0};
     for (int k = 0; k < 16; k++) inverse[k] = upto(4) ? around() : 1e12 * around();
     for (int k = 0; k < count; k++) {
         pose[4 * k] = upto(5) ? plane->width * unit() : 1e6 * around();
         pose[4 * k + 1] = plane->height * around();
         pose[4 * k + 2] = 7 * around(), pose[4 * k + 3] = 0.2 + unit();
     }
+    memcpy(start, pose, sizeof start);
     cc_register r = {*plane, u, v, value, slope, inverse, n, motions, upto(1), upto(20), 1e-3, 1 + 50 * unit(), 30};
-    cc_register_poses(&r, pose, score, count);
+    if (cc_register_poses(&r, pose, score, count)) fail("out of memory", i);
     for (int k = 0; k < count; k++)
         if (!isfinite(score[k])) fail("a score that is no number", i);
+    r.cubic = 1;
+    if (cc_register_pulls(&r, 1 << upto(3), start, moment, shown, count)) fail("out of memory", i);
+    for (int k = 0; k < count * motions * motions; k++)
+        if (!isfinite(moment[k]) || !isfinite(shown[k])) fail("a pull that is no number", i);
     free(u), free(v), free(value), free(slope);
 }
 

@@ -1,9 +1,14 @@
 """How well a peak of the correlation is known: from what the template does not explain, and the slopes on both sides.
 
 A peak is where the template's slopes J by its motions are orthogonal to the residual r: J r = 0. So an error of the
-motions is H^-1 J r, with H = J Jp^T, Jp the picture's slopes there, and the covariance s^2 H^-1 J J^T H^-T, s^2 the
-variance of r. Noise in the template's slopes adds to J J^T, which therefore says that more is known than is; noise of
-template and picture have nothing to do with each other, so that H holds what both show.
+motions is H^-1 J r, with H = J Jp^T, Jp the picture's slopes there, and the covariance H^-1 S H^-T, S that of J r.
+Noise in the template's slopes adds to J J^T, which therefore says that more is known than is; noise of template and
+picture have nothing to do with each other, so that H holds what both show.
+
+S is not s^2 J J^T: rounding to eight bits leaves nothing where all is flat and most at edges, what an edge's pixels
+leave unexplained is alike along it, and in an enlarged picture from pixel to pixel. So S is estimated as the squares of
+what J r comes to in squares of pixels all over the template (W. Newey and K. West, A simple, positive semi-definite,
+heteroskedasticity and autocorrelation consistent covariance matrix, 1987, in two dimensions).
 
 Along an edge they show nothing but noise, which has peaks of its own, all along it: the slopes at the best of these
 agree, as at any peak, and H says that it is known to half a pixel. So H counts only for motions that change what is
@@ -20,11 +25,12 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask, Picture
-from cadcam.native.correlate import Points
+from cadcam.native.correlate import Points, pulls
 
 # Points by which the slopes are compared: what they say of both sides is a ratio of sums, known to a few hundredths by
 # a thousand. Of more points, those a golden section of them apart, round and round: in no step with their rows.
@@ -41,6 +47,7 @@ _CLIMB = ((8, 0.8), (40, 0.25))  # after so many steps, what share of the way ma
 _HIGH = 0.98  # share of the best score from which peaks are looked into so: the first, and those that may be it
 _BY_NOISE = 8.0  # sd, of white noise, of a share of a motion that the noise of smoothed slopes (twice that) may feign
 _FIRST, _ROUNDS, _FEW = 0.5, 8, 4  # an edge is followed by half a rim at first, in so many rounds, by short climbs
+_SQUARES = 3  # that tell of a motion, at least: what is not explained goes together within each of them
 _EXACT = 1e-12  # of what the best motion shows (squared): less is rounding
 
 
@@ -55,27 +62,29 @@ def peak_covariances(
 
     range_of (4,): over how many px, rad and shares of the scale they were looked for.
     """
-    whole, motions = _Slopes.of(points), len(points.slope)
-    noise = (1 - score**2) / np.maximum(score**2, 1e-12) / max(points.count - 2 - motions, 1)
+    whole, motions = _slopes_of(points), len(points.slope)
+    side = _together(whole.telling, motions)
+    moments, both = pulls(picture, points, poses, side)
+    moments /= max(1 - motions * side**2 / whole.telling, 0.25)  # as many pulls fewer than squares as are fitted
     high = np.abs(score) >= _HIGH * np.abs(score).max(initial=0.0)
     each = []
-    for pose, of, worth, looked_into in zip(poses, noise, np.abs(score), high, strict=True):
+    for pose, moment, shown, worth, looked_into in zip(poses, moments, both, np.abs(score), high, strict=True):
         slopes, per_motion = whole, _per_motion(pose, motions)
-        H, clear = _shown(picture, slopes, pose, _MOST)
+        clear = _clear(picture, slopes, pose, _MOST)
         weak = clear <= _CLEARLY
         if np.count_nonzero(weak) > 1:
             slopes = slopes.apart(weak, per_motion, range_of)
         if looked_into and weak.any():
-            H, clear = _shown(picture, slopes, pose, points.count)
+            clear = _clear(picture, slopes, pose, points.count)
         elif slopes is not whole:
-            H, clear = _shown(picture, slopes, pose, _MOST)
+            clear = _clear(picture, slopes, pose, _MOST)
         known = clear > _CLEARLY
         if looked_into:
             known |= _returned_to(slopes, pose, clear, range_of, climb)
         left_open = (per_motion @ _plain(slopes, ~known)).T
         if looked_into and not known.all():
             left_open = _followed(left_open, pose, _HIGH * worth, _FIRST * slopes.rim * pose[3], climb)
-        each.append(_of_known(slopes, per_motion, H, known, of) + _anywhere(left_open, range_of))
+        each.append(_of_known(per_motion, slopes.motions[:, known], shown, moment) + _anywhere(left_open, range_of))
     return np.array(each).reshape(-1, 4, 4)
 
 
@@ -107,6 +116,12 @@ class _Slopes:
         return cls(u, v, value, motions.T @ J, motions, np.linalg.norm(J, axis=1), rim)
 
     @property
+    def telling(self) -> float:
+        """Return how many points tell of the motions: along an edge, those on it."""
+        told = np.sum(self.slope**2, axis=0)
+        return float(np.sum(told) ** 2 / np.sum(told**2))
+
+    @property
     def px(self) -> Array:
         """Return by how many px at the rim each motion (m,) moves."""
         per_px = np.array([1.0, 1.0, self.rim, self.rim])[: len(self.motions)]
@@ -127,12 +142,17 @@ class _Slopes:
         return replace(self, motions=motions, slope=slope)
 
 
-def _shown(picture: Picture, slopes: _Slopes, pose: Array, most: int) -> tuple[Array, Array]:
-    """Return J Jp^T (m, m) by the motions of the slopes, and how many sd of noise (m,) both show of each."""
-    H, by_noise = _compared(picture, slopes, pose, _spread(len(slopes.u), most))
-    clear = np.full(len(H), np.inf)
-    np.divide(np.diag(H), by_noise, out=clear, where=by_noise > 0)
-    return H, np.where(np.diag(H) > 0, clear, 0.0)
+@lru_cache(maxsize=4)  # of the templates last searched for
+def _slopes_of(points: Points) -> _Slopes:
+    return _Slopes.of(points)
+
+
+def _clear(picture: Picture, slopes: _Slopes, pose: Array, most: int) -> Array:
+    """Return how many sd of noise (m,) the template and the picture both show of each motion of the slopes."""
+    shown, by_noise = _compared(picture, slopes, pose, _spread(len(slopes.u), most))
+    clear = np.full(len(shown), np.inf)
+    np.divide(shown, by_noise, out=clear, where=by_noise > 0)
+    return np.where(shown > 0, clear, 0.0)
 
 
 def _returned_to(slopes: _Slopes, pose: Array, clear: Array, range_of: Array, climb: Climb) -> Mask:
@@ -158,11 +178,16 @@ def _returned_to(slopes: _Slopes, pose: Array, clear: Array, range_of: Array, cl
     return back
 
 
-def _of_known(slopes: _Slopes, per_motion: Array, H: Array, known: Mask, noise: float) -> Array:
-    """Return the covariance (4, 4) of a peak's known motions: where the template does not move by the others."""
-    U, shown, Vt = np.linalg.svd(H[np.ix_(known, known)])
-    error = per_motion @ slopes.motions[:, known] @ (Vt.T / np.maximum(shown, _LEAST)) @ U.T
-    return np.asarray(noise * error @ error.T)
+def _of_known(per_motion: Array, motions: Array, H: Array, moment: Array) -> Array:
+    """Return the covariance (4, 4) of a peak's known motions (m, k): where the template does not move by others."""
+    U, shown, Vt = np.linalg.svd(motions.T @ H @ motions)
+    error = per_motion @ motions @ (Vt.T / np.maximum(shown, _LEAST)) @ U.T @ motions.T
+    return np.asarray(error @ moment @ error.T)
+
+
+def _together(telling: float, motions: int) -> int:
+    """Return the side in px, a power of two, of the squares of which a template has enough to tell how they vary."""
+    return 1 << int(math.log2(max(1.0, math.sqrt(telling / (_SQUARES * motions)))))
 
 
 def _anywhere(left_open: Array, range_of: Array) -> Array:
@@ -196,7 +221,7 @@ def _followed(left_open: Array, pose: Array, least: float, first: float, climb: 
 
 
 def _compared(picture: Picture, slopes: _Slopes, pose: Array, some: Longs) -> tuple[Array, Array]:
-    """Return J Jp^T by some of the points, and the sd that noise alone gives each number on its diagonal.
+    """Return the diagonal of J Jp^T by some of the points, and the sd that noise alone gives each number of it.
 
     Noise has at most the variance in central differences that it has itself. A motion's slope is that by the px by
     which it moves a point.
@@ -207,7 +232,7 @@ def _compared(picture: Picture, slopes: _Slopes, pose: Array, some: Longs) -> tu
     shift, (turn, grow) = slopes.motions[:2, :, None], (*slopes.motions[2:, :, None], 0.0)[:2]
     moved = (shift[0] - turn * v + grow * u) ** 2 + (shift[1] + turn * u + grow * v) ** 2
     variance = (pose[3] * share) ** 2 * np.sum(J**2 * moved * residual**2, axis=1)
-    return share * H @ slopes.motions, np.sqrt(variance)
+    return share * np.einsum("ij,ji->i", H, slopes.motions), np.sqrt(variance)
 
 
 def _plain(slopes: _Slopes, which: Mask) -> Array:

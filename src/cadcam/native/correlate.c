@@ -1,44 +1,11 @@
-/* Correlation: the search on a coarse grid, a block of positions and a group of orientations at a time, and the climb
- * to the sub-pixel peak (inverse compositional Gauss-Newton on the normalised correlation). */
+/* Correlation: the search on a coarse grid, a block of positions and a group of orientations at a time. */
 #include "correlate.h"
 #include "hot.h"
 #include "vectors.h"
 
 enum { WIDE = 24, GROUP = 4, MARGIN = WIDE + 8 }; /* positions and orientations at a time, to fill the registers */
 
-#ifdef __AVX2__
-INLINE f8 gathered(const float *p, i8 at) { return (f8)_mm256_i32gather_ps(p, (__m256i)at, 4); }
-INLINE i8 whole_f(f8 v) { return (i8)_mm256_cvttps_epi32((__m256)v); }
-INLINE f8 real(i8 v) { return (f8)_mm256_cvtepi32_ps((__m256i)v); }
-#else
-INLINE f8 gathered(const float *p, i8 at) {
-    f8 v;
-    for (int k = 0; k < 8; k++) v[k] = p[at[k]];
-    return v;
-}
-INLINE i8 whole_f(f8 v) {
-    i8 w;
-    for (int k = 0; k < 8; k++) w[k] = (int32_t)v[k];
-    return w;
-}
-INLINE f8 real(i8 v) {
-    f8 w;
-    for (int k = 0; k < 8; k++) w[k] = (float)v[k];
-    return w;
-}
-#endif
-INLINE f8 load(const float *p) { return *(const f8 *)p; }
 INLINE i8 pick(i8 mask, i8 yes, i8 no) { return (yes & mask) | (no & ~mask); }
-INLINE i8 within(i8 v, int32_t last) { /* clamped to 0 .. last */
-    const i8 none = {0}, top = none + last;
-    v = pick(v < 0, none, v);
-    return pick(v > last, top, v);
-}
-static float sum(f8 v) {
-    float s = 0;
-    for (int k = 0; k < 8; k++) s += v[k];
-    return s;
-}
 
 enum { STRIP = 1024 }; /* px of a row at a time */
 
@@ -225,118 +192,4 @@ int32_t VARIANT(search_rows)(const cc_search *s, int32_t from, int32_t to) {
         }
     free(plane), free(weight), free(at);
     return fine ? 0 : -1;
-}
-
-/* ---- the climb */
-
-/* Points lie in [0, width - 1) x [0, height - 1): sums_at sees to it. */
-INLINE f8 bilinear(const cc_plane *p, f8 x, f8 y) {
-    const i8 i = whole_f(x), j = whole_f(y), at = j * p->width + i;
-    const f8 a = x - real(i), b = y - real(j);
-    const float *above = p->pixels, *below = above + p->width;
-    const f8 g00 = gathered(above, at), g01 = gathered(above + 1, at);
-    const f8 g10 = gathered(below, at), g11 = gathered(below + 1, at);
-    const f8 upper = fused(a, g01 - g00, g00), lower = fused(a, g11 - g10, g10);
-    return fused(b, lower - upper, upper);
-}
-
-/* R. Keys, Cubic convolution interpolation, 1981: the kernel of third order, a = -1/2. */
-INLINE void cubic_weights(f8 t, f8 w[4]) {
-    const f8 t2 = t * t, t3 = t2 * t;
-    w[0] = -0.5f * t + t2 - 0.5f * t3, w[1] = 1.0f - 2.5f * t2 + 1.5f * t3;
-    w[2] = 0.5f * t + 2.0f * t2 - 1.5f * t3, w[3] = -0.5f * t2 + 0.5f * t3;
-}
-
-/* Beyond the picture's border its last pixels are repeated. */
-static f8 cubic_at_border(const cc_plane *p, i8 i, i8 j, const f8 wx[4], const f8 wy[4]) {
-    f8 s = eight(0);
-    for (int l = 0; l < 4; l++) {
-        const i8 row = within(j + (l - 1), p->height - 1) * p->width;
-        for (int k = 0; k < 4; k++)
-            s = fused(wx[k] * wy[l], gathered(p->pixels, row + within(i + (k - 1), p->width - 1)), s);
-    }
-    return s;
-}
-
-INLINE f8 cubic(const cc_plane *p, f8 x, f8 y) {
-    const i8 i = whole_f(x), j = whole_f(y);
-    f8 wx[4], wy[4], s = eight(0);
-    cubic_weights(x - real(i), wx), cubic_weights(y - real(j), wy);
-    if (signs((i < 1) | (j < 1) | (i > p->width - 3) | (j > p->height - 3))) return cubic_at_border(p, i, j, wx, wy);
-    const i8 at = (j - 1) * p->width + (i - 1);
-    const float *row[8];
-    for (int k = 0; k < 8; k++) row[k] = p->pixels + at[k];
-    for (int l = 0; l < 4; l++) {
-        f8 column[4];
-        transposed(row, column);
-        const f8 here = fused(wx[0], column[0], wx[1] * column[1]) + fused(wx[2], column[2], wx[3] * column[3]);
-        s = fused(wy[l], here, s);
-        for (int k = 0; k < 8; k++) row[k] += p->width;
-    }
-    return s;
-}
-
-/* Sums over the picture g under the template: of g, g^2, g value, g slope. */
-typedef struct { double one, two, value, slope[4]; } sums;
-
-static sums sums_at(const cc_register *r, const double pose[4]) {
-    const float c = (float)(pose[3] * cos(pose[2])), s = (float)(pose[3] * sin(pose[2]));
-    const f8 x0 = eight((float)pose[0]), y0 = eight((float)pose[1]);
-    const float short_of = 1 - FLT_EPSILON; /* the last pixel: between it and the one before */
-    const f8 right = eight((float)(r->plane.width - 1) * short_of);
-    const f8 bottom = eight((float)(r->plane.height - 1) * short_of);
-    const f8 mean = eight(r->plane.pixels[0]); /* subtracted first: less cancellation in the sums of squares */
-    f8 one = eight(0), two = one, value = one, slope[4] = {one, one, one, one};
-    for (int32_t k = 0; k < r->n; k += 8) { /* the caller fills up to a multiple of 8, with zeros in all but count */
-        const f8 u = load(r->u + k), v = load(r->v + k);
-        const f8 x = most_of(least_of(x0 + c * u - s * v, right), eight(0));
-        const f8 y = most_of(least_of(y0 + s * u + c * v, bottom), eight(0));
-        f8 g = (r->cubic ? cubic(&r->plane, x, y) : bilinear(&r->plane, x, y)) - mean;
-        if (k + 8 > r->n) {
-            const i8 number = *(const i8 *)LANE;
-            g = choose(number < r->n - k, g, eight(0));
-        }
-        one += g, two = fused(g, g, two), value = fused(g, load(r->value + k), value);
-        for (int m = 0; m < r->motions; m++)
-            slope[m] = fused(g, load(r->slope + (size_t)m * (size_t)((r->n + 7) / 8 * 8) + k), slope[m]);
-    }
-    sums out = {.one = sum(one), .two = sum(two), .value = sum(value)};
-    for (int m = 0; m < r->motions; m++) out.slope[m] = sum(slope[m]);
-    return out;
-}
-
-static double score_of(const cc_register *r, const sums *s) {
-    const double square = s->two - s->one * s->one / r->n;
-    return square > 1e-12 * r->n ? s->value / sqrt(square) : 0;
-}
-
-/* Move a pose by the inverse of the template's motion `step`. Returns how far (px) a point moves, at most. */
-static double moved(double pose[4], const double step[4], double radius) {
-    const double turn = pose[2] - step[2], scale = pose[3] * exp(-step[3]);
-    const double c = scale * cos(turn), s = scale * sin(turn);
-    pose[0] -= c * step[0] - s * step[1], pose[1] -= s * step[0] + c * step[1];
-    pose[2] = turn, pose[3] = scale;
-    return scale * (hypot(step[0], step[1]) + radius * (fabs(step[2]) + fabs(step[3])));
-}
-
-static double climb(const cc_register *r, double pose[4]) {
-    const double start[2] = {pose[0], pose[1]}, scale = pose[3];
-    for (int32_t i = 0;; i++) {
-        const sums s = sums_at(r, pose);
-        if (i == r->iterations || fabs(s.value) < 1e-12) return score_of(r, &s);
-        double step[4] = {0, 0, 0, 0};
-        for (int m = 0; m < r->motions; m++)
-            for (int k = 0; k < r->motions; k++) step[m] += r->inverse[m * r->motions + k] * s.slope[k] / s.value;
-        const double far = moved(pose, step, r->radius);
-        if (!(hypot(pose[0] - start[0], pose[1] - start[1]) < r->reach) || !(fabs(log(pose[3] / scale)) < 0.4))
-            return 0;
-        if (far < r->settled) {
-            const sums last = sums_at(r, pose);
-            return score_of(r, &last);
-        }
-    }
-}
-
-void VARIANT(register_poses)(const cc_register *r, double *pose, double *score, int32_t count) {
-    for (int32_t i = 0; i < count; i++) score[i] = climb(r, pose + 4 * (size_t)i);
 }

@@ -32,7 +32,7 @@ typedef struct {
     const float *u, *v, *value, *slope;
     const double *inverse;
     int32_t n, motions;
-    int32_t cubic;      /* between pixels: 1 cubic convolution, 0 bilinear */
+    int32_t cubic;      /* between pixels: 1 the cubic spline through them, 0 bilinear */
     int32_t iterations; /* at most */
     double settled;     /* px: a step that moves no point by more ends */
     double reach;       /* px: a pose that moves farther from its start is given up, its score 0 */
@@ -56,7 +56,15 @@ CC_API void cc_shrink(const cc_plane *plane, int32_t factor, float *out);
 CC_API void cc_find_spots(const cc_spots *task);
 /* Rows `from` to `to` - 1 of the result; 0, or -1 where memory is short. */
 CC_API int32_t cc_search_rows(const cc_search *search, int32_t from, int32_t to);
-/* Move `count` poses (x, y, angle, scale) to where the correlation is highest near them; score (count) is it there. */
-CC_API void cc_register_poses(const cc_register *task, double *pose, double *score, int32_t count);
+/* Move `count` poses (x, y, angle, scale) to where the correlation is highest near them; score (count) is it there. 0,
+ * or -1 where memory is short. */
+CC_API int32_t cc_register_poses(const cc_register *task, double *pose, double *score, int32_t count);
+
+/* Second moments (count, motions, motions) of what pulls at poses: of the sum of slopes times what the template, at the
+ * picture's gain, does not explain. What two points say counts as one matter by how much of a square of `side` px (a
+ * power of two) at the one lies in that at the other. Points lie whole px apart. shown, alike: slopes times those that
+ * the picture has there, at its gain. Of a task between cubic pixels. 0, or -1 where memory is short. */
+CC_API int32_t cc_register_pulls(const cc_register *task, int32_t side, const double *pose, double *moment,
+                                 double *shown, int32_t count);
 
 #endif

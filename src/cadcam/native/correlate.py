@@ -66,7 +66,8 @@ def _core() -> c.CDLL:
             "cc_shrink": (None, [pointer, i32, pointer]),
             "cc_find_spots": (None, [pointer]),
             "cc_search_rows": (i32, [pointer, i32, i32]),
-            "cc_register_poses": (None, [pointer, pointer, pointer, i32]),
+            "cc_register_poses": (i32, [pointer, pointer, pointer, i32]),
+            "cc_register_pulls": (i32, [pointer, i32, pointer, pointer, pointer, i32]),
         },
     )
 
@@ -193,11 +194,36 @@ def registered(
     plane, kept = _plane(picture)
     moved = np.array(pose, np.float64).reshape(-1, 4)
     score = np.zeros(len(moved))
-    if min(kept.shape) < 2:
-        raise BadValue("picture", f"of shape {kept.shape}", "at least 2 px along each side")
     if not (np.isfinite(moved).all() and np.all(np.abs(moved) < 1e6)):
         raise BadValue("start of a match", moved.tolist(), "finite numbers within the picture")
-    task = _Register(
+    task = _register(plane, template, cubic, iterations, settled, reach)
+    if _core().cc_register_poses(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved)):
+        raise _no_memory(kept)
+    return moved, np.clip(score, -1.0, 1.0)  # sums are in single precision
+
+
+def pulls(picture: Picture, template: Points, pose: Array, side: int) -> tuple[Array, Array]:
+    """Return the second moments (N, m, m) of J r at poses (N, 4), and J Jp^T (N, m, m).
+
+    J are the template's slopes, Jp the picture's, r is what the template does not explain; in grey levels of the
+    template, whose points lie whole px apart. What two of them say counts as one matter by how much squares of `side`
+    px, a power of two, about them share.
+    """
+    plane, kept = _plane(picture)
+    poses, motions = np.ascontiguousarray(pose, np.float64).reshape(-1, 4), len(template.slope)
+    moment, shown = np.zeros((2, len(poses), motions, motions))
+    task = _register(plane, template, True)
+    if _core().cc_register_pulls(c.addressof(task), side, *addresses(poses, moment, shown), len(poses)):
+        raise _no_memory(kept)
+    return moment, shown
+
+
+def _register(
+    plane: _Plane, template: Points, cubic: bool, iterations: int = 0, settled: float = 0.0, reach: float = 0.0
+) -> _Register:
+    if min(plane.width, plane.height) < 2:
+        raise BadValue("picture", f"of shape {(plane.height, plane.width)}", "at least 2 px along each side")
+    return _Register(
         plane,
         *addresses(template.u, template.v, template.value, template.slope, template.inverse),
         template.count,
@@ -208,8 +234,10 @@ def registered(
         reach,
         template.radius,
     )
-    _core().cc_register_poses(c.addressof(task), moved.ctypes.data, score.ctypes.data, len(moved))
-    return moved, np.clip(score, -1.0, 1.0)  # sums are in single precision
+
+
+def _no_memory(picture: Picture) -> NotEnoughMemory:
+    return NotEnoughMemory(f"there is not enough memory to match in {picture.shape[1]} x {picture.shape[0]} px")
 
 
 def _plane(picture: npt.ArrayLike) -> tuple[_Plane, Picture]:

@@ -9,6 +9,11 @@ CC_API int32_t cc_search_rows(const cc_search *search, int32_t from, int32_t to)
     return IN_USE(search_rows)(search, from, to);
 }
 
-CC_API void cc_register_poses(const cc_register *task, double *pose, double *score, int32_t count) {
-    IN_USE(register_poses)(task, pose, score, count);
+CC_API int32_t cc_register_poses(const cc_register *task, double *pose, double *score, int32_t count) {
+    return IN_USE(register_poses)(task, pose, score, count);
+}
+
+CC_API int32_t cc_register_pulls(const cc_register *task, int32_t side, const double *pose, double *moment,
+                                 double *shown, int32_t count) {
+    return IN_USE(register_pulls)(task, side, pose, moment, shown, count);
 }

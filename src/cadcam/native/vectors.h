@@ -19,6 +19,8 @@ typedef uint16_t h16 __attribute__((vector_size(32), may_alias, aligned(2)));
 
 #define INLINE static inline __attribute__((always_inline))
 
+INLINE f8 load(const float *p) { return *(const f8 *)p; }
+
 static const double COUNT[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 static const int32_t LANE[8] = {0, 1, 2, 3, 4, 5, 6, 7};
 
