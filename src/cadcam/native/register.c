@@ -258,10 +258,11 @@ static box extent_of(const cc_register *r) {
 int32_t VARIANT(register_poses)(const cc_register *r, double *pose, double *score, int32_t count) {
     const box points = extent_of(r);
     part q = {.plane = r->plane};
-    int32_t fine = 0;
-    for (int32_t i = 0; i < count && !fine; i++) fine = climb(r, &points, &q, pose + 4 * (size_t)i, score + i);
+    int32_t short_of_memory = 0;
+    for (int32_t i = 0; i < count && !short_of_memory; i++)
+        short_of_memory = climb(r, &points, &q, pose + 4 * (size_t)i, score + i);
     free(q.spare);
-    return fine;
+    return short_of_memory;
 }
 
 /* By each motion, the pull of each point: its slope times what the template does not explain there. The first point
