@@ -13,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from cadcam.cad.write import write_model
 from cadcam.cli.verbs import inspect
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
@@ -21,18 +20,12 @@ from cadcam.image.picture import write_picture
 from cadcam.record.store import open_store
 from cadcam.verify import judge
 
-from ..verify.scene import CAMERA, POSE, displaced, photographed, plate
+from ..verify.scene import CAMERA, POSE, photographed, plate
+from .cell import TOLERANCES, make_cell, with_rib_off
 from .job import Ran
 
 Cadcam = Callable[..., Ran]
 SIDE = Rigid.look_at((-620.0, -520.0, 500.0), (10.0, 0.0, 10.0))
-TOLERANCES = """\
-features:
-  rib:
-    part: rib 1
-    position_mm: 0.5
-    presence: required
-"""
 
 
 @pytest.fixture
@@ -40,21 +33,17 @@ def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Return the folder of a cell: model, camera, a start, tolerances, and photos of a good and a bad part in `in`."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("CADCAM_STORE", raising=False)
-    write_model("plate.glb", plate())
-    write_camera("camera.json", CAMERA)
-    rows = "\n".join(" ".join(repr(float(v)) for v in row) for row in POSE.matrix)
-    Path("near.txt").write_text(f"# camera_from_part, mm\n{rows}\n")
-    Path("tolerances.yaml").write_text(TOLERANCES)
+    make_cell(tmp_path)
     Path("in").mkdir()
     rng = np.random.default_rng(5)
     moved = POSE @ Rigid(translation=(4.0, -6.0, 3.0))
     write_picture("in/A 9.png", photographed(plate(), rng, moved))
-    write_picture("in/A 10.png", photographed(displaced("rib 1", np.array([0.0, 1.5, 0.0])), rng))
+    write_picture("in/A 10.png", photographed(with_rib_off(), rng))
     return tmp_path
 
 
 def inspected(cadcam: Cadcam, *more: str, photos: tuple[str, ...] = ("in",), camera: str = "camera.json") -> Ran:
-    files = ("--camera", camera, "--start", "near.txt", "--tolerances", "tolerances.yaml", "--reports", "out")
+    files = ("--camera", camera, "--start", "pose.txt", "--tolerances", "tolerances.yaml", "--reports", "out")
     return cadcam("inspect", *photos, "plate.glb", *files, *more)
 
 
@@ -120,10 +109,10 @@ def test_many_are_asked_for_at_once_and_none_is_taken_for_another(
 def test_another_start_or_again_judges_what_was_judged_before(cadcam: Cadcam, cell: Path) -> None:
     """Where the start was wrong nothing was found: by a right one it is looked for anew."""
     (cell / "in/A 10.png").unlink()
-    start = Path("near.txt").read_text()
-    Path("near.txt").write_text(f"{start}\n")
+    start = Path("pose.txt").read_text()
+    Path("pose.txt").write_text(f"{start}\n")
     before = [inspected(cadcam, "--json", *more).json["parts"][0]["judged_before"] for more in ((), ())]
-    Path("near.txt").write_text(start)
+    Path("pose.txt").write_text(start)
     after = [inspected(cadcam, "--json", *more).json["parts"][0]["judged_before"] for more in ((), ("--again",), ())]
     assert (before, after) == ([False, True], [False, False, True])
 
@@ -273,10 +262,9 @@ def test_limits_that_are_changed_meanwhile_are_not_those_that_were_judged_by(
 def test_photos_of_two_cameras_are_paired_by_serial(cadcam: Cadcam, cell: Path) -> None:
     write_camera("front.json", CAMERA, camera_from_world=POSE)
     write_camera("side.json", CAMERA, camera_from_world=SIDE)
-    Path("near.txt").write_text(Path("near.txt").read_text().replace("camera_from_part", "world_from_part"))
-    Path("near.txt").write_text("# world_from_part, mm\n1 0 0 0\n0 1 0 0\n0 0 1 0\n")
+    Path("pose.txt").write_text("# world_from_part, mm\n1 0 0 0\n0 1 0 0\n0 0 1 0\n")
     rng = np.random.default_rng(8)
-    for name, mesh in (("1", plate()), ("2", displaced("rib 1", np.array([0.0, 1.5, 0.0])))):
+    for name, mesh in (("1", plate()), ("2", with_rib_off())):
         write_picture(f"in/{name}_F.png", photographed(mesh, rng))
         write_picture(f"in/{name}_S.png", photographed(mesh, rng, SIDE))
     write_picture("in/3_F.png", photographed(plate(), rng))

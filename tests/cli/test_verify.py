@@ -29,30 +29,19 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.views.view_range import ViewRange
 
-from ..verify.scene import CAMERA, POSE, displaced, photographed, plate
+from ..verify.scene import CAMERA, POSE, photographed, plate
+from .cell import TOLERANCES, make_cell, with_rib_off
 from .job import Ran
 from .locating import MODELS, make_photo_job
-
-TOLERANCES = """\
-features:
-  rib:
-    part: rib 1
-    position_mm: 0.5
-    presence: required
-"""
 
 
 @pytest.fixture
 def cell(tmp_path: Path) -> Path:
     """Return a folder with the model, its camera, where it stands, tolerances, a good and a bad part's photo."""
-    write_model(tmp_path / "plate.glb", plate())
-    write_camera(tmp_path / "camera.json", CAMERA)
-    rows = "\n".join(" ".join(repr(float(v)) for v in row) for row in POSE.matrix)
-    (tmp_path / "pose.txt").write_text(f"# camera_from_part, mm\n{rows}\n")
-    (tmp_path / "tolerances.yaml").write_text(TOLERANCES)
+    make_cell(tmp_path)
     rng = np.random.default_rng(5)
     write_picture(tmp_path / "good.png", photographed(plate(), rng))
-    write_picture(tmp_path / "bad.png", photographed(displaced("rib 1", np.array([0.0, 1.5, 0.0])), rng))
+    write_picture(tmp_path / "bad.png", photographed(with_rib_off(), rng))
     return tmp_path
 
 

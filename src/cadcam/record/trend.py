@@ -70,7 +70,7 @@ class Trend(Brief):
 
     @property
     def drift(self) -> tuple[float, float]:
-        """Return by how much the deviation grows from part to part, by least squares, and the sigma of that.
+        """Return by how much the deviation grows from part to part, by least squares, and the sigma of that; in `unit`.
 
         nan for fewer than three. A step, as by another batch, is a drift, too.
         """
