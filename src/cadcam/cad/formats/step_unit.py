@@ -52,6 +52,12 @@ def declared_unit(data: bytes) -> LengthUnit:
     return LengthUnit(_ASSUMED, MM[_ASSUMED])
 
 
+def length_unit_mm(data: bytes, number: int) -> float | None:
+    """Return the length in mm of the unit that is entity `number` of a STEP file; None where it is none."""
+    body = _entity(data, b"%d" % number)
+    return _mm(data, body) if b"LENGTH_UNIT" in body else None
+
+
 def _entity(data: bytes, number: bytes) -> bytes:
     """Return what stands between #number= and its semicolon; nothing where there is no such entity."""
     found = re.search(rb"#" + number + rb"\s*=\s*((?:[^;']|'[^']*')*);", data)

@@ -63,6 +63,7 @@ _EXAMPLES = f"""\
   cadcam verify part.step --list -o names.png                     what a tolerance file can name, on a picture
   cadcam verify part.step --list 'bar 1*'                         the edges (chains) of these parts
   cadcam verify part.step --list -o names.html                    edges and bodies to be clicked, for a tolerance file
+  cadcam verify part.step --template -o tolerances.yaml           the limits that a STEP AP242 file states (PMI)
   cadcam verify photo.png part.step --camera camera.json --template -o tolerances.yaml
   cadcam verify photo.png part.step --camera camera.json --tolerances tolerances.yaml -o report.html
   cadcam verify photo.png part.step --camera camera.json --tolerances tolerances.yaml --start rough.txt --json
@@ -109,7 +110,18 @@ def add_to(verbs: Verbs) -> None:
         metavar="PART",
         help="only list what a tolerance file can name; PART (or a pattern): its edges",
     )
-    parser.add_argument("--template", action="store_true", help="only write (-o FILE.yaml) or print a tolerance file")
+    parser.add_argument(
+        "--template",
+        action="store_true",
+        help="only write (-o FILE.yaml) or print a tolerance file: the limits that a STEP AP242 file states, or one to "
+        "start from",
+    )
+    parser.add_argument(
+        "--datum",
+        metavar="LETTERS",
+        help="with --template: the system of datums, 'A B C', of which the stated tolerances are written (default: the "
+        "one that most refer to)",
+    )
     add_json(parser)
 
 
@@ -124,6 +136,8 @@ def run(arguments: argparse.Namespace) -> int:
         return 0
     if arguments.template:
         refuse(arguments, "--json", why="beside --template", expected="neither: a tolerance file is YAML")
+    else:
+        refuse(arguments, "--datum", why="without --template", expected="both: it chooses what is written")
     for path in arguments.output:
         check_target(path, (".yaml", ".yml") if arguments.template else _SUFFIXES)
     asked = _asked(arguments)
@@ -232,29 +246,58 @@ def _origin(arguments: argparse.Namespace, shots: Shots) -> VerificationOrigin:
 
 
 def _template(arguments: argparse.Namespace, part: Part, asked: _Asked | None) -> None:
-    """Write or print a tolerance file; with photos and a pose, of what these show."""
-    import numpy as np
-
+    """Write or print a tolerance file: of what the CAD file states, else one to start from."""
     from cadcam.verify.tolerances.file import template
     from cadcam.whole import utf8, write_whole
 
-    seen: tuple[str, ...] = ()
-    chain = None
-    if asked is not None:
-        from cadcam.cad.edges import EdgeKind
-        from cadcam.verify.edges.sightlines import sightlines
-
-        pose = _located(arguments, part, asked).pose.world_from_part
-        lines = sightlines(part, asked.shots.photos, pose)[0]
-        shown, chains = set(lines.part.tolist()), lines.chain[lines.kind != EdgeKind.CONTOUR]  # others in every view
-        seen = tuple(name for i, name in enumerate(part.scene.mesh.part_names) if i in shown)
-        chain = int(np.bincount(chains).argmax()) if len(chains) else None
-    text = template(part.scene, seen=seen, chain=chain)
+    seen = None if asked is None else _seen(arguments, part, asked)
+    text = _as_stated(arguments, part, seen)
+    if text is None:
+        names = () if seen is None else tuple(seen.names)
+        text = template(part.scene, seen=names, chain=None if seen is None else seen.longest)
     if not arguments.output:
         print(text, end="")
     for path in arguments.output:
         write_whole(path, utf8(text))
         say_written(path)
+
+
+@dataclass(frozen=True)
+class _Seen:
+    """What photos show: names of parts, numbers of feature chains, and the chain of which they show most."""
+
+    names: Sequence[str]
+    chains: frozenset[int]
+    longest: int | None
+
+
+def _seen(arguments: argparse.Namespace, part: Part, asked: _Asked) -> _Seen:
+    import numpy as np
+
+    from cadcam.cad.edges import EdgeKind
+    from cadcam.verify.edges.sightlines import sightlines
+
+    pose = _located(arguments, part, asked).pose.world_from_part
+    lines = sightlines(part, asked.shots.photos, pose)[0]
+    shown, chains = set(lines.part.tolist()), lines.chain[lines.kind != EdgeKind.CONTOUR]  # others in every view
+    names = [name for i, name in enumerate(part.scene.mesh.part_names) if i in shown]
+    return _Seen(names, frozenset(chains.tolist()), int(np.bincount(chains).argmax()) if len(chains) else None)
+
+
+def _as_stated(arguments: argparse.Namespace, part: Part, seen: _Seen | None) -> str | None:
+    """Return the tolerance file that a CAD file's own tolerances make; None where it has none."""
+    from pathlib import Path
+
+    from cadcam.cad.pmi.read import read_pmi
+    from cadcam.verify.tolerances.drawing import drawing_template
+
+    path = Path(arguments.model)
+    pmi = read_pmi(path) if path.suffix.lower() in (".step", ".stp") else None
+    if not pmi:
+        refuse(arguments, "--datum", why=f"of {path.name}", expected="a STEP AP242 file that states tolerances")
+        return None
+    letters = arguments.datum.replace("|", " ").split() if arguments.datum else ()
+    return drawing_template(part.scene, pmi, path.name, letters=letters, seen=None if seen is None else seen.chains)
 
 
 def _list(arguments: argparse.Namespace) -> None:

@@ -97,10 +97,10 @@ def template(scene: Scene, *, seen: Iterable[str] = (), chain: int | None = None
         "k: 2                    # coverage factor of U = k sigma",
         "rule: guard band        # ISO 14253-1; or: simple acceptance",
         "datum:                  # what the pose is fitted to: keep what is known to be right",
-        *(f"  - part: {_quoted(name)}" for name in chosen),
+        *(f"  - part: {quoted(name)}" for name in chosen),
         "features:               # what is judged: move it here from the datum, and set its limits",
         "  rename me:",
-        f"    part: {_quoted(part)}",
+        f"    part: {quoted(part)}",
         *([f"    chains: {list(alone)}", *_OF_EDGES] if alone else _OF_A_PART),
     ]
     lines += [f"# not in view: {name}" for name in names if name not in chosen]
@@ -115,7 +115,8 @@ def _longest_chain(scene: Scene, part: str) -> int | None:
     return int(length.argmax()) if len(length) else None
 
 
-def _quoted(name: str) -> str:
+def quoted(name: str) -> str:
+    """Return a name as YAML has it: plain where it can be, else in quotes."""
     safe = name.replace("_", "").replace(" ", "a").replace(".", "a").replace("-", "a").isalnum()
     plain = safe and name[0].isalpha() and name.lower() not in ("true", "false", "null", "yes", "no", "on", "off")
     return name if plain else "'" + name.replace("'", "''") + "'"

@@ -1,0 +1,216 @@
+"""Semantic PMI of a STEP file: which tolerances its drawing states, and of which faces.
+
+AP242 (ISO 10303-242; the entities are those of ISO 10303-47) as the CAx-IF's "Recommended practices for the
+representation and presentation of PMI (AP242)", version 4.0, asks for. Graphic PMI, lines to look at, is not read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+from cadcam.cad.formats.step_unit import declared_unit, length_unit_mm
+from cadcam.cad.pmi.exchange import Entity, Enumerated, Exchange, Parameters, Ref
+from cadcam.cad.pmi.faces import Curve, StepFace, curve_of, face_of
+from cadcam.cad.pmi.stated import Pmi, StatedDatum, StatedSize, StatedTolerance
+from cadcam.errors import CadcamError, UnreadableFile
+from cadcam.kinds import expect_path
+
+_ABOUT = (b"_TOLERANCE", b"DIMENSIONAL_", b"ANGULAR_")  # what the file has if it has any
+_CHARACTERISTICS = tuple(
+    f"{name}_TOLERANCE"
+    for name in (
+        "ANGULARITY", "CIRCULAR_RUNOUT", "COAXIALITY", "CONCENTRICITY", "CYLINDRICITY", "FLATNESS", "LINE_PROFILE",
+        "PARALLELISM", "PERPENDICULARITY", "POSITION", "ROUNDNESS", "STRAIGHTNESS", "SURFACE_PROFILE", "SYMMETRY",
+        "TOTAL_RUNOUT",
+    )
+)  # fmt: skip
+_DEEPEST = 8  # groups of groups of faces
+_MALFORMED = (CadcamError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+
+
+def read_pmi(path: str | PathLike[str]) -> Pmi:
+    """Return the tolerances that a STEP file states of its faces, in mm; none where it has no semantic PMI.
+
+    A statement that cannot be understood is told among `others`, with why, and does not hide the rest. Raises
+    `UnreadableFile` where the file cannot be read.
+    """
+    expect_path(path)
+    try:
+        data = Path(path).read_bytes()
+    except OSError as error:
+        raise UnreadableFile(path, f"cannot be read ({error.strerror})", "check its name and permissions") from None
+    if not any(word in data for word in _ABOUT):
+        return Pmi()
+    return _Reader(Exchange(path, data), data).pmi()
+
+
+class _Reader:
+    """The statements of a file, and which faces each is about."""
+
+    def __init__(self, file: Exchange, data: bytes) -> None:
+        self.file, self.data, self.mm = file, data, declared_unit(data).mm
+        self.others: list[str] = []
+        self.items: dict[int, list[Ref]] = {}  # what an aspect of the shape is, directly
+        self.within: dict[int, list[Ref]] = {}  # aspects of which it is made
+        self.established: dict[int, list[Ref]] = {}  # features of a datum
+        self.zones: dict[int, str] = {}  # form of a tolerance's zone
+        self.ranges: dict[int, Ref] = {}  # limits of a dimension
+        self.values: dict[int, list[Ref]] = {}  # its representations
+
+    def pmi(self) -> Pmi:
+        """Return all that is stated."""
+        self._index()
+        tolerances = tuple(self._each(_CHARACTERISTICS, self._tolerance))
+        sizes = tuple(self._each(("DIMENSIONAL_SIZE", "DIMENSIONAL_LOCATION"), self._size))
+        datums = tuple(self._each(("DATUM",), self._datum))
+        self.others += self._each(("ANGULAR_SIZE", "ANGULAR_LOCATION"), lambda *_: "angle")
+        return Pmi(tolerances, sizes, datums, tuple(self.others))
+
+    def _each(self, keywords: tuple[str, ...], read: Callable[[int, Entity], Any]) -> list[Any]:
+        """Return what is read of each entity; those that cannot be are told."""
+        out = []
+        for number in self.file.having(*keywords):
+            try:
+                out.append(read(number, self.file[number]))
+            except _MALFORMED as error:
+                why = error.reason if isinstance(error, UnreadableFile) else "it is not written as AP242 asks for"
+                self.others.append(f"#{number}: {why}")
+        return out
+
+    def _index(self) -> None:
+        """Note what refers to what, in the direction that is asked."""
+        for aspect, items in self._parameters("GEOMETRIC_ITEM_SPECIFIC_USAGE", self._identified):
+            self.items.setdefault(aspect, []).extend(items)
+        for aspect, items in self._parameters("ITEM_IDENTIFIED_REPRESENTATION_USAGE", self._identified):
+            self.items.setdefault(aspect, []).extend(items)
+        for keyword in ("SHAPE_ASPECT_RELATIONSHIP", "SHAPE_ASPECT_DERIVING_RELATIONSHIP"):
+            for of, to, datum in self._parameters(keyword, lambda p: (p[2], p[3], "DATUM" in self.file[p[3]])):
+                if datum:
+                    self.established.setdefault(to, []).append(of)
+                else:
+                    self.within.setdefault(of, []).append(to)
+        for form, tolerances in self._parameters("TOLERANCE_ZONE", lambda p: (self._form(p[-1]), list(p[-2]))):
+            self.zones |= dict.fromkeys(tolerances, form)
+        self.ranges = {d: limits for limits, d in self._parameters("PLUS_MINUS_TOLERANCE", lambda p: (p[0], p[1]))}
+        for dimension, representation in self._parameters(
+            "DIMENSIONAL_CHARACTERISTIC_REPRESENTATION", lambda p: (p[0], p[1])
+        ):
+            self.values.setdefault(dimension, []).append(representation)
+
+    def _parameters(self, keyword: str, read: Callable[[Parameters], Any]) -> Iterator[Any]:
+        """Yield what is read of the parameters of each entity of a kind; what is malformed refers to nothing."""
+        for number in self.file.having(keyword):
+            try:
+                found = read(self.file[number][keyword])
+            except _MALFORMED:
+                continue
+            yield found
+
+    def _identified(self, parameters: Parameters) -> tuple[Ref, list[Ref]]:
+        """Return an aspect of the shape, and which faces or edges it is."""
+        _, _, aspect, _, item = parameters[:5]
+        if isinstance(item, tuple):  # SET_REPRESENTATION_ITEM((#1, #2))
+            item = item[1][0]
+        return aspect, list(item) if isinstance(item, list) else [item]
+
+    def _form(self, zone: Ref) -> str:
+        return str(self.file[zone]["TOLERANCE_ZONE_FORM"][0])
+
+    def _faces(self, aspect: Ref) -> tuple[tuple[StepFace, ...], tuple[Curve, ...]]:
+        """Return the faces of an aspect of the shape, and the edges that it names by themselves."""
+        faces: dict[int, StepFace] = {}
+        curves: dict[int, Curve] = {}
+        waiting, done = [(aspect, 0)], set()
+        while waiting:
+            at, deep = waiting.pop(0)
+            if at in done or deep > _DEEPEST:
+                continue
+            done.add(at)
+            for item in self.items.get(at, ()):
+                if (face := face_of(self.file, item, self.mm)) is not None:
+                    faces[item] = face
+                elif (curve := curve_of(self.file, item, self.mm)) is not None:
+                    curves[item] = curve
+            waiting += [(one, deep + 1) for one in self.within.get(at, ())]
+        return tuple(faces.values()), tuple(curves.values())
+
+    def _tolerance(self, number: int, entity: Entity) -> StatedTolerance:
+        keyword = next(k for k in entity if k in _CHARACTERISTICS)
+        name, _, magnitude, aspect = (entity.get("GEOMETRIC_TOLERANCE") or entity[keyword])[:4]
+        if "DIMENSIONAL_SIZE" in self.file[aspect]:  # a tolerance beside a dimension
+            aspect = self.file[aspect]["DIMENSIONAL_SIZE"][0]
+        systems = entity.get("GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE", [[]])[0] or (entity[keyword][4:5] or [[]])[0]
+        modifiers = entity.get("GEOMETRIC_TOLERANCE_WITH_MODIFIERS", [[]])[0]
+        displaced = entity.get("UNEQUALLY_DISPOSED_GEOMETRIC_TOLERANCE")
+        return StatedTolerance(
+            str(name or ""),
+            *self._faces(aspect),
+            keyword.removesuffix("_TOLERANCE").lower().replace("_", " "),
+            self._length(magnitude),
+            self.zones.get(number, "").startswith("cylindrical"),
+            tuple(letter for system in systems for letter in self._letters(system)),
+            tuple(m.lower().replace("_", " ") for m in modifiers if isinstance(m, Enumerated)),
+            self._length(displaced[0]) if displaced else None,
+        )
+
+    def _letters(self, system: Ref) -> Iterator[str]:
+        """Yield the letters of a datum system, or of one datum reference, in their order."""
+        entity = self.file[system]
+        if "DATUM_SYSTEM" in entity:
+            for compartment in entity["DATUM_SYSTEM"][4]:
+                yield self._letter(self.file[compartment]["DATUM_REFERENCE_COMPARTMENT"][4])
+        else:
+            yield self._letter(entity["DATUM_REFERENCE"][1])
+
+    def _letter(self, base: Any) -> str:
+        """Return the letter of a datum, or the letters of a common one: A-B."""
+        if isinstance(base, Ref):
+            return str(self.file[base]["DATUM"][4])
+        elements = base[1][0] if isinstance(base, tuple) else base  # COMMON_DATUM_LIST((#1, #2))
+        return "-".join(self._letter(self.file[one]["DATUM_REFERENCE_ELEMENT"][4]) for one in elements)
+
+    def _datum(self, number: int, entity: Entity) -> StatedDatum:
+        found = [self._faces(feature) for feature in (number, *self.established.get(number, ()))]
+        faces = tuple(face for some, _ in found for face in some)
+        curves = tuple(curve for _, some in found for curve in some)
+        return StatedDatum(str(entity["DATUM"][0] or ""), faces, curves, str(entity["DATUM"][4]))
+
+    def _size(self, number: int, entity: Entity) -> StatedSize:
+        nominal, limits, fit = self._limits(number)
+        if "DIMENSIONAL_SIZE" in entity:
+            aspect, kind = entity["DIMENSIONAL_SIZE"][:2]
+            return StatedSize("", *self._faces(aspect), str(kind or "size"), nominal, limits, fit)
+        kind = str(entity["DIMENSIONAL_LOCATION"][0] or "distance")
+        return StatedSize("", (), (), kind, nominal, limits, fit)
+
+    def _limits(self, dimension: int) -> tuple[float | None, tuple[float, float] | None, str]:
+        """Return a dimension's nominal value, its limits, mm, and its class of tolerance."""
+        known: dict[str, float] = {}
+        for representation in self.values.get(dimension, ()):
+            for item in self.file[representation]["SHAPE_DIMENSION_REPRESENTATION"][1]:
+                measure = self.file[item].get("REPRESENTATION_ITEM") or [""]
+                if "MEASURE_WITH_UNIT" in self.file[item] or "LENGTH_MEASURE_WITH_UNIT" in self.file[item]:
+                    known[str(measure[0] or "nominal value")] = self._length(item)
+        nominal = known.get("nominal value")
+        if {"upper limit", "lower limit"} <= known.keys():
+            return nominal, (known["lower limit"], known["upper limit"]), ""
+        if dimension not in self.ranges:
+            return nominal, None, ""
+        stated = self.file[self.ranges[dimension]]
+        if "LIMITS_AND_FITS" in stated:
+            form, _, grade = stated["LIMITS_AND_FITS"][:3]
+            return nominal, None, f"{form or ''}{grade or ''}"
+        low, high = (self._length(bound) for bound in stated["TOLERANCE_VALUE"])
+        return nominal, None if nominal is None else (nominal + low, nominal + high), ""
+
+    def _length(self, measure: Ref) -> float:
+        """Return a length with its unit, in mm."""
+        entity = self.file[measure]
+        value, unit = entity.get("MEASURE_WITH_UNIT") or entity["LENGTH_MEASURE_WITH_UNIT"]
+        mm = length_unit_mm(self.data, unit)
+        if mm is None:
+            raise UnreadableFile(self.file.path, f"#{int(measure)} is no length")
+        return float(value[1][0]) * mm

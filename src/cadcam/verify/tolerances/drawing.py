@@ -1,0 +1,280 @@
+"""A tolerance file from a STEP file's own tolerances (`cadcam.cad.pmi`), as far as photos can judge them.
+
+Positions of holes and pins are judged across their axes, diameters by their rims, profiles of plane faces along their
+normals. What photos of edges do not show is told in comments, with why: nothing that the drawing asks is dropped
+unsaid.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from cadcam.arrays import Array, significant
+from cadcam.cad.pmi.bores import Bore, bores_of
+from cadcam.cad.pmi.chains import chains_of
+from cadcam.cad.pmi.faces import Curve, StepFace
+from cadcam.cad.pmi.stated import Pmi, StatedSize, StatedTolerance
+from cadcam.errors import UnknownName
+from cadcam.render.view import Scene
+from cadcam.verify.tolerances.file import quoted
+
+_PARALLEL = 1e-6  # of unit vectors
+_EQUAL = 1e-6  # of a zone's width, within which it lies equally about the face
+_POSITION, _PROFILE = "position", "surface profile"
+_FORM = "photos show where edges lie, not the form of what is between them"
+_TURN = "its zone is no angle; judge an angle_deg by hand if photos show the turn"
+_RUN = "it is measured on a part that turns"
+_WHY = {
+    **dict.fromkeys(("flatness", "roundness", "cylindricity", "straightness"), _FORM),
+    **dict.fromkeys(("angularity", "parallelism", "perpendicularity"), _TURN),
+    **dict.fromkeys(("circular runout", "total runout"), _RUN),
+}
+_NO_EDGES = "what it is about has no edges in the model"
+
+
+@dataclass(frozen=True)
+class _Entry:
+    """A feature as it will be written: a name, its edges, and lines of text, each with a comment."""
+
+    name: str
+    chains: tuple[int, ...]
+    lines: tuple[tuple[str, str], ...]
+
+
+@dataclass
+class _Asked:
+    """What is asked of one hole or pin."""
+
+    bore: Bore
+    positions: list[StatedTolerance] = field(default_factory=list)
+    sizes: list[StatedSize] = field(default_factory=list)
+
+
+def drawing_template(
+    scene: Scene, pmi: Pmi, source: str, *, letters: Sequence[str] = (), seen: Collection[int] | None = None
+) -> str:
+    """Return a tolerance file of what a STEP file states (`cadcam.cad.pmi.read.read_pmi`), with comments on the rest.
+
+    source: the file's name. letters: the system of datums, such as A, B, C; by default the one that most tolerances
+    refer to: a tolerance file has one. seen: the feature chains that photos show, if there are photos; features without
+    any are left to a comment. Raises `UnknownName` for a system of datums that the file does not have.
+    """
+    drawing = _Drawing(scene, pmi, letters)
+    every = _numbered([*drawing.bores(), *drawing.planes()])
+    entries = [entry for entry in every if seen is None or not set(seen).isdisjoint(entry.chains)]
+    lines = [
+        f"# Tolerances that {source} states, for `cadcam verify`: mm and degrees, in the part's own axes.",
+        "# Limits are half of a zone's width or diameter. To see which edges have these numbers (chains):",
+        f"# cadcam verify {source} --list -o edges.html",
+        "k: 2                    # coverage factor of U = k sigma",
+        "rule: guard band        # ISO 14253-1; or: simple acceptance",
+        *drawing.datum(),
+        "features:" if entries else "features: {}",
+    ]
+    for entry in entries:
+        lines += [f"  {quoted(entry.name)}:", *drawing.selected(entry.chains)]
+        lines += [_commented(f"    {text}", comment) for text, comment in entry.lines]
+    beside = [f"{e.name}: not in view" for e in every if e not in entries] + drawing.unjudged()
+    lines += ["# Stated, but not judged here:"] if beside else []
+    return "\n".join([*lines, *(f"#   {said}" for said in beside)]) + "\n"
+
+
+class _Drawing:
+    """What a file states, and the edges of the model that it is about.
+
+    judged: what of it has been written; why: why something cannot be.
+    """
+
+    def __init__(self, scene: Scene, pmi: Pmi, letters: Sequence[str]) -> None:
+        self.scene, self.pmi = scene, pmi
+        systems = Counter(t.datums for t in pmi.tolerances if t.datums)
+        if letters and tuple(letters) not in systems:
+            raise UnknownName("datum system", " ".join(letters), [" ".join(system) for system in systems])
+        self.letters = tuple(letters) or max(systems, key=lambda s: (systems[s], len(s)), default=())
+        stated = (*pmi.tolerances, *pmi.sizes, *pmi.datums)
+        curves = (c for s in stated for c in (*s.curves, *(c for f in s.faces for c in f.curves)))
+        self.chain = chains_of(curves, scene.mesh, scene.edges)
+        self.judged: set[int] = set()
+        self.why: dict[int, str] = {}
+
+    def chains(self, curves: Iterable[Curve]) -> tuple[int, ...]:
+        """Return the numbers of the feature chains that curves are."""
+        return tuple(sorted({self.chain[c.number] for c in curves if c.number in self.chain}))
+
+    def bores(self) -> Iterator[_Entry]:
+        """Yield holes and pins with the limits of their position and diameter."""
+        found: list[_Asked] = []
+        for stated in (*self._here(_POSITION), *(s for s in self.pmi.sizes if s.kind == "diameter")):
+            for bore in bores_of(stated):
+                asked = next((one for one in found if one.bore.alike(bore)), None)
+                if asked is None:
+                    found.append(asked := _Asked(bore))
+                if isinstance(stated, StatedTolerance):
+                    asked.positions.append(stated)
+                elif isinstance(stated, StatedSize):
+                    asked.sizes.append(stated)
+        for asked in found:
+            chains = self.chains(asked.bore.rims)
+            lines = [*self._position(asked), *self._diameter(asked)] if chains else []
+            if lines:
+                yield _Entry(f"{asked.bore.kind} {_mm(2 * asked.bore.radius)} mm", chains, tuple(lines))
+
+    def _position(self, asked: _Asked) -> Iterator[tuple[str, str]]:
+        """Yield the lines that limit the place of a hole: the tightest of what is stated to most datums."""
+        if asked.positions:
+            tightest = min(asked.positions, key=lambda t: (-len(t.datums), t.mm))
+            self.judged.add(id(tightest))
+            yield f"axis: {_vector(asked.bore.axis)}", f"through {_vector(asked.bore.centre)}"
+            yield f"position_mm: {_mm(tightest.mm / 2)}", _words(tightest)
+
+    def _diameter(self, asked: _Asked) -> Iterator[tuple[str, str]]:
+        """Yield the line that limits a diameter, from the one of the CAD."""
+        for size in asked.sizes:
+            low, high = size.limits_mm or (0.0, 0.0)
+            if low < high:
+                self.judged.add(id(size))
+                inside = f"[{_mm(low - 2 * asked.bore.radius)}, {_mm(high - 2 * asked.bore.radius)}]"
+                yield f"diameter_mm: {inside}", f"{_mm(low)} to {_mm(high)} mm"
+                return
+
+    def planes(self) -> Iterator[_Entry]:
+        """Yield plane faces with the limits of their place along their normal."""
+        for tolerance in (*self._here(_PROFILE), *self._here(_POSITION)):
+            planes = [face for face in tolerance.faces if face.surface == "plane"]
+            outside = tolerance.mm / 2 if tolerance.outside_mm is None else tolerance.outside_mm
+            if abs(outside - tolerance.mm / 2) > _EQUAL * tolerance.mm:
+                self.why[id(tolerance)] = "its zone lies unequally about the face"
+                continue
+            for faces in [[face] for face in planes] if tolerance.characteristic == _PROFILE else _slots(planes):
+                chains = self.chains(c for face in faces for c in face.curves[: face.outer])
+                if chains:
+                    self.judged.add(id(tolerance))
+                    limit = f"position_mm: {_mm(tolerance.mm / 2)}", _words(tolerance)
+                    lines = (f"direction: {_vector(faces[0].direction)}", ""), limit
+                    yield _Entry(tolerance.name or tolerance.characteristic, chains, lines)
+
+    def _here(self, characteristic: str) -> Iterator[StatedTolerance]:
+        """Yield the tolerances of a kind that refer to the system of datums, or to its first ones."""
+        for tolerance in self.pmi.tolerances:
+            if tolerance.characteristic == characteristic and self._applies(tolerance):
+                yield tolerance
+
+    def _applies(self, tolerance: StatedTolerance) -> bool:
+        return bool(tolerance.datums) and tolerance.datums == self.letters[: len(tolerance.datums)]
+
+    def unjudged(self) -> list[str]:
+        """Return what is stated and has not been written, each with why."""
+        out = [f"{_words(t)}: {self._why(t)}" for t in self.pmi.tolerances if self._left_out(t)]
+        sizes = [size for size in self.pmi.sizes if id(size) not in self.judged and size.nominal_mm is not None]
+        out += [f"{_size_words(size)}: {_why_not(size)}" for size in sizes]
+        return list(dict.fromkeys([*out, *self.pmi.others]))
+
+    def _left_out(self, tolerance: StatedTolerance) -> bool:
+        """Return whether a tolerance has not been written, or only for some of its faces."""
+        curved = tolerance.characteristic == _PROFILE and any(face.surface != "plane" for face in tolerance.faces)
+        return id(tolerance) not in self.judged or curved
+
+    def _why(self, tolerance: StatedTolerance) -> str:
+        if tolerance.characteristic not in (_POSITION, _PROFILE):
+            return _WHY.get(tolerance.characteristic, "photos do not show it")
+        if not tolerance.datums:
+            return _FORM
+        if not self._applies(tolerance):
+            return f"stated to other datums: a file of its own, --datum '{' '.join(tolerance.datums)}'"
+        if id(tolerance) in self.judged:
+            return "its plane faces alone are judged, not the curved ones"
+        if tolerance.characteristic == _POSITION and bores_of(tolerance) and self.chains(_curves(tolerance)):
+            return "the tighter one, or the one to more datums, is judged"
+        return self.why.get(id(tolerance), _NO_EDGES)
+
+    def datum(self) -> list[str]:
+        """Return the lines of the datum; none where the edges of one of its letters are not known."""
+        if not self.letters:
+            return ["# no datum is stated: the pose is fitted to all that is not judged"]
+        system, chains = " ".join(self.letters), [self._datum_chains(letter) for letter in self.letters]
+        unknown = [letter for letter, some in zip(self.letters, chains, strict=True) if not some]
+        if unknown:
+            why = f"the file does not say which edges establish {', '.join(unknown)}"
+            return [f"# datum {system}: {why}; the pose is fitted to all that is not judged"]
+        lines = [
+            "datum:",
+            f"  # {system}: the pose is fitted to all these edges together, by least squares. An edge of a plane",
+            "  # belongs to the face beside it as well: take out what is made less exactly than what is judged.",
+        ]
+        for letter, some in zip(self.letters, chains, strict=True):
+            part, numbers = (line.strip() for line in self.selected(some))
+            lines += [_commented(f"  - {part}", letter), f"    {numbers}"]
+        return lines
+
+    def _datum_chains(self, letter: str) -> tuple[int, ...]:
+        """Return the edges of a datum, or of a common one (A-B): rims of holes, the ways round planes."""
+        every = [datum for one in letter.split("-") for datum in self.pmi.datums if datum.letter == one]
+        rims = [rim for datum in every for bore in bores_of(datum) for rim in bore.rims]
+        around = [c for d in every for f in d.faces if f.surface != "cylinder" for c in f.curves[: f.outer]]
+        return self.chains([*rims, *around])
+
+    def selected(self, chains: tuple[int, ...]) -> list[str]:
+        """Return the lines that select edges: the name of their part, where all are of one, and their numbers."""
+        edges, names = self.scene.edges, self.scene.mesh.part_names
+        parts = {names[i] for i in np.unique(edges.part[np.isin(edges.chain, chains)])}
+        part = quoted(next(iter(parts))) if len(parts) == 1 else "'*'"
+        return [f"    part: {part}", f"    chains: {list(chains)}"]
+
+
+def _curves(stated: StatedTolerance) -> list[Curve]:
+    return [rim for bore in bores_of(stated) for rim in bore.rims]
+
+
+def _numbered(entries: Sequence[_Entry]) -> list[_Entry]:
+    """Return the entries; those of one name get a number."""
+    total, seen, out = Counter(entry.name for entry in entries), Counter[str](), []
+    for entry in entries:
+        seen[entry.name] += 1
+        name = f"{entry.name} no {seen[entry.name]}" if total[entry.name] > 1 else entry.name
+        out.append(_Entry(name, entry.chains, entry.lines))
+    return out
+
+
+def _slots(planes: Sequence[StepFace]) -> list[list[StepFace]]:
+    """Return the faces of a slot or tongue together; each by itself where they are not parallel."""
+    across = [np.linalg.norm(np.cross(face.direction, planes[0].direction)) for face in planes]
+    return [list(planes)] if max(across, default=1.0) < _PARALLEL else [[face] for face in planes]
+
+
+def _why_not(size: StatedSize) -> str:
+    if size.fit:
+        return f"its limits, {size.fit}, are not in the file"
+    if size.limits_mm is None:
+        return "without limits"
+    return _NO_EDGES if size.kind == "diameter" else "of dimensions, diameters alone are judged"
+
+
+def _words(tolerance: StatedTolerance) -> str:
+    """Return a geometric tolerance as a drawing has it, in words."""
+    zone = f"{_mm(tolerance.mm)} mm" + (" diameter" if tolerance.diametral else "")
+    to = f" to {' '.join(tolerance.datums)}" if tolerance.datums else ""
+    more = f", {', '.join(tolerance.modifiers)} (not used)" if tolerance.modifiers else ""
+    name = f"{tolerance.name}: " if tolerance.name else ""
+    return f"{name}{tolerance.characteristic} {zone}{to}{more}"
+
+
+def _size_words(size: StatedSize) -> str:
+    said = "" if size.limits_mm is None else f" ({_mm(size.limits_mm[0])} to {_mm(size.limits_mm[1])})"
+    return f"{size.kind} {_mm(size.nominal_mm or 0.0)} mm{said}"
+
+
+def _mm(length: float) -> str:
+    """Return a length without the digits that a conversion of units leaves."""
+    return significant(round(length, 6) + 0.0, 6)
+
+
+def _vector(v: Array) -> str:
+    return f"[{', '.join(_mm(x) for x in v)}]"
+
+
+def _commented(text: str, comment: str) -> str:
+    return f"{text:<36}  # {comment}" if comment else text
