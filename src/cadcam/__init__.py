@@ -16,6 +16,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.cad.edges import feature_edges as feature_edges
     from cadcam.cad.mesh import Mesh as Mesh
     from cadcam.cad.objects import mesh_of as mesh_of
+    from cadcam.cad.pmi.read import read_pmi as read_pmi
     from cadcam.cad.read import read_model as read_model
     from cadcam.cad.read import read_model_with_report as read_model_with_report
     from cadcam.cad.write import write_model as write_model
@@ -213,6 +214,7 @@ if TYPE_CHECKING:  # the same table for type checkers and editors; tests hold th
     from cadcam.verify.inspection import InspectionOptions as InspectionOptions
     from cadcam.verify.judge import Verification as Verification
     from cadcam.verify.judge import verify_part as verify_part
+    from cadcam.verify.tolerances.drawing import drawing_template as drawing_template
     from cadcam.verify.tolerances.file import read_tolerances as read_tolerances
     from cadcam.verify.tolerances.tolerance import Tolerances as Tolerances
     from cadcam.verify.tolerances.tolerance import whole_parts as whole_parts
@@ -327,6 +329,7 @@ _HOME = {
     "calibrate_rig_boards": "cadcam.calibrate.rig.boards",
     "compare_cameras": "cadcam.fit.compare",
     "correlate": "cadcam.image.correlate",
+    "drawing_template": "cadcam.verify.tolerances.drawing",
     "edge_closeness": "cadcam.locate.match.closeness",
     "edge_distances": "cadcam.render.overlay",
     "errors": "cadcam",
@@ -374,6 +377,7 @@ _HOME = {
     "read_picture": "cadcam.image.picture",
     "read_pixels": "cadcam.files.pixels",
     "read_plate": "cadcam.station.document",
+    "read_pmi": "cadcam.cad.pmi.read",
     "read_points": "cadcam.files.points",
     "read_pose": "cadcam.files.matrix",
     "read_pose_estimate": "cadcam.files.pose_estimate",

@@ -19,6 +19,7 @@ from cadcam.cad.pmi.chains import chains_of
 from cadcam.cad.pmi.faces import Curve, StepFace
 from cadcam.cad.pmi.stated import Pmi, StatedSize, StatedTolerance
 from cadcam.errors import UnknownName
+from cadcam.kinds import expect, expect_names
 from cadcam.render.view import Scene
 from cadcam.verify.tolerances.file import quoted
 
@@ -63,7 +64,9 @@ def drawing_template(
     refer to: a tolerance file has one. seen: the feature chains that photos show, if there are photos; features without
     any are left to a comment. Raises `UnknownName` for a system of datums that the file does not have.
     """
-    drawing = _Drawing(scene, pmi, letters)
+    expect(scene, "scene", Scene)
+    expect(pmi, "pmi", Pmi)
+    drawing = _Drawing(scene, pmi, expect_names(letters, "letters"))
     every = _numbered([*drawing.bores(), *drawing.planes()])
     entries = [entry for entry in every if seen is None or not set(seen).isdisjoint(entry.chains)]
     lines = [
