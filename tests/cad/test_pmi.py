@@ -9,6 +9,7 @@ from cadcam.cad.edges import feature_edges
 from cadcam.cad.pmi.bores import bores_of
 from cadcam.cad.pmi.chains import chains_of
 from cadcam.cad.pmi.exchange import Exchange
+from cadcam.cad.pmi.fits import fit_limits_mm
 from cadcam.cad.pmi.read import read_pmi
 from cadcam.cad.pmi.stated import Pmi
 from cadcam.cad.read import read_model
@@ -54,8 +55,27 @@ def test_sizes_have_their_limits_in_mm(tmp_path, unit_mm):
     assert [s.kind for s in sizes] == ["diameter", "diameter", "diameter", "linear distance"]
     assert limits[0] == pytest.approx((19.9, 20.1), rel=8 * _EPS)
     assert limits[1] == pytest.approx((12.0, 12.2), rel=8 * _EPS)
-    assert (limits[2], sizes[2].fit, sizes[2].nominal_mm) == (None, "H7", pytest.approx(8.0, rel=8 * _EPS))
+    assert (sizes[2].fit, limits[2]) == ("H7", pytest.approx((8.0, 8.015), rel=8 * _EPS))
     assert limits[3] == pytest.approx((29.8, 30.2), rel=8 * _EPS)
+
+
+@pytest.mark.parametrize(
+    ("fit", "nominal", "limits"),
+    [
+        ("H7", 25.0, (25.0, 25.021)),
+        ("H7", 30.0, (30.0, 30.021)),
+        ("H7", 30.001, (30.001, 30.026)),
+        ("h6", 50.0, (49.984, 50.0)),
+        ("H11", 100.0, (100.0, 100.22)),
+        ("JS13", 400.0, (399.555, 400.445)),
+        ("g6", 25.0, None),
+        ("H7", 501.0, None),
+        ("H4", 10.0, None),
+        ("H15", 10.0, None),
+    ],
+)
+def test_limits_of_fits_are_those_of_the_standard(fit, nominal, limits):
+    assert fit_limits_mm(fit, nominal) == (limits if limits is None else pytest.approx(limits, rel=4 * _EPS))
 
 
 @pytest.mark.parametrize("unit_mm", [1.0, 25.4])

@@ -14,6 +14,7 @@ from typing import Any
 from cadcam.cad.formats.step_unit import declared_unit, length_unit_mm
 from cadcam.cad.pmi.exchange import Entity, Enumerated, Exchange, Parameters, Ref
 from cadcam.cad.pmi.faces import Curve, StepFace, curve_of, face_of
+from cadcam.cad.pmi.fits import fit_limits_mm
 from cadcam.cad.pmi.stated import Pmi, StatedDatum, StatedSize, StatedTolerance
 from cadcam.errors import CadcamError, UnreadableFile
 from cadcam.kinds import expect_path
@@ -202,7 +203,8 @@ class _Reader:
         stated = self.file[self.ranges[dimension]]
         if "LIMITS_AND_FITS" in stated:
             form, _, grade = stated["LIMITS_AND_FITS"][:3]
-            return nominal, None, f"{form or ''}{grade or ''}"
+            fit = f"{form or ''}{grade or ''}"
+            return nominal, None if nominal is None else fit_limits_mm(fit, nominal), fit
         low, high = (self._length(bound) for bound in stated["TOLERANCE_VALUE"])
         return nominal, None if nominal is None else (nominal + low, nominal + high), ""
 

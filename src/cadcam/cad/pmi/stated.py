@@ -45,8 +45,8 @@ class StatedTolerance(Stated):
 class StatedSize(Stated):
     """A size or a distance: "diameter", "thickness", "linear distance" ..., nominal and limits in mm.
 
-    None where the file does not state them. fit: the limits as a tolerance class of ISO 286 (H7), where they are stated
-    so. Of a distance the faces between which it is are not kept.
+    None where the file does not state them. fit: the tolerance class of ISO 286 (H7) where limits are stated so. Of a
+    distance the faces between which it is are not kept.
     """
 
     kind: str

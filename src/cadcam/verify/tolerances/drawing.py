@@ -141,7 +141,7 @@ class _Drawing:
             if low < high:
                 self.judged.add(id(size))
                 inside = f"[{_mm(low - 2 * asked.bore.radius)}, {_mm(high - 2 * asked.bore.radius)}]"
-                yield f"diameter_mm: {inside}", f"{_mm(low)} to {_mm(high)} mm"
+                yield f"diameter_mm: {inside}", f"{_mm(low)} to {_mm(high)} mm" + (f" ({size.fit})" if size.fit else "")
                 return
 
     def planes(self) -> Iterator[_Entry]:
@@ -249,10 +249,8 @@ def _slots(planes: Sequence[StepFace]) -> list[list[StepFace]]:
 
 
 def _why_not(size: StatedSize) -> str:
-    if size.fit:
-        return f"its limits, {size.fit}, are not in the file"
     if size.limits_mm is None:
-        return "without limits"
+        return f"the limits of {size.fit} are not in the file" if size.fit else "without limits"
     return _NO_EDGES if size.kind == "diameter" else "of dimensions, diameters alone are judged"
 
 
