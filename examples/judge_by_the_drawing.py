@@ -21,7 +21,7 @@ from cadcam.report.verify.words import verification_tables
 DRAWN = Path(__file__).resolve().parents[1] / "models/drilled_plate.step"
 CAMERA = cadcam.Camera.from_focal((1600, 1200), 3200.0)
 VIEW = cadcam.Rigid.look_at((40.0, -110.0, 260.0), (60.0, 40.0, 10.0))
-LIGHT = cadcam.Light((cadcam.Lamp((-0.3, -0.6, 1.0), 0.6, 12.0),), flash=1.0, ambient=0.35)
+LIGHT = cadcam.Light((cadcam.Lamp((-0.5, -0.7, 1.0), 0.3, 12.0),), flash=0.35, ambient=0.2)
 OFF = ((45.0, 25.0), (0.3, 0.4))  # mm: the middle of a hole of 20 mm, and how far it is off
 LARGER = ((60.0, 60.0), 0.2)  # the middle of the one of 12 mm, and by how much its radius is too large
 

@@ -204,10 +204,10 @@ class DrawnPlate(StepText):
         self.add(f"PLUS_MINUS_TOLERANCE({limits},{dimension})")
 
     def fit(self, nominal: float, *faces: str) -> None:
-        """State a diameter as H7."""
+        """State a diameter as H11."""
         dimension = self.add(f"DIMENSIONAL_SIZE({self.aspect(*faces)},'diameter')")
         self._valued(dimension, nominal)
-        limits = self.add("LIMITS_AND_FITS('H','hole','7','')")
+        limits = self.add("LIMITS_AND_FITS('H','hole','11','')")
         self.add(f"PLUS_MINUS_TOLERANCE({limits},{dimension})")
 
     def distance(self, nominal: float, low: float, high: float, a: str, b: str) -> None:
@@ -247,6 +247,7 @@ def drawn_plate(unit_mm: float = 1.0) -> str:
     plate.size("diameter", 12.0, 0.0, 0.2, *holes["small"])
     plate.fit(8.0, *holes["B"])
     plate.distance(30.0, 29.8, 30.2, holes["left"][0], holes["right"][0])
+    plate.add(f"ANGULAR_LOCATION('angle','',{plate.aspect(holes['B'][0])},{plate.aspect(plate.sides['top'])},.EQUAL.)")
     return plate.whole()
 
 

@@ -28,6 +28,9 @@ _CHARACTERISTICS = tuple(
         "TOTAL_RUNOUT",
     )
 )  # fmt: skip
+_SIZES = ("DIMENSIONAL_SIZE", "DIMENSIONAL_SIZE_WITH_DATUM_FEATURE", "DIMENSIONAL_SIZE_WITH_PATH")
+_DISTANCES = ("DIMENSIONAL_LOCATION", "DIRECTED_DIMENSIONAL_LOCATION", "DIMENSIONAL_LOCATION_WITH_PATH")
+_ANGLES = ("ANGULAR_SIZE", "ANGULAR_LOCATION")
 _DEEPEST = 8  # groups of groups of faces
 _MALFORMED = (CadcamError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
 
@@ -65,9 +68,9 @@ class _Reader:
         """Return all that is stated."""
         self._index()
         tolerances = tuple(self._each(_CHARACTERISTICS, self._tolerance))
-        sizes = tuple(self._each(("DIMENSIONAL_SIZE", "DIMENSIONAL_LOCATION"), self._size))
+        sizes = tuple(self._each((*_SIZES, *_DISTANCES), self._size))
         datums = tuple(self._each(("DATUM",), self._datum))
-        self.others += self._each(("ANGULAR_SIZE", "ANGULAR_LOCATION"), lambda *_: "angle")
+        self.others += self._each(_ANGLES, lambda *_: "angle")
         return Pmi(tolerances, sizes, datums, tuple(self.others))
 
     def _each(self, keywords: tuple[str, ...], read: Callable[[int, Entity], Any]) -> list[Any]:
@@ -181,11 +184,11 @@ class _Reader:
 
     def _size(self, number: int, entity: Entity) -> StatedSize:
         nominal, limits, fit = self._limits(number)
-        if "DIMENSIONAL_SIZE" in entity:
-            aspect, kind = entity["DIMENSIONAL_SIZE"][:2]
-            return StatedSize("", *self._faces(aspect), str(kind or "size"), nominal, limits, fit)
-        kind = str(entity["DIMENSIONAL_LOCATION"][0] or "distance")
-        return StatedSize("", (), (), kind, nominal, limits, fit)
+        keyword = next(k for k in (*_SIZES, *_DISTANCES) if k in entity)
+        if keyword in _DISTANCES:
+            return StatedSize("", (), (), str(entity[keyword][0] or "distance"), nominal, limits, fit)
+        of = entity[keyword][-2:] if keyword.endswith("DATUM_FEATURE") else entity[keyword][:2]
+        return StatedSize("", *self._faces(of[0]), str(of[1] or "size"), nominal, limits, fit)
 
     def _limits(self, dimension: int) -> tuple[float | None, tuple[float, float] | None, str]:
         """Return a dimension's nominal value, its limits, mm, and its class of tolerance."""
