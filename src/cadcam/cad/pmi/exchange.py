@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator
+from collections import defaultdict
+from collections.abc import Callable
 from os import PathLike
 from typing import Any, TypeAlias
 
@@ -14,7 +15,7 @@ Parameters: TypeAlias = list[Any]
 Entity: TypeAlias = dict[str, Parameters]  # by keyword: one of a simple entity, several of a complex one
 
 _STATEMENT = re.compile(rb"#(\d+)\s*=\s*((?:[^;']++|'[^']*+')*+);")
-_STRING = re.compile(rb"'[^']*'")
+_STRING, _KEYWORD = re.compile(rb"'[^']*'"), re.compile(rb"(\w+)\s*\(")
 _TOKEN = re.compile(
     r"""\s+ | /\*.*?\*/ | (?P<text>'(?:[^']|'')*') | (?P<binary>"[^"]*") | \#(?P<ref>\d+) | (?P<enum>\.\w+\.)
     | (?P<number>[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?) | (?P<keyword>!?[A-Za-z]\w*) | (?P<mark>[()$*,])""",
@@ -47,6 +48,7 @@ class Exchange:
         begin = data.find(b"DATA;")
         self._bodies = {int(m[1]): m[2] for m in _STATEMENT.finditer(data, max(begin, 0))}
         self._parsed: dict[int, Entity] = {}
+        self._having: defaultdict[bytes, list[int]] | None = None
 
     def __getitem__(self, number: int) -> Entity:
         """Return an entity; raise `UnreadableFile` where there is none of this number, or none that can be parsed."""
@@ -56,12 +58,14 @@ class Exchange:
             self._parsed[number] = self._entity(number)
         return self._parsed[number]
 
-    def having(self, *keywords: str) -> Iterator[int]:
-        """Yield the numbers of the entities that have one of these keywords, in the order of the file."""
-        wanted = re.compile(rb"(?:^|[\s()])(?:%s)\s*\(" % b"|".join(k.encode() for k in keywords))
-        for number, body in self._bodies.items():
-            if wanted.search(_STRING.sub(b"''", body) if b"'" in body else body):
-                yield number
+    def having(self, *keywords: str) -> list[int]:
+        """Return the numbers of the entities that have one of these keywords, ascending."""
+        if self._having is None:
+            self._having = defaultdict(list)
+            for number, body in self._bodies.items():
+                for keyword in _keywords(body):
+                    self._having[keyword].append(number)
+        return sorted({number for keyword in keywords for number in self._having.get(keyword.encode(), ())})
 
     def _entity(self, number: int) -> Entity:
         text = self._bodies[number].decode("latin-1")
@@ -70,6 +74,13 @@ class Exchange:
         except (ValueError, IndexError, RecursionError):
             shown = " ".join(text.split())
             raise UnreadableFile(self.path, f"#{int(number)} is no entity: {shown[:60]}", _AGAIN) from None
+
+
+def _keywords(body: bytes) -> list[bytes]:
+    """Return the keywords of an entity as it is written; of a value with a type among them, its type, too."""
+    if body[:1] != b"(":
+        return [body.partition(b"(")[0].rstrip()]
+    return _KEYWORD.findall(_STRING.sub(b"", body))
 
 
 class _Parser:
