@@ -122,6 +122,13 @@ def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
     return vector_words(d)
 
 
+def way_words(limit: Limit) -> str:
+    """Return along or across what a position counts, after a space; "" where it is all that the photos show."""
+    if limit.axis is not None:
+        return f" across {direction_words(limit.axis)}"
+    return "" if limit.direction is None else f" along {direction_words(limit.direction)}"
+
+
 def vector_words(v: np.typing.NDArray[np.float64]) -> str:
     """Return the components of a vector with two decimals, rounding to zero without a sign."""
     return "(" + ", ".join(f"{0.0 if abs(x) < 5e-3 else x:.2f}" for x in v) + ")"
@@ -159,8 +166,7 @@ def _off(j: Judgement) -> str:
     if j.limit.quantity is Quantity.ANGLE:
         return f"{j.feature} is turned by {value}, {limit}"
     what = "has a piece of edge" if j.limit.quantity is Quantity.PROFILE else "is"
-    along = "" if j.limit.direction is None else f" along {direction_words(j.limit.direction)}"
-    return f"{j.feature} {what} {value} off its place{along}, {limit}"
+    return f"{j.feature} {what} {value} off its place{way_words(j.limit)}, {limit}"
 
 
 def _too_near(j: Judgement) -> str:

@@ -142,7 +142,7 @@ class MeasuredEdges:
         return self.found[number]
 
     def displacement(self, rows: Mask, *, along: Array | None = None, apart: Mask | None = None) -> Displacement | None:
-        """Return the common displacement of the places; along (3,): in that direction alone. None: undetermined.
+        """Return the common displacement of the places; along (3, m): in those directions alone. None: undetermined.
 
         apart (n,): places to whose edges the pose is not fitted either, such as the others of the same body.
 
@@ -157,7 +157,8 @@ class MeasuredEdges:
         p_value = self._p_value(rows, basis, pose)
         if along is not None:
             estimate, misfit = self._followed(rows, basis, pose)
-            return Displacement(basis, estimate, p_value, self._edge_count(rows), misfit)
+            best, known = self._best_told(rows, estimate)
+            return Displacement(basis @ best, estimate.along(best.T), p_value, self._edge_count(rows), misfit, known)
         if not basis.shape[1]:
             return None
         every = np.column_stack([basis, _perpendicular(basis)])
@@ -177,7 +178,7 @@ class MeasuredEdges:
         """Return the directions (3, m) of displacement that these places measure, and the pose without those apart."""
         if not rows.any():
             return None
-        basis = self.directions(rows) if along is None else np.asarray(along, np.float64)[:, None]
+        basis = self.directions(rows) if along is None else np.asarray(along, np.float64)
         pose = self.pose_without(apart)
         if pose is None or not np.abs(self.lines.by_point[rows] @ basis).max(initial=0.0) > 0:
             return None

@@ -17,6 +17,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
+from cadcam.geometry.plane import axes_across
 from cadcam.kinds import FrozenMap, expect, expect_each, expect_numbers
 from cadcam.render.view import Scene
 
@@ -138,7 +139,8 @@ class Selection(Brief):
 class Limit(Brief):
     """The largest deviation of one quantity (mm; rad for an angle; unused for presence), and the decision rule.
 
-    direction: unit vector in the part frame along which alone a position counts; None: all that the photos show.
+    direction: unit vector in the part frame along which alone a position counts; axis: that across which alone it does,
+    ISO 1101's cylindrical zone. None: all that the photos show.
     """
 
     quantity: Quantity
@@ -146,6 +148,7 @@ class Limit(Brief):
     k: float = 2.0
     rule: Rule = Rule.GUARD_BAND
     direction: Array | None = None
+    axis: Array | None = None
 
     def __post_init__(self) -> None:
         expect(self.quantity, "quantity", Quantity)
@@ -157,15 +160,25 @@ class Limit(Brief):
             raise BadValue(self.quantity.value, np.degrees(self.value), "less than 180: no turn is larger")
         if not 0 < self.k <= LARGEST_K:
             raise BadValue("coverage factor k", self.k, f"a positive number up to {LARGEST_K:g}, usually 2")
-        if self.direction is not None and self.quantity is not Quantity.POSITION:
-            raise BadValue(
-                "direction", f"that of {self.quantity.value}", f"none: it is that of {Quantity.POSITION.value}"
-            )
-        if self.direction is not None:
-            d = frozen(self.direction, "direction", (3,))
+        if self.direction is not None and self.axis is not None:
+            raise BadValue("direction", "given beside an axis", "one of them: a position counts along it, or across it")
+        for name in ("direction", "axis"):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            if self.quantity is not Quantity.POSITION:
+                raise BadValue(name, f"that of {self.quantity.value}", f"none: it is that of {Quantity.POSITION.value}")
+            d = frozen(given, name, (3,))
             if not np.linalg.norm(d) > 0:
-                raise BadValue("direction", d.tolist(), "a vector that is not zero")
-            object.__setattr__(self, "direction", frozen(d / np.linalg.norm(d), "direction", (3,)))
+                raise BadValue(name, d.tolist(), "a vector that is not zero")
+            object.__setattr__(self, name, frozen(d / np.linalg.norm(d), name, (3,)))
+
+    @property
+    def basis(self) -> Array | None:
+        """Return the orthonormal directions (3, k) in which alone a position counts; None: all that the photos show."""
+        if self.direction is not None:
+            return self.direction[:, None]
+        return None if self.axis is None else np.stack(axes_across(self.axis), axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
