@@ -20,7 +20,7 @@ from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selecti
 
 from .scene import photographed
 
-CAMERA = Camera.from_focal((800, 600), 1500.0)
+CAMERA = Camera.from_focal((1200, 900), 2250.0)
 ABOVE = Rigid.look_at((25.0, -35.0, 560.0), (0.0, 0.0, 5.0))
 OBLIQUE = Rigid.look_at((220.0, -400.0, 330.0), (0.0, 0.0, 5.0))
 SIDE = Rigid.look_at((-330.0, 240.0, 390.0), (0.0, 0.0, 5.0))

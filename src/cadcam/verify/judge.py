@@ -20,12 +20,13 @@ from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.adjustment.datum_fit import Estimate, shares_of
 from cadcam.verify.bodies.stages import Stages, untold
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
-from cadcam.verify.deviations.measured import DISAGREE, MeasuredEdges
+from cadcam.verify.deviations.measured import DISAGREE, SEEN_PX, MeasuredEdges
 from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
 from cadcam.verify.reasons import (
     ANOTHER_VIEW,
     IN_VIEW,
     contradicting,
+    diameter_words,
     direction_words,
     explained,
     not_found,
@@ -39,6 +40,7 @@ from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, overal
 
 _NAN = float("nan")
 _NEAR_AXIS = np.cos(np.radians(15.0))
+_MISTAKEN = 4.0  # scatter along edges, over what is expected (variances), that no noise of a circle's edges makes
 _OTHER_SIDE = "add a photo from another side"
 _ALONG = f"judge a direction, or {_OTHER_SIDE}"
 
@@ -276,6 +278,25 @@ def _about_any_axis(name: str, limit: Limit, measured: MeasuredEdges, rows: Mask
     return _if_agreed(judgement, turned)
 
 
+def _diameter(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    """Judge by how much circles about one axis are larger than the CAD's, wherever they are."""
+    assert seen.measured is not None  # only of inspections that found the part
+    number = seen.survey.names.index(name)
+    rows, circles = seen.measured.members[number], seen.survey.circles[number]
+    assert circles is not None  # of what a diameter is asked
+    told = seen.measured.grown(rows, circles.axis)
+    if told is None or not np.sqrt(told[0].covariance[0, 0]) < 2 * SEEN_PX * seen.survey.mm_per_px(number):
+        unsure = "the photos do not tell its size from a displacement"
+        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, unsure, _OTHER_SIDE)
+    grown, scatter = told
+    value, sigma = float(grown.value[0]) - limit.middle, float(np.sqrt(grown.covariance[0, 0]))
+    said = diameter_words(float(grown.value[0]), limit, circles.radii)
+    if grown.misfit > DISAGREE or scatter > _MISTAKEN:
+        reason = f"{said}, but its edges do not agree on one size"
+        return Judgement(name, limit, value, sigma, Verdict.UNDECIDED, reason, ANOTHER_VIEW)
+    return explained(Judgement(name, limit, value, sigma, decided(value, sigma, limit), said), grown.shares)
+
+
 def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
     """Judge the pieces of all edges, with k raised so that any of them errs as rarely as a single one would."""
     pieces = [(s, e) for e in seen.edges if name in e.features for s in e.station if np.isfinite(s[2])]
@@ -296,6 +317,7 @@ _QUANTITIES: dict[Quantity, Callable[[str, Limit, FeatureDeviation, Inspection],
     Quantity.POSITION: _position,
     Quantity.ANGLE: _angle,
     Quantity.PROFILE: _profile,
+    Quantity.DIAMETER: _diameter,
 }
 
 

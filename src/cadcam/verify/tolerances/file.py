@@ -24,6 +24,7 @@
         chains: [40, 41]
         axis: [0, 0, 1]           # position across this alone: the zone is a cylinder about it
         position_mm: 0.2
+        diameter_mm: [-0.1, 0.05] # from the CAD's, of circles about one axis; or: 0.1, to either side
 
 A part may be a pattern (`longitudinal *`); what stands beside it narrows the choice.
 """
@@ -52,6 +53,7 @@ _HOW = ("k", "rule", *_WAYS)
 _K, _LARGEST_K = 2.0, 10.0  # what is larger, 95 or 99, is not meant as a number of sigmas
 _OF_A_PART = (
     "    position_mm: 1.0    # of the whole feature; also: profile_mm (worst place along its edges), angle_deg",
+    "    # diameter_mm: [-0.1, 0.05]        of a hole or pin, from the CAD's; or: 0.1, to either side",
     "    presence: required",
     "    # box_mm: [[x, y, z], [x, y, z]]   only edges in this region; chains: [...]; kinds: [brep, contact]",
     "    # direction: [0, 1, 0]             position along this alone; axis: [0, 0, 1] across it, as of a hole or pin",
@@ -174,6 +176,13 @@ def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, way: Mapping[
         if place.value != "required" and place.value is not True:
             raise place.error(f"is {shortened(place.value)}", "write presence: required, or leave it out")
         return Limit(quantity, 0.0, k, rule)
+    if quantity is Quantity.DIAMETER and isinstance(place.value, list):
+        low, high = place.array((2,))
+        if not low < high:
+            raise place.error(
+                f"is {place.value}", "the least and the greatest deviation in mm are expected, as [-0.1, 0.05]"
+            )
+        return Limit(quantity, float(high - low) / 2, k, rule, middle=float(low + high) / 2)
     value = place.number()
     if quantity is Quantity.ANGLE:
         value = float(np.radians(value))
