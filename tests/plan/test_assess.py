@@ -104,6 +104,20 @@ def test_an_edge_is_measured_in_a_direction() -> None:
     np.testing.assert_allclose(seen.problem.ratios(chosen).reshape(2, -1), found.ratio, rtol=1e-5)
 
 
+def test_an_edge_is_measured_across_an_axis_as_far_as_across_itself() -> None:
+    """Across z a displacement shows that is along y; across the edge itself, x, all that shows of it at all."""
+    whole = features()[4]
+    z, x = (Limit(Quantity.POSITION, 0.2, axis=axis) for axis in (np.eye(3)[2], np.eye(3)[0]))
+    limits = (*position(0.2), *position(0.2, np.eye(3)[1]), z, x)
+    seen = survey(scene(9, features=(replace(whole, limits=limits),)))
+    chosen = (0, 2, 6, 8)
+    found = seen.assess(chosen)
+    worst, aside, across_z, across_x = found.sigma.T
+    np.testing.assert_allclose(across_z, aside)
+    np.testing.assert_allclose(across_x, worst)
+    np.testing.assert_allclose(seen.problem.ratios(chosen).reshape(2, -1), found.ratio, rtol=1e-5)
+
+
 def test_an_edge_is_not_measured_along_itself() -> None:
     with pytest.raises(BadValue, match="direction of front is along the edge; expected one across it"):
         replace(features()[4], limits=position(0.2, np.array([-1.0, 0, 0])))

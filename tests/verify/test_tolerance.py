@@ -59,6 +59,9 @@ def test_a_file_says_what_it_says(tmp_path: Path) -> None:
     assert corner.limits[1].direction is None  # a direction is of a position
     assert corner.selection.kinds == (EdgeKind.CREASE, EdgeKind.CONTACT)
     found.check(part().scene)
+    across = read_tolerances(written(tmp_path, GOOD.replace("direction:", "axis:"))).features[1].limits
+    np.testing.assert_allclose(across[0].axis, [0, 0.6, 0.8])
+    assert across[1].axis is None
 
 
 @pytest.mark.parametrize(
@@ -86,6 +89,8 @@ def test_a_file_says_what_it_says(tmp_path: Path) -> None:
         ("kinds: [crease, contact]", "kinds: []", r"kinds is empty; name what is meant"),
         ("kinds: [crease, contact]", "kinds: crease", r"kinds is not a list; a list of texts is expected"),
         ("position_mm: 0.5\n", "direction: [0, 1, 0]\n", r"features.rib has a direction; it is that of a position_mm"),
+        ("position_mm: 0.5\n", "axis: [0, 1, 0]\n", r"features.rib has an axis; it is that of a position_mm"),
+        ("[0, 3, 4]\n", "[0, 3, 4]\n    axis: [1, 0, 0]\n", r"direction is given beside an axis; expected one of them"),
         ("position_mm: 0.5", "position_mm: .nan", r"features.rib.position_mm is not finite"),
         ("position_mm: 0.5", "position_mm: 0.5 mm", r'features.rib.position_mm is "0.5 mm"; a number is expected'),
         ("position_mm: 0.5", "position_um: 500", r"unknown key 'position_um'; did you mean 'position_mm'"),

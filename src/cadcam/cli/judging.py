@@ -28,7 +28,8 @@ tolerance file (YAML; mm and degrees, in the part's axes):
   features:
     stiffener:
       part: bar 1.1 port           or a pattern; box_mm, chains, kinds narrow it
-      position_mm: 0.8             also: profile_mm, angle_deg; direction: [0, 1, 0] judges a position along it alone
+      position_mm: 0.8             also: profile_mm, angle_deg; direction: [0, 1, 0] judges a position along it alone,
+                                   axis: [0, 0, 1] across it alone, as of a hole or pin; diameter_mm: 0.1
       presence: required
 """
 

@@ -20,12 +20,13 @@ from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.adjustment.datum_fit import Estimate, shares_of
 from cadcam.verify.bodies.stages import Stages, untold
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
-from cadcam.verify.deviations.measured import DISAGREE, MeasuredEdges
+from cadcam.verify.deviations.measured import DISAGREE, SEEN_PX, MeasuredEdges
 from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
 from cadcam.verify.reasons import (
     ANOTHER_VIEW,
     IN_VIEW,
     contradicting,
+    diameter_words,
     direction_words,
     explained,
     not_found,
@@ -39,6 +40,7 @@ from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, overal
 
 _NAN = float("nan")
 _NEAR_AXIS = np.cos(np.radians(15.0))
+_MISTAKEN = 4.0  # scatter along edges, over what is expected (variances), that no noise of a circle's edges makes
 _OTHER_SIDE = "add a photo from another side"
 _ALONG = f"judge a direction, or {_OTHER_SIDE}"
 
@@ -163,24 +165,33 @@ def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
 
 
 def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
-    """Judge a feature's displacement in all directions that the photos show, or in the one that the limit names."""
+    """Judge a feature's displacement in all directions that the photos show, or in those that the limit names."""
     if limit.direction is not None:
         return _along(name, limit, seen)
+    if limit.axis is not None:
+        return _across(name, limit, seen)
     assert found.displacement is not None  # else the feature is unclear
-    sigma = towards(found.displacement.value, found.displacement.covariance, limit)
-    judgement = partial(Judgement, name, limit, found.size, sigma)
     reason = f"displaced by {vector_words(found.vector)} mm"
-    if found.displacement.misfit > DISAGREE:
+    return _length(name, limit, found.displacement, found.p_value, reason, (_unseen(found, seen), _ALONG))
+
+
+def _length(
+    name: str, limit: Limit, moved: Estimate, p_value: float, reason: str, unseen: tuple[Array | None, str]
+) -> Judgement:
+    """Judge the length of a displacement; unseen: a direction (3,) in which it would not show, and what shows it."""
+    size, sigma = float(np.linalg.norm(moved.value)), towards(moved.value, moved.covariance, limit)
+    judgement = partial(Judgement, name, limit, size, sigma)
+    if moved.misfit > DISAGREE:
         return judgement(Verdict.UNDECIDED, f"{reason}, but its edges do not agree on one place", ANOTHER_VIEW)
-    verdict = decided(found.size, sigma, limit)
-    if verdict is Verdict.FAIL and found.p_value > AS_IN_PLACE:  # by a few pixels, or hardly visible there
-        as_likely = f"but its edges are as likely (p {found.p_value:.2g}) of a feature in place"
+    verdict = decided(size, sigma, limit)
+    if verdict is Verdict.FAIL and p_value > AS_IN_PLACE:  # by a few pixels, or hardly visible there
+        as_likely = f"but its edges are as likely (p {p_value:.2g}) of a feature in place"
         return judgement(Verdict.UNDECIDED, f"{reason}, {as_likely}", ANOTHER_VIEW)
-    unseen = _unseen(found, seen)
-    if verdict is Verdict.PASS and unseen is not None:
-        hidden = f"but a displacement {_towards(unseen)} would not show: {_ALONG}"
-        return judgement(Verdict.UNDECIDED, f"{reason}, {hidden}", _ALONG)
-    return explained(judgement(verdict, reason), found.shares)
+    hidden, remedy = unseen
+    if verdict is Verdict.PASS and hidden is not None:
+        but = f"but a displacement {_towards(hidden)} would not show: {remedy}"
+        return judgement(Verdict.UNDECIDED, f"{reason}, {but}", remedy)
+    return explained(judgement(verdict, reason), moved.shares)
 
 
 def _unseen(found: FeatureDeviation, seen: Inspection) -> Array | None:
@@ -201,13 +212,28 @@ def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
     """Judge the displacement in the direction that a limit names."""
     assert seen.measured is not None  # only of inspections that found the part
     rows = seen.measured.members[seen.survey.names.index(name)]
-    moved = seen.measured.displacement(rows, along=limit.direction)
+    moved = seen.measured.displacement(rows, along=limit.basis)
     if moved is None:
         unseen = "the photos do not show this direction"
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, unseen, _OTHER_SIDE)
     value, sigma = float(moved.estimate.value[0]), float(np.sqrt(moved.estimate.covariance[0, 0]))
     said = f"measured along {direction_words(moved.basis[:, 0])}, as if it were in place across it"
     return explained(Judgement(name, limit, value, sigma, decided(value, sigma, limit), said), moved.estimate.shares)
+
+
+def _across(name: str, limit: Limit, seen: Inspection) -> Judgement:
+    """Judge the displacement across the axis that a limit names, of a feature in place along it."""
+    assert seen.measured is not None  # only of inspections that found the part
+    assert limit.axis is not None
+    rows = seen.measured.members[seen.survey.names.index(name)]
+    moved = seen.measured.displacement(rows, along=limit.basis)
+    if moved is None:
+        unseen = "the photos do not show a displacement across its axis"
+        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, unseen, _OTHER_SIDE)
+    across = f"displaced by {vector_words(moved.vector)} mm across {direction_words(limit.axis)}"
+    reason = f"{across}, as if it were in place along it"
+    hidden = np.cross(limit.axis, moved.basis[:, 0]) if moved.basis.shape[1] < 2 or not moved.known else None
+    return _length(name, limit, moved.estimate, moved.p_value, reason, (hidden, _OTHER_SIDE))
 
 
 def _angle(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
@@ -252,6 +278,25 @@ def _about_any_axis(name: str, limit: Limit, measured: MeasuredEdges, rows: Mask
     return _if_agreed(judgement, turned)
 
 
+def _diameter(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
+    """Judge by how much circles about one axis are larger than the CAD's, wherever they are."""
+    assert seen.measured is not None  # only of inspections that found the part
+    number = seen.survey.names.index(name)
+    rows, circles = seen.measured.members[number], seen.survey.circles[number]
+    assert circles is not None  # of what a diameter is asked
+    told = seen.measured.grown(rows, circles.axis)
+    if told is None or not np.sqrt(told[0].covariance[0, 0]) < 2 * SEEN_PX * seen.survey.mm_per_px(number):
+        unsure = "the photos do not tell its size from a displacement"
+        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, unsure, _OTHER_SIDE)
+    grown, scatter = told
+    value, sigma = float(grown.value[0]) - limit.middle, float(np.sqrt(grown.covariance[0, 0]))
+    said = diameter_words(float(grown.value[0]), limit, circles.radii)
+    if grown.misfit > DISAGREE or scatter > _MISTAKEN:
+        reason = f"{said}, but its edges do not agree on one size"
+        return Judgement(name, limit, value, sigma, Verdict.UNDECIDED, reason, ANOTHER_VIEW)
+    return explained(Judgement(name, limit, value, sigma, decided(value, sigma, limit), said), grown.shares)
+
+
 def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
     """Judge the pieces of all edges, with k raised so that any of them errs as rarely as a single one would."""
     pieces = [(s, e) for e in seen.edges if name in e.features for s in e.station if np.isfinite(s[2])]
@@ -272,6 +317,7 @@ _QUANTITIES: dict[Quantity, Callable[[str, Limit, FeatureDeviation, Inspection],
     Quantity.POSITION: _position,
     Quantity.ANGLE: _angle,
     Quantity.PROFILE: _profile,
+    Quantity.DIAMETER: _diameter,
 }
 
 

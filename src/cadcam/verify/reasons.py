@@ -122,6 +122,21 @@ def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
     return vector_words(d)
 
 
+def diameter_words(growth: float, limit: Limit, radii: np.typing.NDArray[np.float64]) -> str:
+    """Return the diameter measured, given its growth (mm), and those allowed; of several circles the largest's."""
+    largest, decimals = 2 * float(radii[-1]), max(decimals_of(limit), 2)
+    measured, low, high = (f"{largest + x:.{decimals}f}".rstrip("0").rstrip(".") for x in (growth, *limit.bounds))
+    of = " of its largest circle" if radii[-1] - radii[0] > 1e-3 * radii[-1] else ""
+    return f"{measured} mm measured{of}, {low} to {high} mm allowed"
+
+
+def way_words(limit: Limit) -> str:
+    """Return along or across what a position counts, after a space; "" where it is all that the photos show."""
+    if limit.axis is not None:
+        return f" across {direction_words(limit.axis)}"
+    return "" if limit.direction is None else f" along {direction_words(limit.direction)}"
+
+
 def vector_words(v: np.typing.NDArray[np.float64]) -> str:
     """Return the components of a vector with two decimals, rounding to zero without a sign."""
     return "(" + ", ".join(f"{0.0 if abs(x) < 5e-3 else x:.2f}" for x in v) + ")"
@@ -158,9 +173,12 @@ def _off(j: Judgement) -> str:
     value = f"{_number(j, j.deviation)} +- {_size(j, j.U)}"
     if j.limit.quantity is Quantity.ANGLE:
         return f"{j.feature} is turned by {value}, {limit}"
+    if j.limit.quantity is Quantity.DIAMETER:
+        than = "in the middle of its zone" if j.limit.middle else "in the CAD"
+        size = f"{_number(j, abs(j.deviation))} +- {_size(j, j.U)}"
+        return f"{j.feature}'s diameter is {size} {'larger' if j.deviation > 0 else 'smaller'} than {than}, {limit}"
     what = "has a piece of edge" if j.limit.quantity is Quantity.PROFILE else "is"
-    along = "" if j.limit.direction is None else f" along {direction_words(j.limit.direction)}"
-    return f"{j.feature} {what} {value} off its place{along}, {limit}"
+    return f"{j.feature} {what} {value} off its place{way_words(j.limit)}, {limit}"
 
 
 def _too_near(j: Judgement) -> str:

@@ -1,7 +1,7 @@
 """The limits of all features in one list, as quadratic forms of the features' covariance, over all poses.
 
 A limit of a position is judged in the worst direction in which the feature can be displaced (not along a straight
-edge; not along the normal of a known plane, where the height is given and not measured), or in the direction that it
+edge; not along the normal of a known plane, where the height is given and not measured), or in the directions that it
 names; a limit of an angle by the worst rotation of the edge. A displacement in a direction oblique to a straight edge
 is judged by how far it moves the edge across itself. With U = k sigma, the test uncertainty ratio is limit/U.
 """
@@ -18,6 +18,7 @@ from cadcam.geometry.plane import axes_across
 from cadcam.plan.scene.feature import LayoutFeature
 from cadcam.verify.tolerances.tolerance import Limit, Quantity
 
+_BLIND = 1e-6  # of unit displacements: moves an edge across itself by no more than rounding
 _FREE = 1.0  # information along a straight edge, in units of a limit: arbitrary, as nothing is judged along it
 
 
@@ -105,11 +106,12 @@ def asked_of(features: Sequence[LayoutFeature], plane_mm: Array, judged: Sequenc
 
 def _basis(feature: LayoutFeature, limit: Limit) -> Array:
     out = np.zeros((3, 3))
-    if limit.direction is not None:
-        across = limit.direction
+    if limit.basis is not None:
+        across = limit.basis
         if feature.along is not None:
-            across = across - (across @ feature.along) * feature.along
-        out[:, 0] = across / (across @ across)  # w with w . x = u for a displacement by u along the direction
+            across = across - np.outer(feature.along, feature.along @ across)
+        # w with w . x = u for a displacement by u in these directions, as far as it shows
+        out[:, : across.shape[1]] = np.linalg.pinv(across, rcond=_BLIND).T
         return out
     along = feature.along if feature.along is not None else feature.normal if feature.plane_mm is not None else None
     if along is None:

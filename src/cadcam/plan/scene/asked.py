@@ -14,7 +14,7 @@ from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule, Selection
 _OF_POINTS, _OF_PARTS = ("normal", "known_plane_mm"), ("chains", "box_mm", "kinds")
 _OF_MARKS = (*_OF_POINTS, "diameter_mm")
 _HAS = {"point_mm": _OF_POINTS, "circle_mm": _OF_MARKS, "edge_mm": (), "part": _OF_PARTS}  # beside those of limits
-_FEATURE = (*_HAS, *_OF_PARTS, *_OF_MARKS, "k", "rule", "direction")
+_FEATURE = (*_HAS, *_OF_PARTS, *_OF_MARKS, "k", "rule", "direction", "axis")
 _JUDGED = (Quantity.POSITION, Quantity.ANGLE)  # what a layout is planned for
 
 

@@ -104,6 +104,7 @@ def _limit(layout: Layout, i: int) -> dict[str, Any]:
         "feature": seen.scene.features[seen.asked.feature[i]].name,
         "quantity": limit.quantity.value,
         "direction": None if limit.direction is None else limit.direction.tolist(),
+        "axis": None if limit.axis is None else limit.axis.tolist(),
         "k": limit.k,
         f"limit_{unit}": times * limit.value,
         "outcome": layout.outcomes[i].value,

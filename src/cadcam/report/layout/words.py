@@ -16,7 +16,7 @@ from cadcam.plan.sight.datum import USUAL_PX
 from cadcam.plan.sight.visibility import Why
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.table import Table
-from cadcam.verify.reasons import vector_words
+from cadcam.verify.reasons import vector_words, way_words
 from cadcam.verify.tolerances.tolerance import Limit, Rule
 
 CAUSES = {"pixels": "pixel noise", "calibration": "calibration", "motion": "motion", "plane": "height of the plane"}
@@ -127,7 +127,7 @@ def limit_cells(layout: Layout, i: int) -> tuple[str, ...]:
     limit, pose = seen.asked.limits[i], int(found.worst_pose[i])
     sigma, ratio = float(found.sigma[pose, i]), float(found.ratio[pose, i])
     outcome = layout.outcomes[i]
-    what = limit.quantity.name.lower() + (" along" if limit.direction is not None else "")
+    what = limit.quantity.name.lower() + way_words(limit)
     name = seen.scene.features[seen.asked.feature[i]].name
     cameras = int(found.cameras[pose, i])
     poses = list(seen.scene.poses)

@@ -111,16 +111,16 @@ def verification_as_json(found: Verification, origin: VerificationOrigin) -> dic
 
 def _deviation(j: Judgement) -> Deviation:
     quantity = j.limit.quantity
-    scale, limit = quantity.per_unit, quantity.per_unit * j.limit.value
+    scale, (low, high) = quantity.per_unit, j.limit.bounds
     return Deviation(
         j.feature,
-        scale * j.deviation,
+        scale * (j.deviation + j.limit.middle),
         scale * j.U,
         kind=quantity.name.lower(),
         unit=quantity.unit,
         k=j.limit.k,
-        lower=-limit,
-        upper=limit,
+        lower=scale * low,
+        upper=scale * high,
         verdict=_VERDICTS.get(j.verdict, "UNDECIDED"),
     )
 
@@ -141,7 +141,8 @@ def _judgement(j: Judgement) -> dict[str, Any]:
         scale, unit = quantity.per_unit, quantity.unit
         out |= {
             f"limit_{unit}": scale * j.limit.value,
-            f"deviation_{unit}": or_null(scale * j.deviation),
+            f"deviation_{unit}": or_null(scale * (j.deviation + j.limit.middle)),
+            **({f"middle_{unit}": j.limit.middle} if j.limit.middle else {}),
             f"expanded_uncertainty_{unit}": or_null(scale * j.U),
             "k": j.limit.k,
             "rule": j.limit.rule.value,

@@ -64,6 +64,8 @@ def _wrong(j: Judgement) -> str:
         return "Mount what is missing"
     if j.limit.quantity is Quantity.ANGLE:
         return "Turn back, or have it decided whether it can stay"
+    if j.limit.quantity is Quantity.DIAMETER:
+        return "Make it to size, or have it decided whether it can stay"
     return "Put back into place, or have it decided whether it can stay"
 
 
@@ -118,15 +120,20 @@ def feature_notes(seen: Inspection) -> list[str]:
 
 
 def in_unit(j: Judgement) -> tuple[str, str, str]:
-    """Return deviation, U and limit with their unit, as text: three decimals, more where the limit asks for them."""
+    """Return deviation, U and limit with their unit, as text: three decimals, more where the limit asks for them.
+
+    Deviations are told from the CAD, and so are the bounds of a zone about another middle.
+    """
     if j.limit.quantity is Quantity.PRESENCE:
         return "", "", "required"
     scale, unit = j.limit.quantity.per_unit, j.limit.quantity.unit
     limit = f"{scale * j.limit.value:.3g} {unit}"
+    if j.limit.middle:
+        limit = f"{j.limit.bounds[0]:.3g} to {j.limit.bounds[1]:.3g} {unit}"
     if not np.isfinite(j.deviation):
         return "", "", limit
     decimals = max(decimals_of(j.limit), 3)
-    deviation = round(scale * j.deviation, decimals) + 0.0
+    deviation = round(scale * (j.deviation + j.limit.middle), decimals) + 0.0
     return f"{deviation:+.{decimals}f} {unit}", f"{scale * j.U:.{decimals}f}", limit
 
 

@@ -53,13 +53,15 @@ class BodyLines:
 
     by_point (n, 3) px/mm: motion across the line by a displacement of the body; lever (n,) px/mm: by how much less the
     line of a foot moves per mm that the body sinks, 0 for other places; ground (n, 3): unit normal of a foot's ground;
-    p (n, 3) mm: the places.
+    p (n, 3) mm: the places; growth (n, g) px/mm: motion by each way in which the body may be larger than drawn. Motions
+    of a body are columns of shift (mm), turn (rad) about its middle, and growth (mm).
     """
 
     by_point: Array
     lever: Array
     ground: Array
     p: Array
+    growth: Array | None = None
 
     @property
     def arms(self) -> Array:
@@ -78,39 +80,47 @@ class BodyLines:
         normals = np.array([ground[number[feet] == g].mean(axis=0) for g in range(int(number.max()) + 1)])
         return normals, number
 
-    def moved_by(self, basis: Array, sunk: Mask) -> Array:
-        """Return the motion (n, m) px of the lines by a unit displacement along each vector of a basis (3, m).
+    @property
+    def grows(self) -> Array:
+        """Return its growth (n, g), g = 0 where it has its size."""
+        return np.zeros((len(self.p), 0)) if self.growth is None else self.growth
+
+    def motions(self, shifts: Array, turns: Array, growth: float) -> Array:
+        """Return motions (6 + g, m): shifts (3, s) mm, turns (3, t) rad, and growth (mm), each apart."""
+        s, t, g = shifts.shape[1], turns.shape[1], self.grows.shape[1]
+        out = np.zeros((6 + g, s + t + g))
+        out[:3, :s], out[3:6, s : s + t], out[6:, s + t :] = shifts, turns, growth * np.eye(g)
+        return out
+
+    def moved_by(self, motions: Array, sunk: Mask) -> Array:
+        """Return the motion (n, m) px of the lines by unit motions (6 + g, m).
 
         sunk (n,): which places belong to a ground that the body sinks into, where it leaves the line of a foot behind.
         """
-        return np.asarray(self._followed(sunk) @ basis)
-
-    def turned_by(self, motions: Array, sunk: Mask) -> Array:
-        """Return the motion (n, m) px of the lines by unit motions (6, m): shift (mm), turn (rad) about the middle."""
         G = self._followed(sunk)
-        return np.column_stack([G, np.cross(self.arms, G)]) @ motions
+        return np.asarray(np.column_stack([G, np.cross(self.arms, G), self.grows]) @ motions)
 
     def upright(self, motions: Array) -> Array | None:
-        """Return motions (6, k): the shifts among `motions` (6, m), and a turn about the ground's normal as large.
+        """Return motions (6 + g, k): `motions` (6 + g, m) but for turns, and one about the ground's normal as large.
 
         None without feet, or where that turn moves no line.
         """
-        feet, turns = self.lever != 0, motions[3:].any(axis=0)
+        feet, turns = self.lever != 0, motions[3:6].any(axis=0)
         if not feet.any() or not turns.any():
             return None
-        turn = np.concatenate([np.zeros(3), self.ground[feet].mean(axis=0)])[:, None]
-        most, own = (np.abs(self.turned_by(m, feet & ~feet)).max() for m in (motions[:, turns], turn))
+        turn = self.motions(np.zeros((3, 0)), self.ground[feet].mean(axis=0)[:, None], 0.0)[:, :1]
+        most, own = (np.abs(self.moved_by(m, feet & ~feet)).max() for m in (motions[:, turns], turn))
         return np.column_stack([motions[:, ~turns], turn * most / own]) if own > 0 else None
 
     def rise(self, motions: Array) -> Array:
-        """Return by how much (g, m) mm feet rise on the average by unit motions (6, m); g: 1, or 0 without feet."""
+        """Return by how much (1, m) mm feet rise on the average by unit motions (6 + g, m); (0, m) without feet."""
         feet = self.lever != 0
         up = self.rises(motions)[feet]
         return np.asarray(up.mean(axis=0, keepdims=True) if feet.any() else up)
 
     def rises(self, motions: Array) -> Array:
-        """Return by how much (n, m) mm each place rises from its ground by unit motions (6, m)."""
-        return np.asarray(np.column_stack([self.ground, np.cross(self.arms, self.ground)]) @ motions)
+        """Return by how much (n, m) mm each place rises from its ground by unit motions (6 + g, m)."""
+        return np.asarray(np.column_stack([self.ground, np.cross(self.arms, self.ground)]) @ motions[:6])
 
     def parts(self, motions: Array) -> list[Mask]:
         """Return parts (n,) of the feet that may sink while the others rise: to either side of where these differ."""
@@ -142,21 +152,23 @@ def following(
 ) -> tuple[Estimate, float]:
     """Return the displacement (m,) mm along a basis (3, m) of the body with the offsets of `rows` (N,), and a misfit.
 
-    It is that of the middle of its places; the misfit is that of a shift alone. body: the lines of these rows.
+    After it its growth (g,) mm. It is that of the middle of its places; the misfit is that of a shift alone. body: the
+    lines of these rows.
     prior_mm: standard deviation of a displacement along each vector of the basis before the measurement; along others
-    there is none. turns (3, n) rad: by which the body may be turned as well, 1 sigma.
+    there is none; of its growth, too. turns (3, n) rad: by which the body may be turned as well, 1 sigma.
     """
     normals, number = body.grounds()
     found: list[_Weighed] = []
+    still = body.motions(basis, np.zeros((3, 0)), 1.0)
     for sunk in _sides(normals, basis):
-        design = body.moved_by(basis, sunk[number] if len(normals) else np.zeros(len(number), bool))
+        design = body.moved_by(still, sunk[number] if len(normals) else np.zeros(len(number), bool))
         estimate = adjustment.estimate(rows, design, pose, prior=prior_mm, enlarged=True)
-        on_side = _log_probability(estimate, normals @ basis, sunk)
+        on_side = _log_probability(estimate, normals @ still[:3], sunk)
         found.append((on_side - 0.5 * adjustment.unlikeliness(rows, design, pose, prior=prior_mm), estimate))
     misfit = max(found, key=_weight)[1].misfit
     if turns.shape[1] and misfit > _TURNS:
-        shift = np.column_stack([prior_mm * np.eye(basis.shape[1]), np.zeros((basis.shape[1], turns.shape[1]))])
-        motions = np.vstack([basis @ shift, np.column_stack([np.zeros_like(basis), turns])])
+        motions = body.motions(prior_mm * basis, turns, prior_mm)
+        shift = prior_mm * np.delete(np.eye(motions.shape[1]), np.flatnonzero(motions[3:6].any(axis=0)), axis=0)
         turned = _turned(adjustment, rows, body, pose, motions, enlarged=True)
         turned = _or_upright(turned, adjustment, rows, body, pose, motions, odds=1.0)
         turned += _tipped(adjustment, rows, body, pose, motions, enlarged=True)
@@ -165,18 +177,26 @@ def following(
 
 
 def turning(
-    adjustment: Adjustment, rows: Mask, body: BodyLines, pose: FittedPose, *, motions: Array, upright: bool
+    adjustment: Adjustment,
+    rows: Mask,
+    body: BodyLines,
+    pose: FittedPose,
+    *,
+    motions: Array,
+    upright: bool,
+    enlarged: bool = False,
 ) -> Estimate:
-    """Return a body's motion (m,) in units of `motions` (6, m), its feet following or sinking with it.
+    """Return a body's motion (m,) in units of `motions` (6 + g, m), its feet following or sinking with it.
 
     motions: shifts (mm) with turns (rad) about the middle of the places, as large as they are usually, 1 sigma.
     upright: whether one that stays upright is weighed as well. Not where tilts are wholly unknown before, as by several
-    photos: among motions that may be of any size any tilt is improbable.
+    photos: among motions that may be of any size any tilt is improbable. enlarged: as of `Adjustment.estimate`.
     """
-    sides = _turned(adjustment, rows, body, pose, motions, odds=_TILTS_AND_SINKS)
+    sides = _turned(adjustment, rows, body, pose, motions, odds=_TILTS_AND_SINKS, enlarged=enlarged)
     if upright:
         sides = _or_upright(sides, adjustment, rows, body, pose, motions, odds=_SINKS)
-    return _mixed(sides + _tipped(adjustment, rows, body, pose, motions, odds=_TILTS_AND_SINKS))
+    tipped = _tipped(adjustment, rows, body, pose, motions, odds=_TILTS_AND_SINKS, enlarged=enlarged)
+    return _mixed(sides + tipped)
 
 
 def _or_upright(
@@ -219,7 +239,7 @@ def _turned(
     feet, up = body.lever != 0, body.rise(motions)
     found: list[_Weighed] = []
     for sunk in (~feet & feet, feet)[: 1 + feet.any()]:
-        design = body.turned_by(motions, sunk)
+        design = body.moved_by(motions, sunk)
         estimate = adjustment.estimate(rows, design, pose, prior=1.0, enlarged=enlarged)
         on_side = _log_probability(estimate, up, sunk[feet][:1])
         rarely = np.log(odds) if sunk.any() else 0.0
@@ -249,7 +269,7 @@ def _tipped(
             if sunk.tobytes() in tried:
                 break
             tried.add(sunk.tobytes())
-            design = body.turned_by(motions, sunk)
+            design = body.moved_by(motions, sunk)
             estimate = adjustment.estimate(rows, design, pose, prior=1.0, enlarged=enlarged)
             up = rises @ estimate.value
             if (sunk == (feet & (up < 0))).all():

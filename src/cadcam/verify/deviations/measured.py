@@ -7,13 +7,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask
+from cadcam.cad.edge_kind import EdgeKind
 from cadcam.errors import DegenerateGeometry
+from cadcam.geometry.plane import axes_across
 from cadcam.verify.adjustment.alarms import either, tail_probability
 from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, FittedPose
 from cadcam.verify.adjustment.following import BodyLines, following, turning
 from cadcam.verify.adjustment.refits import Refits
 from cadcam.verify.adjustment.scatter import EdgeNoise, EdgeSums, improbability, white_scale
-from cadcam.verify.edges.sightlines import Sightlines
+from cadcam.verify.edges.sightlines import STEP_PX, Sightlines
 from cadcam.verify.edges.survey import Survey
 
 SEEN_PX = 0.5  # largest sd, in px, of a direction of displacement that counts as seen
@@ -25,6 +27,9 @@ _OPEN_PX = 1e3  # the same of what is wholly unknown
 _USUAL_PX = 0.01  # common error of an edge in most photos
 DISAGREE = 9.0  # misfit from which edges contradict a common displacement
 _BLIND = 1e-9  # information on a rotation, relative to the largest, that counts as none
+# A step is measured in a straight cell, whose edge bends by half of this over its radius on the average; rims of 10 to
+# 30 px are measured too large by a quarter of it to all of it.
+_CELL_BENT = STEP_PX**2 / 12
 STATION_PX = 24.0  # length of the pieces of an edge that are evaluated separately
 
 
@@ -56,8 +61,9 @@ class MeasuredEdges:
 
     body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame if
     one photo sees the part, None if several do; noise_scale: see `white_scale`; tau_px: common error of an edge;
-    own_noise: errors of edges, estimated without that one; sums: of all places, which no common error changes; found:
-    displacements of features computed before, by number.
+    own_noise: errors of edges, estimated without that one; sums: of all places, which no common error changes; outward
+    (N, 3): unit vectors from the axis of circles whose diameter is asked, 0 elsewhere; inside (N,) mm: by how much the
+    CAD's chords lie within them; found: displacements of features computed before, by number.
     """
 
     lines: Sightlines
@@ -72,6 +78,8 @@ class MeasuredEdges:
     tau_px: float
     own_noise: EdgeNoise
     sums: EdgeSums
+    outward: Array
+    inside: Array
     found: dict[int, Displacement | None] = field(default_factory=dict)
 
     @classmethod
@@ -87,7 +95,9 @@ class MeasuredEdges:
         adjustment = Adjustment(offset, lines.by_pose, lines.by_cause, noise, datum[rows], freedom)
         sums = adjustment.sums_of(np.ones(len(offset), bool))
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
-        out = cls(lines, survey.body[rows], members, adjustment, lever, mate, ground, eye, scale, 0.0, noise, sums)
+        outward, inside = (part[rows] for part in survey.round())
+        own = lines, survey.body[rows], members, adjustment, lever, mate, ground, eye
+        out = cls(*own, scale, 0.0, noise, sums, outward, inside)
         return out.fitted_to(datum[rows])
 
     def refits(self) -> Refits:
@@ -142,7 +152,7 @@ class MeasuredEdges:
         return self.found[number]
 
     def displacement(self, rows: Mask, *, along: Array | None = None, apart: Mask | None = None) -> Displacement | None:
-        """Return the common displacement of the places; along (3,): in that direction alone. None: undetermined.
+        """Return the common displacement of the places; along (3, m): in those directions alone. None: undetermined.
 
         apart (n,): places to whose edges the pose is not fitted either, such as the others of the same body.
 
@@ -157,7 +167,8 @@ class MeasuredEdges:
         p_value = self._p_value(rows, basis, pose)
         if along is not None:
             estimate, misfit = self._followed(rows, basis, pose)
-            return Displacement(basis, estimate, p_value, self._edge_count(rows), misfit)
+            best, known = self._best_told(rows, estimate)
+            return Displacement(basis @ best, estimate.along(best.T), p_value, self._edge_count(rows), misfit, known)
         if not basis.shape[1]:
             return None
         every = np.column_stack([basis, _perpendicular(basis)])
@@ -177,7 +188,7 @@ class MeasuredEdges:
         """Return the directions (3, m) of displacement that these places measure, and the pose without those apart."""
         if not rows.any():
             return None
-        basis = self.directions(rows) if along is None else np.asarray(along, np.float64)[:, None]
+        basis = self.directions(rows) if along is None else np.asarray(along, np.float64)
         pose = self.pose_without(apart)
         if pose is None or not np.abs(self.lines.by_point[rows] @ basis).max(initial=0.0) > 0:
             return None
@@ -185,21 +196,39 @@ class MeasuredEdges:
 
     def _p_value(self, rows: Mask, basis: Array, pose: FittedPose) -> float:
         """Return the probability for a body in place, which is not displaced in unseen directions either."""
-        in_place = self.adjustment.estimate(rows, self.lines.by_point[rows] @ basis, pose)
+        shown, grown = self.lines.by_point[rows] @ basis, self._growth(rows)
+        if not grown.shape[1]:
+            in_place = self.adjustment.estimate(rows, shown, pose)
+            return tail_probability(in_place.value, in_place.covariance, self.dof)
+        mm = self._unseen_mm(rows)  # of its size nothing is said: it may be another, as if that were unseen
+        shift = _OPEN_PX / UNSEEN_PX * mm * np.eye(basis.shape[1])
+        in_place = self.adjustment.estimate(rows, np.column_stack([shown @ shift, mm * grown]), pose, prior=1.0)
+        in_place = in_place.along(np.eye(*np.add(basis.shape[1], (0, 1))))
         return tail_probability(in_place.value, in_place.covariance, self.dof)
+
+    def _growth(self, rows: Mask) -> Array:
+        """Return how far (n, g), px/mm, places move across their edges as the radius grows; g: 1 for circles, else 0.
+
+        Where not all of them are of circles whose diameter is asked, they have their size.
+        """
+        outward = self.outward[rows]
+        grown = np.einsum("ni,ni->n", self.lines.by_point[rows], outward)
+        return grown[:, None] if outward.any(axis=1).all() else np.zeros((len(grown), 0))
 
     def _followed(self, rows: Mask, basis: Array, pose: FittedPose) -> tuple[Estimate, float]:
         """Return the displacement along a basis (3, m), and the misfit of a body that does not turn.
 
-        It allows for feet that need not follow, and for a turn.
+        It allows for feet that need not follow, for a turn, and for another size of circles whose diameter is asked.
         """
         body, mm = self._body(rows), self._unseen_mm(rows)
         rim = float(np.linalg.norm(body.arms, axis=1).max())
         turns = _TURNED_PX / UNSEEN_PX * mm / rim * np.eye(3) if rim > 0 else np.zeros((3, 0))
-        return following(self.adjustment, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
+        found, misfit = following(self.adjustment, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
+        return found.along(np.eye(basis.shape[1], len(found.value))), misfit
 
     def _body(self, rows: Mask) -> BodyLines:
-        return BodyLines(self.lines.by_point[rows], self.lever[rows], self.ground[rows], self.lines.p[rows])
+        moves = self.lines.by_point[rows], self.lever[rows], self.ground[rows]
+        return BodyLines(*moves, self.lines.p[rows], self._growth(rows))
 
     def _edge_count(self, rows: Mask) -> int:
         return len(np.unique(self.lines.edge[rows]))
@@ -284,7 +313,8 @@ class MeasuredEdges:
     def _levers(self, rows: Mask, about: Array) -> Array:
         """Return how far (N, n), px/rad, places move across their edges in turns about axes (3, n) in their middle."""
         body = self._body(rows)
-        return body.turned_by(np.concatenate([np.zeros_like(about), about]), np.zeros(len(body.p), bool))
+        motions = body.motions(np.zeros((3, 0)), about, 0.0)[:, : about.shape[1]]
+        return body.moved_by(motions, np.zeros(len(body.p), bool))
 
     def _turned(self, rows: Mask, basis: Array, about: Array, beside: Array, pose: FittedPose) -> Estimate:
         """Return the turns (rad) about axes (3, n), of a body whose shift along a basis (3, m) is unknown, too.
@@ -299,11 +329,44 @@ class MeasuredEdges:
             axes * px / np.maximum(np.abs(self._levers(rows, axes)).max(axis=0), 1e-300)
             for axes, px in ((about, _OPEN_PX), (beside, other))
         ]
-        D, W = np.column_stack(shifts), np.column_stack(turns)
-        motions = np.block([[D, np.zeros_like(W)], [np.zeros_like(D), W]])
-        one_photo = self.eye is not None
-        found = turning(self.adjustment, rows, self._body(rows), pose, motions=motions, upright=one_photo)
-        return found.along(about.T @ motions[3:])
+        body, one_photo = self._body(rows), self.eye is not None
+        motions = body.motions(np.column_stack(shifts), np.column_stack(turns), self._unseen_mm(rows))
+        found = turning(self.adjustment, rows, body, pose, motions=motions, upright=one_photo)
+        return found.along(about.T @ motions[3:6])
+
+    def grown(self, rows: Mask, axis: Array) -> tuple[Estimate, float] | None:
+        """Return by how much (mm) the diameter of these places' circles, about an axis (3,), exceeds the CAD's.
+
+        Also the scatter along edges that this leaves, over what is expected (variances): much where they are mistaken.
+        The feature may be displaced as well, by one photo across its axis alone, and turned by a few px. None: its
+        edges do not show it.
+        """
+        pose, body = self.pose_without(rows), self._body(rows)
+        if pose is None or not body.grows.any():
+            return None
+        mm, across = self._unseen_mm(rows), np.stack(axes_across(axis), axis=1)
+        levers = np.abs(self._levers(rows, across)).max(axis=0)
+        turns = across * UNSEEN_PX / np.maximum(levers, 1e-300)
+        open_mm = _OPEN_PX / UNSEEN_PX * mm
+        motions = body.motions(mm * (np.eye(3) if self.eye is None else across), turns, open_mm)
+        drawn = self.adjustment.offset - self.inside * np.einsum("ni,ni->n", self.lines.by_point, self.outward)
+        on_circles = replace(self.adjustment, offset=drawn)
+        found = turning(on_circles, rows, body, pose, motions=motions, upright=False, enlarged=True)
+        by_motion = body.moved_by(motions, np.zeros(len(body.p), bool)) @ found.value
+        left = drawn[rows] - self.adjustment.J[rows] @ pose.xi - by_motion
+        within, lines = self.adjustment.errors.of_rows(rows).about_lines(left)
+        diameter = found.along(2 * motions[6:])
+        bent = 2 * _CELL_BENT * self._bend(rows) / float(np.median(np.abs(body.grows)))
+        return replace(diameter, edges=diameter.edges + bent**2), within / max(len(left) - lines, 1)
+
+    def _bend(self, rows: Mask) -> float:
+        """Return the mean curvature (1/px) of the edges of these places in their photos; contours are straight."""
+        lines = self.lines.select(rows & (self.lines.kind != EdgeKind.CONTOUR))
+        order = np.lexsort([lines.along, lines.edge])
+        edge, along, normal = lines.edge[order], lines.along[order], lines.normal[order]
+        run = (edge[1:] == edge[:-1]) & (np.diff(along) < 2 * STEP_PX)
+        turn = np.arccos(np.clip(np.einsum("ni,ni->n", normal[1:], normal[:-1]), -1.0, 1.0))
+        return float(turn[run].sum() / max(np.diff(along)[run].sum(), 1e-300))
 
     def axis(self, rows: Mask) -> Array:
         """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""

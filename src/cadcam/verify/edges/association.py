@@ -13,13 +13,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
-from cadcam.cad.edges import EdgeKind
 from cadcam.camera.camera import Camera
 from cadcam.image.profile import CANDIDATE_ROOM_PX, step_candidates
 from cadcam.locate.lines.sight import Sight
-from cadcam.verify.edges.shifts import CAPTURE_PX, NEAR_PX, all_round, best_shift, grown, supported
+from cadcam.verify.edges.shifts import CAPTURE_PX, NEAR_PX, best_shift, grown, supported
 from cadcam.verify.edges.sightlines import STEP_PX, Sightlines, pieces
-from cadcam.verify.edges.step_fit import NEIGHBOURS, ON_LINE_PX, fitted_steps, median, robust_line
+from cadcam.verify.edges.step_fit import NEIGHBOURS, ON_LINE_PX, fitted_steps, median, rims, robust_line, shift_of_rims
 
 _SEARCH_ROOM_PX = 1.5  # room beside other lines needed to search for an edge
 _MOST = 6  # candidates per place
@@ -173,11 +172,11 @@ class _Search:
         """
         lines, asked = self.lines, self.body >= 0
         coarse, shift, growth = coarse.copy(), shift.copy(), np.zeros(len(lines))
-        rims = np.intersect1d(lines.edge[asked], _rims(lines))
-        if not len(rims):
+        edges = np.intersect1d(lines.edge[asked], rims(lines))
+        if not len(edges):
             return coarse, shift, growth
         free = np.where(_explained(lines, self.found, lines.edge, _IN_PLACE), np.nan, self.found)
-        for e in rims:
+        for e in edges:
             rows = np.flatnonzero((lines.edge == e) & asked)
             normal = lines.normal[rows]
             size, by = grown(self.found[rows], free[rows], normal, shift[rows[0]], reach_px=self.reach_px)
@@ -189,14 +188,9 @@ class _Search:
     def without_strays(self, offset: Array, sigma: Array) -> Array:
         """Return offsets (N,) px with nan in place of `strays`; sigma (N,): of each."""
         lines = self.lines
-        stray = strays(offset, sigma, lines.edge, lines.along, self.body >= 0, self.ought)
+        straight = offset - shift_of_rims(lines, np.where(self.body >= 0, offset, np.nan))
+        stray = strays(straight, sigma, lines.edge, lines.along, self.body >= 0, self.ought)
         return np.where(stray, np.nan, offset)
-
-
-def _rims(lines: Sightlines) -> Longs:
-    """Return the edges that face all ways; not so contours, which depend on the light."""
-    drawn = lines.kind != EdgeKind.CONTOUR
-    return all_round(lines.edge[drawn], lines.normal[drawn])
 
 
 def _explained(lines: Sightlines, found: Array, owner: Longs, shift: Array, *, by: Mask | None = None) -> Mask:

@@ -13,9 +13,11 @@ from typing import NamedTuple
 import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask, quantile
+from cadcam.cad.edges import EdgeKind
 from cadcam.locate.lines.cells import Cells, CellSize, measured_steps
 from cadcam.locate.lines.edges import Projected
 from cadcam.locate.lines.sight import Sight
+from cadcam.verify.edges.shifts import all_round
 from cadcam.verify.edges.sightlines import REACH_PX, STEP_PX, Sightlines
 
 ROOM_PX = 2.5  # room without other lines that a place needs for a step to be fitted to the pixels
@@ -32,6 +34,7 @@ _TWIN_ERROR_PX, _TWIN_BLURS = 0.035, 3.5
 _ROW_ERROR_PX, _ROW_SPAN = 0.25 / np.sqrt(12.0), 0.5
 _ROWS = np.array([(1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)], float)  # across which 1, 2, ...
 _LEAST_STEP = 1e-3  # of brightness: fainter ones are no steps
+_ROUNDS, _EXACT_PX = 20, 1e-3  # of least absolute deviations, and what of them counts as none
 _TWIN_SHARE = 0.6  # least distance of twins in the photo, as a share of that in the model
 
 
@@ -66,13 +69,16 @@ def fitted_steps(
 
 
 def _expected(coarse: Array, lines: Sightlines) -> Array:
-    """Return the offset (N,) px of the straight line through each edge's coarse offsets; nan for edges not seen."""
-    out = np.full(len(coarse), np.nan)
+    """Return the offset (N,) px of the straight line through each edge's coarse offsets; nan for edges not seen.
+
+    Of rims beside a shift's.
+    """
+    out, shifted = np.full(len(coarse), np.nan), shift_of_rims(lines, coarse)
     for e in np.unique(lines.edge[np.isfinite(coarse)]):
         rows = np.flatnonzero(lines.edge == e)
         have = rows[np.isfinite(coarse[rows])]
-        slope, level = robust_line(lines.along[have], coarse[have])
-        out[rows] = level + slope * lines.along[rows]
+        slope, level = robust_line(lines.along[have], coarse[have] - shifted[have])
+        out[rows] = level + slope * lines.along[rows] + shifted[rows]
     return out
 
 
@@ -164,6 +170,31 @@ def _places_at(lines: Sightlines, among: Longs, rows: Longs, away: Array) -> Lon
     on_it = known & (lines.edge[j] != lines.edge[rows][:, None]) & (across < ON_LINE_PX)
     first = np.argmax(on_it, axis=1)
     return np.where(on_it.any(axis=1), j[np.arange(len(rows)), first], -1)
+
+
+def rims(lines: Sightlines) -> Longs:
+    """Return the edges that face all ways; not so contours, which depend on the light."""
+    drawn = lines.kind != EdgeKind.CONTOUR
+    return all_round(lines.edge[drawn], lines.normal[drawn])
+
+
+def shift_of_rims(lines: Sightlines, offset: Array) -> Array:
+    """Return what a shift of each rim explains of the offsets (N,) px, by least absolute deviations; 0 elsewhere.
+
+    A displaced rim's offsets run up and down along it: half of them would be strays from a straight line. nan: unknown.
+    """
+    out = np.zeros(len(lines))
+    known = np.isfinite(offset)
+    for e in np.intersect1d(all_round(lines.edge[known], lines.normal[known]), rims(lines)):
+        rows = lines.edge == e
+        have = rows & known
+        X, y = np.column_stack([lines.normal[have], np.ones(have.sum())]), offset[have]
+        weight = np.ones(len(y))
+        for _ in range(_ROUNDS):
+            shift = np.linalg.lstsq(X * weight[:, None], y * weight, rcond=None)[0]
+            weight = 1 / np.sqrt(np.maximum(np.abs(y - X @ shift), _EXACT_PX))
+        out[rows] = lines.normal[rows] @ shift[:2]
+    return out
 
 
 def robust_line(t: Array, y: Array) -> tuple[float, float]:

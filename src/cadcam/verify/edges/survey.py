@@ -22,6 +22,7 @@ from cadcam.verify.edges.shifts import guessed_shifts
 from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
 from cadcam.verify.edges.surroundings import FAINT, edge_surroundings
+from cadcam.verify.tolerances.circles import Circles
 from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
 _LEAST_GUESSED = 12  # fewest places from which a feature's own place is guessed
@@ -41,7 +42,7 @@ class Survey:
     place as a foot (`Feet`), with mate a body; ought (N,): whether the light gives its edge contrast; evidence: of all
     edges, seen or not; by (P, 3) mm: where the bodies were drawn, from their places in the CAD; shown: what the part
     shows in each photo; sights: each photo's, whose samples are the places; reach_px: how far from its lines edges were
-    searched for.
+    searched for; circles: of each feature those whose diameter is asked.
     """
 
     lines: Sightlines
@@ -62,6 +63,7 @@ class Survey:
     shown: tuple[ShownFaces, ...]
     sights: tuple[Sight, ...]
     reach_px: float
+    circles: tuple[Circles | None, ...] = ()
 
     @cached_property
     def clutter(self) -> Clutter:
@@ -72,6 +74,18 @@ class Survey:
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
         return np.asarray(self.members[number] & self.usable)
+
+    def round(self) -> tuple[Array, Array]:
+        """Return unit vectors (N, 3) outwards from circles whose diameter is asked, and how far (N,) mm chords lie in.
+
+        Zero at places of no such circle.
+        """
+        p = self.lines.p  # as the circles: where bodies were drawn
+        outward, inside = np.zeros_like(p), np.zeros(len(p))
+        for circles, rows in zip(self.circles, self.members, strict=False):  # members are of further parts, too
+            if circles is not None:
+                outward[rows], inside[rows] = circles.outward(p[rows]), circles.inside(p[rows])
+        return outward, inside
 
     def whole_part(self, number: int) -> int | None:
         """Return the number of the part whose visible places are exactly those of a feature; None if there is none."""
@@ -179,6 +193,7 @@ def surveyed(
         shown=tuple(shown),
         sights=tuple(sights),
         reach_px=reach_px,
+        circles=tuple(f.circles(part.scene, by) for f in asked.features),
     )
 
 

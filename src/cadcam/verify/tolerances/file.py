@@ -19,6 +19,12 @@
         direction: [0, 1, 0]      # position along this alone, in the part's axes
         profile_mm: 1             # the worst place along its edges
         k: 3
+      hole:
+        part: tank top
+        chains: [40, 41]
+        axis: [0, 0, 1]           # position across this alone: the zone is a cylinder about it
+        position_mm: 0.2
+        diameter_mm: [-0.1, 0.05] # from the CAD's, of circles about one axis; or: 0.1, to either side
 
 A part may be a pattern (`longitudinal *`); what stands beside it narrows the choice.
 """
@@ -26,7 +32,7 @@ A part may be a pattern (`longitudinal *`); what stands beside it narrows the ch
 from __future__ import annotations
 
 import os
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from functools import partial
 from typing import Any
 
@@ -42,13 +48,15 @@ from cadcam.render.view import Scene
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances
 
 _WHERE = ("part", "chains", "box_mm", "kinds")
-_HOW = ("k", "rule", "direction")
+_WAYS = {"direction": "a direction", "axis": "an axis"}  # of a position
+_HOW = ("k", "rule", *_WAYS)
 _K, _LARGEST_K = 2.0, 10.0  # what is larger, 95 or 99, is not meant as a number of sigmas
 _OF_A_PART = (
     "    position_mm: 1.0    # of the whole feature; also: profile_mm (worst place along its edges), angle_deg",
+    "    # diameter_mm: [-0.1, 0.05]        of a hole or pin, from the CAD's; or: 0.1, to either side",
     "    presence: required",
     "    # box_mm: [[x, y, z], [x, y, z]]   only edges in this region; chains: [...]; kinds: [brep, contact]",
-    "    # direction: [0, 1, 0]             position along this alone",
+    "    # direction: [0, 1, 0]             position along this alone; axis: [0, 0, 1] across it, as of a hole or pin",
 )
 _OF_EDGES = (  # of a part that is the datum: its other edges
     "    profile_mm: 1.0     # worst place along it; of several edges also: position_mm, angle_deg, presence: required",
@@ -145,13 +153,15 @@ def limits_at(place: Place, k: float, rule: Rule, of: Collection[Quantity] = tup
     """Return a feature's limits, of these quantities; k and rule are those of the file, which it may overrule."""
     k = _coverage(place) if "k" in place.object else k
     rule = rule_at(place.at("rule")) if "rule" in place.object else rule
-    direction = place.at("direction").array((3,)) if "direction" in place.object else None
+    way = {name: place.at(name).array((3,)) for name in _WAYS if name in place.object}
     stated = [q for q in of if q.value in place.object]
-    limits = tuple(place.build(partial(_limit, place.at(q.value), q, k, rule, direction)) for q in stated)
+    limits = tuple(place.build(partial(_limit, place.at(q.value), q, k, rule, way)) for q in stated)
     if not limits:
         raise place.error("has no limit", f"give one of {', '.join(q.value for q in of)}")
-    if direction is not None and Quantity.POSITION not in stated:
-        raise place.error("has a direction", f"it is that of a {Quantity.POSITION.value}: give one, or leave it out")
+    for name in way:
+        if Quantity.POSITION not in stated:
+            needs = f"it is that of a {Quantity.POSITION.value}: give one, or leave it out"
+            raise place.error(f"has {_WAYS[name]}", needs)
     return limits
 
 
@@ -162,15 +172,22 @@ def _coverage(place: Place) -> float:
     return k
 
 
-def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, direction: Any) -> Limit:
+def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, way: Mapping[str, Any]) -> Limit:
     if quantity is Quantity.PRESENCE:
         if place.value != "required" and place.value is not True:
             raise place.error(f"is {shortened(place.value)}", "write presence: required, or leave it out")
         return Limit(quantity, 0.0, k, rule)
+    if quantity is Quantity.DIAMETER and isinstance(place.value, list):
+        low, high = place.array((2,))
+        if not low < high:
+            raise place.error(
+                f"is {place.value}", "the least and the greatest deviation in mm are expected, as [-0.1, 0.05]"
+            )
+        return Limit(quantity, float(high - low) / 2, k, rule, middle=float(low + high) / 2)
     value = place.number()
     if quantity is Quantity.ANGLE:
         value = float(np.radians(value))
-    return Limit(quantity, value, k, rule, direction if quantity is Quantity.POSITION else None)
+    return Limit(quantity, value, k, rule, **(way if quantity is Quantity.POSITION else {}))
 
 
 def selection_at(place: Place) -> Selection:

@@ -17,8 +17,10 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Brief, Floats, Mask, frozen
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
+from cadcam.geometry.plane import axes_across
 from cadcam.kinds import FrozenMap, expect, expect_each, expect_numbers
 from cadcam.render.view import Scene
+from cadcam.verify.tolerances.circles import Circles
 
 LARGEST_K = 30.0  # sigmas: beyond them numbers hold no probability
 
@@ -35,6 +37,7 @@ class Quantity(Enum):
 
     POSITION = "position_mm"
     PROFILE = "profile_mm"
+    DIAMETER = "diameter_mm"
     ANGLE = "angle_deg"
     PRESENCE = "presence"
 
@@ -138,7 +141,10 @@ class Selection(Brief):
 class Limit(Brief):
     """The largest deviation of one quantity (mm; rad for an angle; unused for presence), and the decision rule.
 
-    direction: unit vector in the part frame along which alone a position counts; None: all that the photos show.
+    middle: of a diameter's zone, in mm from the CAD's, from which deviations are told: the value is half its width.
+
+    direction: unit vector in the part frame along which alone a position counts; axis: that across which alone it does,
+    ISO 1101's cylindrical zone. None: all that the photos show.
     """
 
     quantity: Quantity
@@ -146,6 +152,8 @@ class Limit(Brief):
     k: float = 2.0
     rule: Rule = Rule.GUARD_BAND
     direction: Array | None = None
+    axis: Array | None = None
+    middle: float = 0.0
 
     def __post_init__(self) -> None:
         expect(self.quantity, "quantity", Quantity)
@@ -155,17 +163,36 @@ class Limit(Brief):
             raise BadValue(self.quantity.value, self.value, "a positive number")
         if self.quantity is Quantity.ANGLE and self.value >= np.pi:
             raise BadValue(self.quantity.value, np.degrees(self.value), "less than 180: no turn is larger")
+        if self.middle and self.quantity is not Quantity.DIAMETER:
+            raise BadValue(
+                "middle of a zone", f"that of {self.quantity.value}", f"0: only {Quantity.DIAMETER.value} has one"
+            )
         if not 0 < self.k <= LARGEST_K:
             raise BadValue("coverage factor k", self.k, f"a positive number up to {LARGEST_K:g}, usually 2")
-        if self.direction is not None and self.quantity is not Quantity.POSITION:
-            raise BadValue(
-                "direction", f"that of {self.quantity.value}", f"none: it is that of {Quantity.POSITION.value}"
-            )
-        if self.direction is not None:
-            d = frozen(self.direction, "direction", (3,))
+        if self.direction is not None and self.axis is not None:
+            raise BadValue("direction", "given beside an axis", "one of them: a position counts along it, or across it")
+        for name in ("direction", "axis"):
+            given = getattr(self, name)
+            if given is None:
+                continue
+            if self.quantity is not Quantity.POSITION:
+                raise BadValue(name, f"that of {self.quantity.value}", f"none: it is that of {Quantity.POSITION.value}")
+            d = frozen(given, name, (3,))
             if not np.linalg.norm(d) > 0:
-                raise BadValue("direction", d.tolist(), "a vector that is not zero")
-            object.__setattr__(self, "direction", frozen(d / np.linalg.norm(d), "direction", (3,)))
+                raise BadValue(name, d.tolist(), "a vector that is not zero")
+            object.__setattr__(self, name, frozen(d / np.linalg.norm(d), name, (3,)))
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Return the least and the greatest deviation from the CAD that keep the limit."""
+        return self.middle - self.value, self.middle + self.value
+
+    @property
+    def basis(self) -> Array | None:
+        """Return the orthonormal directions (3, k) in which alone a position counts; None: all that the photos show."""
+        if self.direction is not None:
+            return self.direction[:, None]
+        return None if self.axis is None else np.stack(axes_across(self.axis), axis=1)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,6 +207,26 @@ class Feature:
         expect(self.name, "name of a feature", str)
         expect(self.selection, f"selection of feature {self.name!r}", Selection)
         object.__setattr__(self, "limits", expect_each(self.limits, f"limits of feature {self.name!r}", Limit))
+
+    def circles(self, scene: Scene, by: Array | None = None) -> Circles | None:
+        """Return the circles of which a diameter is asked, None where none is; raise `BadValue` for edges on none.
+
+        by (P, 3) mm: how far the scene's parts are from where the CAD has them, by default not at all.
+        """
+        if all(limit.quantity is not Quantity.DIAMETER for limit in self.limits):
+            return None
+        edges, points = scene.edges, scene.mesh.vertices
+        middle = points[edges.vertices].mean(axis=1) - (0.0 if by is None else by[edges.part])
+        chosen = self.selection.holds(edges.part, edges.chain, edges.kind, middle, self.selection.bodies(scene))
+        found = Circles.through(edges.select(chosen).polylines(scene.mesh))
+        if found is None:
+            chains = runs(np.unique(edges.chain[chosen])) or "contours alone"
+            raise BadValue(
+                Quantity.DIAMETER.value,
+                f"asked of edges {chains}",
+                "arcs of circles about one axis, as of a hole or a pin",
+            )
+        return found
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -206,11 +253,17 @@ class Tolerances(Brief):
             raise BadValue("feature", f"named twice: {twice!r}", "a name of its own for each")
 
     def check(self, scene: Scene) -> None:
-        """Raise an error as `check_names`, or where a selection that narrows its parts holds none of their edges."""
+        """Raise an error as `check_names`, or where a selection that narrows its parts holds none of their edges.
+
+        Raise `BadValue`, too, where a diameter is asked of edges that are no circles about one axis.
+        """
         self.check_names(scene.mesh.part_names)
         for where, chosen in self._selections():
             with _told(where):
                 chosen.check(scene)
+        for feature in self.features:
+            with _told(f"feature {feature.name!r}"):
+                feature.circles(scene)
 
     def check_names(self, names: Sequence[str]) -> None:
         """Raise an error that lists the names of a model's parts, for the first name that is none of them.

@@ -1,0 +1,55 @@
+"""Positions across an axis: the cylindrical zone of a hole or a pin, which is in place along it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from cadcam.errors import BadValue
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.refine.refinement import refine_pose
+from cadcam.verify.judge import verify_part
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
+from cadcam.verify.tolerances.verdict import Verdict
+
+from .drilled import ABOVE, OBLIQUE, SIDE, drilled, verified, within
+from .scene import part, photo, plate
+
+Z = np.array([0.0, 0.0, 1.0])
+
+
+@pytest.mark.parametrize("place", [ABOVE, OBLIQUE, SIDE])
+def test_one_photo_shows_the_whole_displacement_across_an_axis(place: Rigid) -> None:
+    """A hole 0.6 mm off; without the axis an oblique photo shows 0.47 to 0.5 mm of it."""
+    across, anyhow = within(0.3), Limit(Quantity.POSITION, 0.3)
+    found = verified(drilled(A=(0.0, 0.6, 0.0)), [across, anyhow], place, names=["A", "C", "D"]).judgements
+    assert [j.verdict for j in found] == [Verdict.FAIL] * 2 + [Verdict.PASS] * 4
+    assert abs(found[0].deviation - 0.6) < found[0].U < 0.15
+    assert "mm across z, as if it were in place along it" in found[0].reason
+    if place is not ABOVE:
+        assert found[1].deviation < 0.52
+
+
+def test_what_is_not_seen_of_the_plane_across_an_axis_does_not_pass() -> None:
+    """One straight edge does not show a displacement along itself; beyond its limit across itself it fails anyhow."""
+    seen = photo(plate(), np.random.default_rng(2))
+    edge = Selection("block", box=np.array([[69, -71, 44], [121, -69, 46]]))  # along x
+    for limit, verdict in ((0.5, Verdict.UNDECIDED), (100.0, Verdict.UNDECIDED)):
+        asked = Tolerances((Feature("edge", edge, (Limit(Quantity.POSITION, limit, axis=Z),)),))
+        (j,) = verify_part(part(), [seen], refine_pose(part(), [seen], Rigid()), asked).judgements
+        assert j.verdict is verdict
+        assert "a displacement nearly along x would not show" in j.reason
+        assert j.remedy == "add a photo from another side"
+
+
+def test_an_axis_is_that_of_a_position_and_excludes_a_direction() -> None:
+    assert Limit(Quantity.POSITION, 0.1).basis is None
+    basis = Limit(Quantity.POSITION, 0.1, axis=3 * Z).basis
+    assert basis is not None
+    np.testing.assert_allclose(basis.T @ np.column_stack([basis, Z]), np.eye(2, 3), atol=1e-15)
+    with pytest.raises(BadValue, match="axis is that of angle_deg; expected none: it is that of position_mm"):
+        Limit(Quantity.ANGLE, 0.1, axis=Z)
+    with pytest.raises(BadValue, match="direction is given beside an axis; expected one of them"):
+        Limit(Quantity.POSITION, 0.1, axis=Z, direction=Z)
+    with pytest.raises(BadValue, match="a vector that is not zero"):
+        Limit(Quantity.POSITION, 0.1, axis=np.zeros(3))
