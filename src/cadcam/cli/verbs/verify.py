@@ -130,14 +130,14 @@ def run(arguments: argparse.Namespace) -> int:
     only = "--list" if arguments.list is not None else "--template"
     if arguments.list is not None or arguments.template:
         refuse(arguments, *_OF_A_VERDICT, why=f"beside {only}", expected="one of them: nothing is judged")
+    if not arguments.template:
+        refuse(arguments, "--datum", why="without --template", expected="both: it chooses what is written")
     if arguments.list is not None:
         refuse(arguments, "--template", why="beside --list", expected="one of them")
         _list(arguments)
         return 0
     if arguments.template:
         refuse(arguments, "--json", why="beside --template", expected="neither: a tolerance file is YAML")
-    else:
-        refuse(arguments, "--datum", why="without --template", expected="both: it chooses what is written")
     for path in arguments.output:
         check_target(path, (".yaml", ".yml") if arguments.template else _SUFFIXES)
     asked = _asked(arguments)
