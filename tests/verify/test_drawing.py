@@ -1,4 +1,4 @@
-"""A STEP file's own tolerances become a tolerance file: each is a limit of the right edges, or a comment with a reason."""
+"""A STEP file's own tolerances become a tolerance file: each a limit of the right edges, or a comment with why."""
 
 from __future__ import annotations
 
