@@ -6,6 +6,7 @@ import hashlib
 import os
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from pathlib import Path
 
 import sqlalchemy as sql
 
@@ -17,7 +18,7 @@ SELECT application_name FROM pg_locks JOIN pg_stat_activity USING (pid)
 WHERE locktype = 'advisory' AND granted AND objsubid = 1 AND classid::bigint << 32 | objid::bigint = :key"""
 
 
-class Claimed(Exception):  # noqa: N818  it is no error: somebody else is at it
+class Claimed(Exception):
     """Another program is at it: `who` it is, as it said; "" where that is not known."""
 
     def __init__(self, who: str) -> None:
@@ -32,7 +33,7 @@ def claimed_by_file(store: str, what: str, who: str) -> Iterator[None]:
     The file that a killed program leaves behind holds nobody up. Where the system has no locks, as some network drives,
     nobody is kept away.
     """
-    path = f"{os.path.realpath(store)}.{hashlib.sha256(utf8(what)).hexdigest()[:12]}.lock"
+    path = Path(f"{Path(store).resolve()}.{hashlib.sha256(utf8(what)).hexdigest()[:12]}.lock")
     file = _locked(path)
     if file is None:
         yield
@@ -43,11 +44,11 @@ def claimed_by_file(store: str, what: str, who: str) -> Iterator[None]:
         yield
     finally:
         with suppress(OSError):
-            os.unlink(path)  # while it is locked: who opened it meanwhile finds that it is gone
+            path.unlink()  # while it is locked: who opened it meanwhile finds that it is gone
         os.close(file)
 
 
-def _locked(path: str) -> int | None:
+def _locked(path: Path) -> int | None:
     """Return the open file, locked; None where there are no locks."""
     try:
         import fcntl
@@ -60,7 +61,7 @@ def _locked(path: str) -> int | None:
             return None
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            if os.path.samestat(os.fstat(file), os.stat(path)):
+            if os.path.samestat(os.fstat(file), path.stat()):
                 return file
         except BlockingIOError:
             who = os.read(file, 1000).decode(errors="replace")
