@@ -39,6 +39,11 @@ class Ran:
         assert isinstance(document, dict)
         return document
 
+    @property
+    def lines(self) -> list[dict[str, Any]]:
+        """The JSON documents on stdout, one a line."""
+        return [json.loads(line) for line in self.out.splitlines()]
+
 
 def make_job(folder: Path) -> None:
     """Write block.obj (60 x 40 x 20 mm), points.csv, camera.json with its pose, and photo.png of its size."""

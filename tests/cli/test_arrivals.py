@@ -57,6 +57,34 @@ def test_a_photo_that_is_being_written_has_not_arrived_and_one_written_anew_arri
     assert [a.serial for a in arrivals.new()] == ["1"]
 
 
+def test_what_a_part_has_long_waited_for_is_told_once(tmp_path: Path) -> None:
+    put(tmp_path, "1_L.png", "2_L.png", "2_R.png", "3_R.png")
+    (tmp_path / "4_L.png").touch()
+    put(tmp_path, "4_R.png")
+    arrivals = Arrivals([Source.of(f"{tmp_path}/*_{end}.png") for end in "LR"])
+
+    def told(now_s: float) -> dict[str, str]:
+        arrivals.new()
+        return {serial: why.replace(f"{tmp_path}/", "") for serial, why in arrivals.overdue(now_s, 10).items()}
+
+    assert told(0) == told(9) == {}
+    put(tmp_path, "3_L.png")
+    assert told(10) == {"1": "waits for 1_R.png", "4": "waits for a photo that is empty as yet"}
+    assert told(30) == {}
+    put(tmp_path, "1_R.png")
+    assert told(31) == {}
+    (tmp_path / "1_L.png").unlink()
+    assert told(32) == told(41) == {}
+    assert told(42) == {"1": "waits for 1_L.png"}
+
+
+def test_several_photos_of_one_serial_are_named(tmp_path: Path) -> None:
+    put(tmp_path, "7.png", "7.jpg", "8.png")
+    arrivals = Arrivals([Source.of(str(tmp_path))])
+    arrivals.new()
+    assert arrivals.overdue(0, 0) == {"7": f"has several photos of a camera: {tmp_path}/7.jpg, {tmp_path}/7.png"}
+
+
 @pytest.mark.parametrize(
     ("text", "error", "says"),
     [

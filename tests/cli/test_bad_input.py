@@ -324,3 +324,40 @@ def test_every_verb_says_the_same_of_a_photo_of_another_size(
         assert made.code == 0
         assert f"for pictures of {size[0]} x {size[1]} px" in made.err
         (job / "new.json").unlink()
+
+
+@pytest.mark.parametrize(
+    ("command", "says"),
+    [
+        ((*LOCATE, "--distance", "30,10"), "--distance is 30,10; expected (least, greatest), both positive"),
+        ((*LOCATE, "--roll", "400"), "--roll is 400; expected 0 to 180 degrees"),
+        (("verify", *LOCATE[1:], "--reach", "1"), "--reach is 1; expected 2 to 60 px"),
+        ((*CALIBRATE, "--sigma", "0"), "--sigma is 0; expected a positive number of pixels, one for all points"),
+        (("match", "photo.png", "photo.png", "--least-score", "3"), "--least-score is 3; expected a number above 0"),
+        (("match", "photo.png", "photo.png", "--scales", "3,1"), "--scales is 3,1; expected (least, largest)"),
+        (("match", *LOCATE[1:], "--turn", "500"), "--turn is 500; expected 0 to 180 degrees"),
+        ((*RENDER, "--channel", "wireframe", "--crease-angle", "190"), "--crease-angle is 190; expected degrees"),
+        ((*RENDER, "--light", "sun", "--renderings", "0"), "--renderings is 0; expected a whole number from 1 to 4096"),
+        (("variability", *CALIBRATE[1:4], "--points-sigma", "-1"), "--points-sigma is -1; expected 0 mm or more"),
+        (("dataset", "block.obj", "-o", "set", "--count", "1", "--fill", "2,3"), "to 2; closer by --distance"),
+        (("convert", "camera.json", "foo.yaml"), "nerfstudio, bop, gltf, usd, colmap, colmap-bin\n"),
+    ],
+)
+def test_a_value_is_named_by_its_option(
+    cadcam: Cadcam, job: Path, monkeypatch: pytest.MonkeyPatch, command: tuple[str, ...], says: str
+) -> None:
+    """The library calls some of them otherwise: reach_px, distance_mm of the views, turn in radians."""
+    monkeypatch.chdir(job)
+    ran = cadcam(*command)
+    assert ran.code == 2
+    assert says in ran.err
+
+
+def test_what_is_no_option_keeps_its_name(cadcam: Cadcam, job: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A plan file holds a value that could be an option's."""
+    monkeypatch.chdir(job)
+    Path("plan.yaml").write_text("off_center: 4\n")
+    ran = cadcam("dataset", "block.obj", "-o", "set", "--count", "1", "--plan", "plan.yaml")
+    assert ran.code == 2
+    assert "--off-center" not in ran.err
+    assert "off_center is 4" in ran.err

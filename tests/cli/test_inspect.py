@@ -3,12 +3,18 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+import signal
+import socket
+import subprocess
+import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
+from urllib.parse import unquote
 
 import numpy as np
 import pytest
@@ -191,9 +197,100 @@ def test_it_watches_until_it_is_stopped(cadcam: Cadcam, cell: Path, monkeypatch:
     monkeypatch.setattr(time, "sleep", sleep)
     ran = inspected(cadcam, "--watch", "--json")
     assert ran.code == 1
-    assert [(part["serial"], part["verdict"]) for part in ran.json["parts"]] == [("A 9", "PASS"), ("A 10", "FAIL")]
-    assert ran.json["errors"] == {}
+    assert [(part["serial"], part["verdict"]) for part in ran.lines] == [("A 9", "PASS"), ("A 10", "FAIL")]
+    assert "2 parts: 1 PASS, 1 FAIL; kept in parts.sqlite" in ran.err
     assert "in: No such file or directory" in ran.err
+
+
+def test_a_program_reads_each_part_as_it_is_judged_and_sigterm_ends_it_as_ctrl_c_does(
+    cadcam: Cadcam, cell: Path
+) -> None:
+    """Meanwhile another `inspect` of the same photos is refused, and one of others is not."""
+    (cell / "in/A 10.png").rename(cell / "A 10.png")
+    words = ["inspect", "in", "plate.glb", "--camera", "camera.json", "--start", "pose.txt", "--reports", "out"]
+    first = subprocess.Popen(
+        [sys.executable, "-m", "cadcam", *words, "--tolerances", "tolerances.yaml", "--watch", "--json"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    assert first.stdout is not None
+    try:
+        assert json.loads(first.stdout.readline())["verdict"] == "PASS"
+        second = inspected(cadcam)
+        assert second.code == 2
+        assert f"{cell}/in on {socket.gethostname()} is at work already: process {first.pid}, since" in second.err
+        assert inspected(cadcam, photos=("in/*.png",)).code == 0
+        write_picture("in/B.png", np.zeros((40, 50)))
+        assert "50 x 40" in json.loads(first.stdout.readline())["error"]
+        (cell / "A 10.png").rename(cell / "in/A 10.png")
+        assert json.loads(first.stdout.readline())["verdict"] == "FAIL"
+        first.terminate()
+        rest, said = first.communicate()
+    finally:
+        first.kill()
+        first.wait()
+    assert (rest, first.returncode) == ("", 2)  # by the photo that could not be judged
+    assert "3 parts: 1 PASS, 1 FAIL, 1 could not be judged" in said
+    assert "A 10" in (cell / "out/index.html").read_text()
+    assert sorted(path.name for path in cell.glob("parts.sqlite*")) == ["parts.sqlite"]
+    assert inspected(cadcam, "--json").json["parts"][0]["judged_before"]
+
+
+def test_a_sigterm_before_the_end_is_told_as_an_interruption(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    before = signal.getsignal(signal.SIGTERM)
+    monkeypatch.setattr(judge, "verify_part", lambda *_, **__: signal.raise_signal(signal.SIGTERM))
+    assert inspected(cadcam).code == 130
+    assert signal.getsignal(signal.SIGTERM) == before
+
+
+def test_a_part_that_lacks_a_photo_is_told_while_it_waits(
+    cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It is told once, after a while, and judged as soon as the photo is there."""
+    write_camera("front.json", CAMERA, camera_from_world=POSE)
+    Path("pose.txt").write_text("# world_from_part, mm\n1 0 0 0\n0 1 0 0\n0 0 1 0\n")
+    (cell / "in/A 9.png").unlink()
+    photo = (cell / "in/A 10.png").read_bytes()
+    (cell / "in/A 10.png").rename(cell / "in/1_L.png")
+    slept: list[float] = []
+
+    def sleep(seconds: float) -> None:
+        slept.append(seconds)
+        if len(slept) == 14:
+            (cell / "in/1_R.png").write_bytes(photo)
+        if len(slept) == 30:
+            raise KeyboardInterrupt
+
+    monkeypatch.setattr(inspect, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: 100.0 + sum(slept)))
+    two = {"photos": ("in/*_L.png", "in/*_R.png"), "camera": "front.json"}
+    ran = inspected(cadcam, "--camera", "front.json", "--watch", "--json", **two)
+    told, judged = ran.lines
+    assert told == {"serial": "1", "incomplete": "waits for in/1_R.png"}
+    assert (judged["serial"], judged["verdict"]) == ("1", "FAIL")
+    assert ran.err.count("1: waits for in/1_R.png") == 1
+
+
+def test_reports_of_long_and_of_unreadable_names_are_linked(cadcam: Cadcam, cell: Path) -> None:
+    """Serial numbers as long as a name may be, alike but for their ends, and one of bytes that are no UTF-8."""
+    photo = (cell / "in/A 9.png").read_bytes()
+    serials = ["\u00fc" * 125 + "A", "\u00fc" * 125 + "B", os.fsdecode(b"gr\xfcn")]
+    for serial in serials:
+        (cell / f"in/{serial}.png").write_bytes(photo)
+    ran = inspected(cadcam, "--json")
+    assert ran.json["errors"] == {}
+    link = re.compile(r'<td[^>]*><a href="([^"]*)"><span[^>]*>([^<]*)')
+    links = {serial: unquote(to) for to, serial in link.findall((cell / "out/index.html").read_text())}
+    assert set(links) == {"A 9", "A 10", *serials[:2], r"gr\udcfcn"}
+    assert len(set(links.values())) == 5
+    for serial, to in links.items():
+        assert serial in (cell / "out" / to).read_text()
+    (cell / "out/index.html").unlink()
+    assert inspected(cadcam, "--again", "--json").code == 1
+    again = link.findall((cell / "out/index.html").read_text())
+    assert {serial: unquote(to) for to, serial in again} == links
 
 
 def test_while_it_waits_the_page_has_all_parts_and_looks_are_apart(
@@ -238,7 +335,8 @@ def test_of_a_part_that_is_photographed_anew_the_last_verdict_counts(
     monkeypatch.setattr(inspect, "time", SimpleNamespace(sleep=sleep, monotonic=lambda: 100.0 + sum(slept)))
     ran = inspected(cadcam, "--watch", "--json")
     assert ran.code == 0
-    assert [(part["serial"], part["verdict"]) for part in ran.json["parts"]] == [("A 10", "PASS")]
+    assert [(part["serial"], part["verdict"]) for part in ran.lines] == [("A 10", "FAIL"), ("A 10", "PASS")]
+    assert "1 part: 1 PASS" in ran.err
     with open_store("parts.sqlite", create=False) as store:
         assert [record.verdict for record in store.query()] == ["FAIL", "PASS"]
 

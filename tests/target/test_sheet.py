@@ -102,6 +102,8 @@ def test_what_does_not_fit_or_is_not_known_is_refused(tmp_path: Path) -> None:
     pattern = parse_pattern("chessboard:9x6:40mm")
     with pytest.raises(BadValue, match="400 x 280 mm"):
         write_sheet(tmp_path / "b.pdf", pattern, page="a4")
+    with pytest.raises(BadValue, match="250 x 175 m; expected at most 5 m a side: are its lengths in mm, as 25mm"):
+        write_sheet(tmp_path / "b.pdf", parse_pattern("chessboard:9x6:25m"))
     with pytest.raises(UnknownName, match="a4"):
         write_sheet(tmp_path / "b.pdf", pattern, page="a44")
     with pytest.raises(UnknownName, match=r"\.svg"):

@@ -42,7 +42,7 @@ class Observations(Locked):
         expect(self.source, "source", str)
         expect(self.sha256, "sha256", str)
         if self.sigma_px is not None:
-            expect_positive(self.sigma_px, "sigma_px", "a positive number of pixels, or None: one for all points")
+            expect_positive(self.sigma_px, "sigma_px", "a positive number of pixels, one for all points")
         object.__setattr__(self, "p_world", p)
         object.__setattr__(self, "q", q)
         object.__setattr__(self, "names", names)

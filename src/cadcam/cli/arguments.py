@@ -51,6 +51,10 @@ class Parser(argparse.ArgumentParser):
         """Return the name under which the value of an option is stored."""
         return self._option_string_actions[option].dest
 
+    def has(self, option: str) -> bool:
+        """Return whether there is an option of this name."""
+        return option in self._option_string_actions
+
     def error(self, message: str) -> NoReturn:
         """Report the error in the command line and where to read more; exit with 2."""
         for action in self._actions:  # which jobs there are is what was not known

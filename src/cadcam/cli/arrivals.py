@@ -12,6 +12,7 @@ from cadcam.errors import BadValue, UnreadableFile
 from cadcam.image.suffixes import READABLE, natural_order
 
 _Stamp: TypeAlias = "tuple[tuple[int, int], ...]"  # size and time of change of each photo of a part
+_Photos: TypeAlias = "dict[str, list[list[str]]]"  # by serial those of each camera
 
 
 class Arrival(NamedTuple):
@@ -54,6 +55,13 @@ class Source:
         begins, _, ends = path.name.partition("*")
         return cls(path.parent, begins, ends)
 
+    def __str__(self) -> str:
+        return str(self.folder / f"{self.begins}*{self.ends}" if self.begins or self.ends else self.folder)
+
+    def wanted(self, serial: str) -> str:
+        """Return the file that a photo of this serial number would be."""
+        return str(self.folder / f"{self.begins}{serial}{self.ends or '.*'}")
+
     def photos(self) -> dict[str, list[str]]:
         """Return the photos there by serial number, mostly one each. Raises `UnreadableFile` without the folder."""
         out: dict[str, list[str]] = {}
@@ -80,31 +88,60 @@ class Arrivals:
         self.sources: tuple[Source, ...] = tuple(sources)
         self._before: dict[Arrival, _Stamp] = {}
         self._given: dict[Arrival, _Stamp] = {}
+        self._lacking: dict[str, str] = {}
+        self._waiting: dict[str, float] = {}  # since when, by serial
+        self._told: set[str] = set()
 
     def there(self) -> list[Arrival]:
         """Return the parts that are there."""
-        return [Arrival(serial, files) for serial, files in self._each().items() if len(files) == len(self.sources)]
+        return _whole(self._each())
 
     def incomplete(self) -> list[str]:
         """Return the serial numbers that a camera has no photo of, or several."""
-        return [serial for serial, files in self._each().items() if len(files) < len(self.sources)]
+        return list(self._lacks(self._each()))
 
-    def _each(self) -> dict[str, tuple[str, ...]]:
-        """Return by serial number the photos of the cameras that have one, in the order of names."""
+    def _each(self) -> _Photos:
+        """Return by serial number the photos of each camera, in the order of names."""
         each = [source.photos() for source in self.sources]
         serials = sorted({serial for photos in each for serial in photos}, key=natural_order)
-        return {s: tuple(photos[s][0] for photos in each if len(photos.get(s, ())) == 1) for s in serials}
+        return {serial: [photos.get(serial, []) for photos in each] for serial in serials}
+
+    def _lacks(self, photos: _Photos) -> dict[str, str]:
+        """Return by serial number, where there is not one photo of each camera, what is to be changed about that."""
+        out = {}
+        for serial, each in photos.items():
+            lacking = [source.wanted(serial) for source, files in zip(self.sources, each, strict=True) if not files]
+            if several := [file for files in each if len(files) > 1 for file in files]:
+                out[serial] = f"has several photos of a camera: {', '.join(several)}"
+            elif lacking:
+                out[serial] = f"waits for {', '.join(lacking)}"
+        return out
 
     def new(self) -> list[Arrival]:
         """Return the parts that have arrived since this was last asked; of photos written anew the part is new, too.
 
         Their photos are as they were when it was last asked: nobody is writing to them any more.
         """
-        now = {arrival: _stamp(arrival) for arrival in self.there()}
+        photos = self._each()
+        now = {arrival: _stamp(arrival) for arrival in _whole(photos)}
+        empty = {a.serial: "waits for a photo that is empty as yet" for a, stamp in now.items() if not stamp}
+        self._lacking = self._lacks(photos) | empty
         before, self._before = self._before, now
         out = {a: stamp for a, stamp in now.items() if stamp and before.get(a) == stamp != self._given.get(a)}
         self._given |= out
         return list(out)
+
+    def overdue(self, now_s: float, after_s: float) -> dict[str, str]:
+        """Return by serial number what parts lacked at the last look and have waited for so long; each is told once."""
+        self._waiting = {serial: self._waiting.get(serial, now_s) for serial in self._lacking}
+        late = {serial for serial, since_s in self._waiting.items() if now_s - since_s >= after_s}
+        out = {serial: why for serial, why in self._lacking.items() if serial in late - self._told}
+        self._told = late  # who has its photos by now is told anew if it lacks one again
+        return out
+
+
+def _whole(photos: _Photos) -> list[Arrival]:
+    return [Arrival(s, tuple(f[0] for f in each)) for s, each in photos.items() if all(len(f) == 1 for f in each)]
 
 
 def _stamp(arrival: Arrival) -> _Stamp:

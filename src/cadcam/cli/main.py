@@ -46,6 +46,7 @@ from cadcam.cli.verbs import (
     variability,
     verify,
 )
+from cadcam.cli.wording import worded
 from cadcam.errors import CadcamError, UnwritableFile
 
 VERBS = (
@@ -119,7 +120,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         code: int = arguments.run(arguments) or 0
         sys.stdout.flush()
     except CadcamError as error:
-        print(f"{arguments.parser.prog}: {error}", file=sys.stderr)
+        print(f"{arguments.parser.prog}: {worded(error, arguments)}", file=sys.stderr)
         return 2
     except MemoryError as error:
         print(f"{arguments.parser.prog}: {_too_much(error)}", file=sys.stderr)

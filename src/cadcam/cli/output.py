@@ -69,7 +69,19 @@ def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document to stdout, in UTF-8 whatever the terminal's characters are."""
     from cadcam.files.jsontext import as_json
 
-    said = as_json(document)
+    _write(as_json(document))
+
+
+def print_json_line(document: dict[str, Any]) -> None:
+    """Print a JSON document in one line, at once: who reads it need not wait for the next."""
+    from cadcam.files.jsontext import json_line
+    from cadcam.whole import utf8
+
+    _write(utf8(json_line(document) + "\n"))
+    sys.stdout.flush()
+
+
+def _write(said: bytes) -> None:
     if isinstance(sys.stdout, io.TextIOWrapper):
         sys.stdout.flush()
         sys.stdout.buffer.write(said)

@@ -6,6 +6,7 @@ import argparse
 
 from cadcam.cli.arguments import given, real, refuse, whole
 from cadcam.errors import BadValue
+from cadcam.kinds import expect_count
 
 LIGHTS = ("hall", "sun", "ring", "even")
 WALL = "#808080"  # behind a photograph, where nothing else is asked for
@@ -57,6 +58,10 @@ def check_photograph_options(arguments: argparse.Namespace) -> None:
     if not is_photograph(arguments):
         one = "one of them: else nothing is photographed"
         refuse(arguments, "--renderings", why="without --light or --f-number", expected=one)
+    if arguments.renderings is not None:
+        from cadcam.render.samples import MOST
+
+        expect_count(arguments.renderings, "--renderings", most=MOST)
     for asked in given(arguments, *photograph)[:1]:
         neither = "one of them: photographs have neither looks nor drawn edges"
         refuse(arguments, "--look", "--edges", why=f"beside {asked}", expected=neither)

@@ -107,7 +107,7 @@ def header_line(file: TextFile, lines: list[Line]) -> tuple[str, ...]:
         raise UnreadableFile(
             file.path,
             f"line {first.number} should name the columns but holds {len(first.cells)} numbers",
-            "put a line such as X,Y,Z,x_px,y_px (or X,Y,Z,U,V) first, or give the names with header=/--header",
+            "put a line such as X,Y,Z,x_px,y_px (or X,Y,Z,U,V) first, or give the names: --header (header=)",
         )
     return first.cells
 

@@ -183,7 +183,7 @@ def _scaled(path: str | os.PathLike[str], samples: npt.NDArray[Any], white: floa
         raise UnreadableFile(
             path,
             f"has 32-bit integer samples from {low} to {high}, whose white is not known",
-            "pass full_scale=... (--full-scale)",
+            "say it: --full-scale (full_scale=)",
         )
     if low < 0 or high > white:
         least = high if real else (1 << int(high).bit_length()) - 1  # of whole numbers, the white of their bits

@@ -23,6 +23,7 @@ from cadcam.errors import BadValue, CadcamError, MissingExtra, UnknownName, Unus
 from cadcam.kinds import expect, expect_count, expect_each, expect_flag, expect_known, expect_path
 from cadcam.record import schema
 from cadcam.record.address import MENDED, check_file, engine_of, explained, url_of
+from cadcam.record.claim import Claimed, claimed_by_file, claimed_in_database
 from cadcam.record.record import VERDICTS, Record, as_kept, in_utc
 from cadcam.record.rows import (
     SUMMARY,
@@ -228,6 +229,26 @@ class Store:
                 schema.tables.create_all(connection)
                 row = {"version": schema.VERSION, "software": f"cadcam {cadcam.__version__}"}
                 connection.execute(schema.store.insert(), row)
+
+    @contextmanager
+    def claimed(self, what: str, who: str) -> Iterator[None]:
+        """Let one program at a time do something with this store; the next gets `UnusableStore`, which says who does.
+
+        The claim ends with the program, however it ends. what: the same text claims the same; who: this program, in
+        words. With SQLite it is a lock on a file beside the store, and no claim where the system has no locks.
+        """
+        try:
+            if self._engine.dialect.name == "postgresql":
+                claim = claimed_in_database(self._engine, what, who)
+            else:
+                claim = claimed_by_file(self.name, what, who)
+            with claim:
+                yield
+        except Claimed as other:
+            reason = f"{what} is at work already: {other.who or 'another program'}"
+            raise UnusableStore(self.name, reason, "let that one do it, or end it first") from None
+        except exc.DBAPIError as error:
+            raise UnusableStore(self.name, *explained(error)) from error
 
     @property
     def _judged(self) -> list[sql.Table]:

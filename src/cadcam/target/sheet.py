@@ -23,6 +23,7 @@ PAGES: dict[str, tuple[float, float]] = {
     "a0": (841, 1189),
 }
 PAGES |= {"letter": (215.9, 279.4), "tabloid": (279.4, 431.8)}
+_MOST_MM = 5000.0  # of what is printed, a side: more was meant in another unit
 _TEXT_MM = 3.0  # height of the text; less where a page is too narrow for it
 _LEAST_MARGIN_MM = 8.0  # room for the text, and for the margin that printers cannot reach
 _NARROW, _BROAD = "fijlrt .,:;|()[]'", "mwMW"  # letters of 0.28 to 0.33 and 0.72 to 0.94 of the height of the text
@@ -54,7 +55,7 @@ def write_sheet(path: str | os.PathLike[str], pattern: Sheet, *, page: str | Non
 
     page: a paper size (a4, letter ...), rotated if need be, with the board in its middle; None: the board with a white
     margin of one cell, wider if the text below it is. Raises `UnknownName` for another suffix or page, `BadValue` if
-    the board does not fit.
+    the board does not fit, or is larger than 5 m, which nobody prints.
     """
     writers: dict[str, Callable[[Sheet, tuple[float, float]], bytes]] = {".svg": _svg, ".pdf": _pdf}
     suffix = Path(path).suffix.lower()
@@ -68,6 +69,9 @@ def write_sheet(path: str | os.PathLike[str], pattern: Sheet, *, page: str | Non
 def sheet_size(pattern: Sheet, page: str | None) -> tuple[float, float]:
     """Return the sheet's (width, height) in mm."""
     width, height = (float(n) for n in pattern.size_mm)
+    if max(width, height) > _MOST_MM:
+        at_most = f"at most {_MOST_MM / 1000:g} m a side: are its lengths in mm, as 25mm?"
+        raise BadValue("board to print", f"{width / 1000:.4g} x {height / 1000:.4g} m", at_most)
     if page is None:
         margin = max(pattern.cell_mm, _LEAST_MARGIN_MM)
         text = _TEXT_MM * _text_width(_label(pattern)) + 2 * _LEAST_MARGIN_MM

@@ -66,7 +66,7 @@ def summary(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
     if not judgements:
         return "no limits given: nothing was judged"
     if verdict is Verdict.PASS:
-        kept = "the limit is" if len(judgements) == 1 else f"all {len(judgements)} limits are"
+        kept = {1: "the limit is", 2: "both limits are"}.get(len(judgements), f"all {len(judgements)} limits are")
         return f"{kept} kept, uncertainty included"
     undecided = [j for j in judgements if j.verdict in (Verdict.UNDECIDED, Verdict.NOT_FOUND)]
     if verdict is Verdict.FAIL:

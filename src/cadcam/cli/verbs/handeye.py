@@ -290,7 +290,8 @@ def _rows(robot: RobotNumbers, seen: list[str]) -> dict[str, int]:
     count = len(robot.numbers)
     if not any(robot.names):
         if count != len(seen):
-            raise UnreadableFile(robot.path, f"has {count} poses", f"there are {len(seen)} pictures; or give names")
+            remedy = f"give one of each picture, {len(seen)} in all; or name the picture of each"
+            raise UnreadableFile(robot.path, f"has {count} poses", remedy)
         return dict(zip(seen, range(count), strict=True))
     by_name = {name: i for i, name in enumerate(robot.names)}
     if not set(by_name) & set(seen) and (rows := _rows_by_number(robot, seen)):

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import argparse
+import hashlib
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -13,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import quote
 
-from cadcam.cli.arguments import NO, Verbs, add_json, verb
+from cadcam.cli.arguments import Verbs, add_json, verb
 from cadcam.cli.arrivals import Arrival, Arrivals, Source
 from cadcam.cli.cameras import hash_of
 from cadcam.cli.judging import (
@@ -36,12 +37,15 @@ from cadcam.cli.locating import (
     views_as_asked,
 )
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
-from cadcam.cli.output import check_folder, print_json, print_tables, refuse_own_folder, say, say_written, working
+from cadcam.cli.output import check_folder, refuse_own_folder, say, say_written, working
 from cadcam.cli.photos import Shots, add_photo_options, camera_sources, shots_by, viewpoints_of
-from cadcam.cli.stores import STORE_HELP, add_store_option, store_address
+from cadcam.cli.stopping import stopped_as_by_ctrl_c
+from cadcam.cli.stores import STORE_HELP, add_store_option, judging_alone, store_address
+from cadcam.cli.telling import Telling
 from cadcam.cli.whites import white_as_asked
 from cadcam.errors import BadValue, CadcamError, UnreadableFile
 from cadcam.image.suffixes import READABLE
+from cadcam.whole import utf8
 
 if TYPE_CHECKING:
     from cadcam.camera.viewpoint import Viewpoint
@@ -56,10 +60,12 @@ if TYPE_CHECKING:
     from cadcam.verify.tolerances.tolerance import Tolerances
 
 _EVERY_S = 1.0  # between looks at the folders; photos that are the same in two of them are complete
+_LATE_S = 10.0  # that a part waits for its photos before this is told: cameras do not write at the same moment
 _PAGE_S = 10.0  # between writings of the page while there is more to do
 _ASKED_FOR_WHITE = 20  # photos of a camera from which is told what is white in those of more than 8 bits
 _ASKED_AT_ONCE = 20  # parts of which is asked in one go whether they were judged before
 _PAGE = "index.html"
+_NAME_BYTES, _BEGINS_BYTES = 240, 120  # of a report's name at most, and what is left of a longer one
 _CHARTED = 300  # parts on the page: the latest
 _DESCRIPTION = """\
 Judge one part after the other, as `cadcam verify` judges one: a folder of photos in, for each part a verdict, a record
@@ -81,6 +87,10 @@ limits. After a change of other options, --again judges all anew.
 
 --reports FOLDER gets index.html, the page of all parts, and parts/SERIAL.html, the report of each.
 
+--watch is ended by Ctrl-C or SIGTERM (systemd, docker stop); page and exit code are those of the parts until then.
+--json prints one document at the end; with --watch one a line, of each part as it is judged. A second `inspect` of
+the same photos into the same store is refused while the first one runs.
+
 {TOLERANCES_HELP}
 start:    --start FILE    about where all parts are; it may be off by some 20 degrees, 40 px and 10 % of the distance.
                           Without it each is searched for, which takes longer
@@ -90,7 +100,7 @@ start:    --start FILE    about where all parts are; it may be off by some 20 de
 {STORE_HELP}
 exit codes: 2 where photos could not be judged (unreadable, of another size ...; the others were), else 1 where a part
 FAILs, else 3 where one is UNDECIDED or not found, else 0. Without --tolerances nothing is judged: 3 where a part was
-not found, else 0."""
+not found, else 0. 130 where it was stopped before its end without --watch."""
 
 
 def add_to(verbs: Verbs) -> None:
@@ -109,7 +119,7 @@ def add_to(verbs: Verbs) -> None:
     group.add_argument("--station", metavar="NAME", help="where it is measured, in store and reports")
     add_store_option(group)
     group.add_argument("--reports", metavar="FOLDER", help="write the page of all parts and the report of each")
-    group.add_argument("--watch", action="store_true", help="go on with photos that arrive, until Ctrl-C")
+    group.add_argument("--watch", action="store_true", help="go on with photos that arrive, until Ctrl-C or SIGTERM")
     group.add_argument("--again", action="store_true", help="judge anew what was judged before, too")
     parser.set_defaults(resumes=True, points=None)
     add_json(parser)
@@ -125,37 +135,40 @@ def run(arguments: argparse.Namespace) -> int:
     refuse_own_folder(arguments.reports, [str(source.folder / "photo") for source in arrivals.sources])
     if not arguments.watch and not arrivals.there():
         raise BadValue("photos", f"none of a part in {', '.join(arguments.photos)}", _wanted(arrivals))
-    cell = _cell(arguments)
-    with open_store(store_address(arguments)) as store:
-        line = _Line(cell, store)
-        try:
-            for some in _arriving(arrivals) if arguments.watch else [arrivals.there()]:
-                line.take(some)
-                if not some:
-                    line.write_page()
-        except KeyboardInterrupt:
-            if not arguments.watch:
+    with stopped_as_by_ctrl_c():
+        cell = _cell(arguments)
+        with open_store(store_address(arguments)) as store, judging_alone(store, cell.name, arrivals.sources):
+            line = _Line(cell, store)
+            try:
+                for some in _arriving(arrivals, line.told) if arguments.watch else [arrivals.there()]:
+                    line.take(some)
+                    if not some:
+                        line.write_page()
+            except KeyboardInterrupt:
+                if not arguments.watch:
+                    raise
+            finally:
                 line.write_page()
-                raise
-        line.write_page()
-    _report(line, arrivals.incomplete())
-    return line.exit_code
+            line.end(arrivals)
+    return line.told.exit_code
 
 
-def _arriving(arrivals: Arrivals) -> Iterator[list[Arrival]]:
+def _arriving(arrivals: Arrivals, told: Telling) -> Iterator[list[Arrival]]:
     """Yield what arrives, [] where nothing does, for ever: a folder that is not there may come back."""
-    told, due = "", 0.0
+    away, due = "", 0.0
     while True:
         with working("waiting for photos; Ctrl-C ends"):
             time.sleep(max(due - time.monotonic(), 0.0))  # also after parts that took no time: who writes needs it
             due = time.monotonic() + _EVERY_S
             try:
-                new, told = arrivals.new(), ""
+                new, away = arrivals.new(), ""
             except UnreadableFile as error:
                 new = []
-                if str(error) != told:
-                    told = str(error)
-                    say(f"{told}; waiting for it")
+                if str(error) != away:
+                    away = str(error)
+                    say(f"{away}; waiting for it")
+        for serial, why in arrivals.overdue(time.monotonic(), _LATE_S).items():
+            told.waits(serial, why)
         yield new
 
 
@@ -233,10 +246,8 @@ class _Line:
         self.folder = None if cell.arguments.reports is None else Path(cell.arguments.reports)
         self._whites: list[float | None] = []
         self._page_due, self._unwritten = 0.0, False
-        self.store = store.name
+        self.told = Telling(json=cell.arguments.json, lines=cell.arguments.watch)
         self.latest: deque[Record] = deque(maxlen=_CHARTED)
-        self._parts: dict[str, dict[str, Any]] = {}  # by serial what is printed with --json: the latest of each
-        self.errors: dict[str, str] = {}
 
     def take(self, arrivals: Sequence[Arrival]) -> None:
         """Judge some parts, or find that they were."""
@@ -245,11 +256,12 @@ class _Line:
         for place, arrival in enumerate(arrivals):
             if place % _ASKED_AT_ONCE == 0:
                 before = self._before(arrivals[place : place + _ASKED_AT_ONCE])
-            self.errors.pop(arrival.serial, None)
+            self.told.begin(arrival.serial)
+            number = f"{place + 1}/{len(arrivals)}"
             if known := before.get(arrival.serial):
-                self._note(known, before=True)
+                self._note(known, number, None)
             else:
-                self._judge(arrival, f"{place + 1}/{len(arrivals)}")
+                self._judge(arrival, number)
             if time.monotonic() > self._page_due:
                 self.write_page()
 
@@ -260,13 +272,9 @@ class _Line:
             shots = self._cell.shots(arrival, self._whites or [None] * len(arrival.files))
             found = self._cell.judged(shots)
         except CadcamError as error:  # of these photos: there are others
-            self.errors[arrival.serial] = str(error)
-            say(f"{arrival.serial}: {error}")
+            self.told.failed(arrival.serial, str(error))
             return
-        record = self._keep(arrival, found, shots)
-        self._note(record, before=False)
-        if not self.arguments.json:
-            _tell(record, number, time.monotonic() - begun)
+        self._note(self._keep(arrival, found, shots), number, time.monotonic() - begun)
 
     def _find_whites(self, arrivals: Sequence[Arrival]) -> list[float | None]:
         """Return what is white in the photos of each camera, by the first that can be read; [] where none can."""
@@ -310,11 +318,10 @@ class _Line:
         self._store.add(record)
         return record
 
-    def _note(self, record: Record, *, before: bool) -> None:
-        said = {name: getattr(record, name) for name in ("serial", "id", "verdict", "reason", "quality")}
-        self._parts[record.serial] = said | {"found": record.pose is not None, "judged_before": before}
+    def _note(self, record: Record, number: str, took_s: float | None) -> None:
         self.latest.append(record)
         self._unwritten = True
+        self.told.judged(record, number, took_s)
 
     def write_page(self) -> None:
         """Write the page of the latest parts, if there is one and it lacks any."""
@@ -322,26 +329,20 @@ class _Line:
 
         if self.folder is None or not self._unwritten:
             return
-        self._page_due, self._unwritten = time.monotonic() + _PAGE_S, False
         last = {record.serial: record.id for record in self.latest}
         there = {i: _report_of(serial) for serial, i in last.items() if (self.folder / _report_of(serial)).exists()}
         records = sorted(self.latest, key=lambda record: record.time)
         write_state_page(self.folder / _PAGE, records, links={i: quote(name) for i, name in there.items()})
+        self._page_due, self._unwritten = time.monotonic() + _PAGE_S, False  # now, not if it was interrupted
 
-    @property
-    def parts(self) -> list[dict[str, Any]]:
-        """What is printed of each part with --json: of one that was photographed anew what was found last."""
-        return list(self._parts.values())
-
-    @property
-    def exit_code(self) -> int:
-        """What the parts come to."""
-        if self.errors:
-            return 2
-        verdicts = {part["verdict"] for part in self.parts}
-        if "FAIL" in verdicts:
-            return 1
-        return 0 if verdicts <= {"PASS", ""} and all(part["found"] for part in self.parts) else NO
+    def end(self, arrivals: Arrivals) -> None:
+        """Tell what all parts come to."""
+        incomplete: list[str] = []
+        with suppress(UnreadableFile):  # a folder may be gone: told already
+            incomplete = arrivals.incomplete()
+        self.told.end(self.latest, incomplete, self._store.name)
+        if self.folder is not None and self.latest and not self.arguments.json:
+            say_written(str(self.folder / _PAGE))
 
 
 def _is_readable(arrival: Arrival) -> bool:
@@ -355,35 +356,14 @@ def _is_readable(arrival: Arrival) -> bool:
 
 
 def _report_of(serial: str) -> str:
-    return f"parts/{serial}.html"
+    """Return the file of a part's report: its serial number, as the store keeps it, where that can name a file.
 
+    Else, as of one that is too long with what is added to it, its beginning and a fingerprint.
+    """
+    from cadcam.record.record import as_kept
 
-def _tell(record: Record, number: str, took: float) -> None:
-    """Print what was found of a part."""
-    from cadcam.report.state.tables import unjudged
-    from cadcam.report.table import spelled
-
-    what = f"{record.verdict or unjudged(record):<9}  {took:5.1f} s  {spelled(record.reason)}"
-    print(f"{number:>9}  {spelled(record.serial):<12}  {what}".rstrip(), flush=True)
-
-
-def _report(line: _Line, incomplete: Sequence[str]) -> None:
-    from cadcam.report.state.tables import features_table
-    from cadcam.report.table import counted
-
-    if line.arguments.json:
-        more = {"errors": line.errors, "incomplete": list(incomplete), "store": line.store}
-        print_json({"parts": line.parts} | more)
-        return
-    if line.latest:
-        print_tables([features_table(sorted(line.latest, key=lambda record: record.time))])
-    counts = Counter(part["verdict"] or "not judged" for part in line.parts)
-    said = [f"{count} {verdict}" for verdict, count in counts.items()]
-    said += [f"{len(line.errors)} could not be judged"] if line.errors else []
-    if incomplete:
-        said.append(f"{len(incomplete)} without a photo of each camera, or with several ({incomplete[0]} ...)")
-    known = sum(part["judged_before"] for part in line.parts)
-    before = f" ({known} judged before)" if known else ""
-    say(f"{counted(len(line.parts), 'part')}{before}: {', '.join(said)}; kept in {line.store}")
-    if line.folder is not None and line.latest:
-        say_written(str(line.folder / _PAGE))
+    name = as_kept(serial)
+    if len(utf8(name)) > _NAME_BYTES or "\\" in name:  # as of bytes that are no text
+        begins = utf8(name.replace("\\", "_"))[:_BEGINS_BYTES].decode(errors="ignore")
+        name = f"{begins}~{hashlib.sha256(utf8(name)).hexdigest()[:16]}"
+    return f"parts/{name}.html"

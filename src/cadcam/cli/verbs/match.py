@@ -196,6 +196,8 @@ def _run_part(arguments: argparse.Namespace) -> int:
     from cadcam.report.match import closeness_as_json, matches_as_json
     from cadcam.report.match_picture import with_features
 
+    if not 0 <= arguments.turn <= 180:
+        raise BadValue("--turn", f"{arguments.turn:g}", "0 to 180 degrees")
     photo, start, said = _photo(arguments)
     arguments.model = arguments.what
     mesh, report = load_as_asked(arguments)

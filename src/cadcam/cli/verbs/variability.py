@@ -146,6 +146,8 @@ def _check(arguments: argparse.Namespace) -> None:
         value = getattr(arguments, name)
         if value and not least <= value <= _MOST:
             raise BadValue(f"--{name}", value, f"{least} to {_MOST}, or 0 to leave that method out")
+    if arguments.points_sigma < 0:
+        raise BadValue("--points-sigma", f"{arguments.points_sigma:g}", "0 mm or more")
     if arguments.points_sigma and arguments.steps:
         raise BadValue(
             "--points-sigma", f"{arguments.points_sigma:g} with Method B", "--steps 0: B has noise of pixels only"

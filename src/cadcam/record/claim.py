@@ -1,0 +1,94 @@
+"""One program at a time at something with a store, by locks of the system: they end with it, however it ends."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+
+import sqlalchemy as sql
+
+from cadcam.whole import utf8
+
+_NAME_BYTES = 63  # of what PostgreSQL keeps of the name of a program
+_HOLDER = """\
+SELECT application_name FROM pg_locks JOIN pg_stat_activity USING (pid)
+WHERE locktype = 'advisory' AND granted AND objsubid = 1 AND classid::bigint << 32 | objid::bigint = :key"""
+
+
+class Claimed(Exception):
+    """Another program is at it: `who` it is, as it said; "" where that is not known."""
+
+    def __init__(self, who: str) -> None:
+        super().__init__(who)
+        self.who: str = who
+
+
+@contextmanager
+def claimed_by_file(store: str, what: str, who: str) -> Iterator[None]:
+    """Hold a lock on a file beside an SQLite store while it lasts; raise `Claimed` where another program does.
+
+    The file that a killed program leaves behind holds nobody up. Where the system has no locks, as some network drives,
+    nobody is kept away.
+    """
+    path = Path(f"{Path(store).resolve()}.{hashlib.sha256(utf8(what)).hexdigest()[:12]}.lock")
+    file = _locked(path)
+    if file is None:
+        yield
+        return
+    try:
+        os.truncate(path, 0)
+        os.write(file, utf8(who))
+        yield
+    finally:
+        with suppress(OSError):
+            path.unlink()  # while it is locked: who opened it meanwhile finds that it is gone
+        os.close(file)
+
+
+def _locked(path: Path) -> int | None:
+    """Return the open file, locked; None where there are no locks."""
+    try:
+        import fcntl
+    except ImportError:
+        return None
+    while True:
+        try:
+            file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError:  # left behind by another user
+            return None
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            if os.path.samestat(os.fstat(file), path.stat()):
+                return file
+        except BlockingIOError:
+            who = os.read(file, 1000).decode(errors="replace")
+            os.close(file)
+            raise Claimed(who) from None
+        except FileNotFoundError:  # who held it has just ended, and taken it away: once more
+            pass
+        except OSError:
+            os.close(file)
+            return None
+        os.close(file)
+
+
+@contextmanager
+def claimed_in_database(engine: sql.Engine, what: str, who: str) -> Iterator[None]:
+    """Hold a lock of PostgreSQL's while it lasts; raise `Claimed` where another program does.
+
+    It is let go of with its connection: also where this process is killed, or the server is started anew.
+    """
+    key = {"key": int.from_bytes(hashlib.sha256(utf8(what)).digest()[:8], signed=True)}
+    name = utf8(who)[:_NAME_BYTES].decode(errors="ignore")
+    connection = engine.connect().execution_options(isolation_level="AUTOCOMMIT")
+    with connection:
+        if not connection.execute(sql.text("SELECT pg_try_advisory_lock(:key)"), key).scalar_one():
+            raise Claimed(connection.execute(sql.text(_HOLDER), key).scalar() or "")
+        connection.execute(sql.text("SELECT set_config('application_name', :name, false)"), {"name": name})
+        try:
+            yield
+        finally:
+            connection.invalidate()  # closed, not given back to the others with lock and name

@@ -1,0 +1,58 @@
+"""One program at a time at something with a store; one that was killed holds nobody up."""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import pytest
+
+from cadcam.errors import UnusableStore
+from cadcam.record.store import open_store
+
+_HOLDER = """
+import sys, time
+from cadcam.record.store import open_store
+with open_store(sys.argv[1]) as store, store.claimed("judging in/", "process 7 on cell"):
+    print("claimed", flush=True)
+    time.sleep(600)
+"""
+
+pytestmark = pytest.mark.skipif(os.name != "posix", reason="elsewhere nobody is kept away from a store in a file")
+
+
+def test_the_second_is_told_who_the_first_is_until_that_is_killed(where: str) -> None:
+    with open_store(where) as store:
+        holder = subprocess.Popen([sys.executable, "-c", _HOLDER, where], stdout=subprocess.PIPE, text=True)
+        try:
+            assert holder.stdout is not None
+            assert holder.stdout.readline() == "claimed\n"
+            with (
+                pytest.raises(UnusableStore, match="judging in/ is at work already: process 7 on cell; let that one"),
+                store.claimed("judging in/", "process 8"),
+            ):
+                pytest.fail("it was let in")
+            with store.claimed("judging other/", "process 8"):
+                assert store.count() == 0  # the others of this program's connections do as ever
+        finally:
+            holder.send_signal(signal.SIGKILL)
+            holder.wait()
+            holder.communicate()
+        for left in reversed(range(100)):  # PostgreSQL notices a little later that the other end is gone
+            with suppress(*[UnusableStore] * (left > 0)), store.claimed("judging in/", "process 9"):
+                break
+            time.sleep(0.1)
+
+
+def test_what_was_claimed_and_let_go_leaves_nothing(tmp_path: Path) -> None:
+    where = tmp_path / "parts.sqlite"
+    with open_store(where) as store:
+        for _ in range(2):
+            with store.claimed("judging in/", "process 7"):
+                assert len(list(tmp_path.iterdir())) == 2
+            assert list(tmp_path.iterdir()) == [where]
