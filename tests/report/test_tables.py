@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import io
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -182,3 +183,20 @@ def test_what_steers_a_terminal_is_spelled_out() -> None:
     assert [line.strip() for line in lines if "-" not in line] == [
         r"a\nb", "name", r"x\ny", r"\x1b[31mred", r"\u202eabc", "\u05d1\u05b8 \u6f22"
     ]  # fmt: skip
+
+
+def test_on_a_narrow_terminal_sentences_follow_their_rows_and_no_word_is_cut(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    why = "most of U is edges' own errors: go closer, or take another view"
+    rows = (
+        ("hole 8 mm", "diameter", "-0.004 mm", "0.013", "UNDECIDED", why),
+        ("front", "position", "0", "0", "PASS", ""),
+    )
+    table = Table("t", ("feature", "what", "deviation", "U", "verdict", "why"), rows, ("feature", "what", "why"))
+    lines = re.sub(r"\x1b\[[0-9;]*m", "", shown(table, file=Terminal())).splitlines()
+    assert all(len(line.rstrip()) <= 60 for line in lines)
+    assert lines[3].split() == ["hole", "8", "mm", "diameter", "-0.004", "mm", "0.013", "UNDECIDED"]
+    assert " ".join(" ".join(lines[4:6]).split()) == why
+    assert lines[6].split() == ["front", "position", "0", "0", "PASS"]
+    monkeypatch.setenv("COLUMNS", "200")
+    assert f"UNDECIDED   {why}" in re.sub(r"\x1b\[[0-9;]*m", "", shown(table, file=Terminal()))

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TextIO
+from typing import TYPE_CHECKING, TextIO
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from rich.console import Console
 
 _STEERING = {*range(0x20), *range(0x7F, 0xA0), *range(0x2028, 0x202F), *range(0x2066, 0x206A)}
 _SPELLED = {code: ascii(chr(code))[1:-1] for code in _STEERING}
@@ -51,6 +54,22 @@ class Table:
             body.insert(1, ("  " + "  ".join(rule)).rstrip())
         return [self.title, *body, *(f"  {note}" for note in self.notes)]
 
+    def narrow(self, width: int) -> Table | None:
+        """Return the table without its last column, each of whose texts follows its row; None if it fits a width.
+
+        None, too, where the last column holds no sentences: its cells are no longer than the others'.
+        """
+        longest = [max(len(row[i]) for row in (self.columns, *self.rows)) for i in range(len(self.columns))]
+        wide = sum(longest) + 3 * len(longest) > width
+        if (
+            not self.rows
+            or not wide
+            or self.columns[-1] not in self.left
+            or longest[-1] <= max(longest[:-1], default=0)
+        ):
+            return None
+        return Table(self.title, self.columns[:-1], tuple(row[:-1] for row in self.rows), self.left)
+
     def _cell(self, column: int, text: str, width: int) -> str:
         return text.ljust(width) if self.columns[column] in self.left else text.rjust(width)
 
@@ -65,24 +84,47 @@ def show(tables: Iterable[Table], file: TextIO) -> None:
 
 
 def _show_rich(tables: Iterable[Table], file: TextIO) -> None:
-    from rich import box
     from rich.console import Console
     from rich.markup import escape
-    from rich.table import Table as RichTable
 
     console = Console(file=file, highlight=False)
     for table in tables:
-        rich = RichTable(box=box.SIMPLE_HEAD, show_header=table.headed, pad_edge=False)
-        for column in table.columns:
-            rich.add_column(escape(column), justify="left" if column in table.left else "right", overflow="fold")
-        for row in table.rows:
-            rich.add_row(*(escape(cell) for cell in row))
         console.print(f"[bold]{escape(table.title)}[/bold]")
-        if table.rows:
-            console.print(rich)
+        if (narrow := table.narrow(console.width)) is not None:
+            _show_followed(narrow, [row[-1] for row in table.rows], console)
+        elif table.rows:
+            _show_grid(table, console)
         for note in table.notes:
             console.print(f"  {escape(note)}")
         console.print()
+
+
+def _show_grid(table: Table, console: Console) -> None:
+    from rich import box
+    from rich.markup import escape
+    from rich.table import Table as RichTable
+
+    rich = RichTable(box=box.SIMPLE_HEAD, show_header=table.headed, pad_edge=False)
+    for column in table.columns:
+        rich.add_column(escape(column), justify="left" if column in table.left else "right", overflow="fold")
+    for row in table.rows:
+        rich.add_row(*(escape(cell) for cell in row))
+    console.print(rich)
+
+
+def _show_followed(table: Table, texts: Sequence[str], console: Console) -> None:
+    """Print rows, each with a text of its own below it: in columns beside each other, words would be cut."""
+    from rich.padding import Padding
+    from rich.text import Text
+
+    _, *lines = table.lines()
+    head = 2 if table.headed else 0
+    for line in lines[:head]:
+        console.print(Text(line), soft_wrap=True)
+    for line, text in zip(lines[head:], texts, strict=True):
+        console.print(Text(line), soft_wrap=True)
+        if text:
+            console.print(Padding(Text(text, "dim"), (0, 0, 0, 6)))
 
 
 def plain(value: float, digits: int = 6) -> str:
