@@ -57,8 +57,8 @@ def drilled(wrong: dict[str, tuple[float, float, float]]) -> Mesh:
 def pictured(mesh: Mesh, world: Rigid, rng: np.random.Generator) -> Photo:
     look = Look(supersampling=4, background=(0.9, 0.9, 0.9), back=0.35)
     gray = open_renderer(Scene.of(mesh, edges=NO_EDGES)).render(CAMERA, world, channels=Channel.IMAGE, look=look).gray
-    gray = gaussian_filter(gray, 0.5) + rng.normal(0, 3 / 255, gray.shape)
-    return Photo.of(np.asarray(np.clip(np.round(gray * 255) / 255, 0, 1), np.float32), CAMERA, world)
+    noisy = gaussian_filter(gray, 0.5) + rng.normal(0, 3 / 255, gray.shape)
+    return Photo.of(np.asarray(np.clip(np.round(noisy * 255) / 255, 0, 1), np.float32), CAMERA, world)
 
 
 def main() -> None:
