@@ -46,6 +46,16 @@ def test_holes_off_their_places_or_too_large_are_told_apart(place: Rigid) -> Non
     assert found.inspection.feature("B").state is State.IN_PLACE  # of another size, it is not displaced
 
 
+def test_a_hole_far_off_its_place_has_its_size() -> None:
+    """2 mm: its rim runs up to 0.9 px inside the tangents that it is compared with."""
+    found = verified(drilled(D=(-1.2, 1.6, 0.0)), [within(1.0), SIZE], OBLIQUE, names=["D"])
+    position, size = found.judgements
+    assert position.verdict is Verdict.FAIL
+    assert size.verdict is Verdict.PASS
+    assert abs(position.deviation - 2.0) < 1.5 * position.U < 0.05
+    assert abs(size.deviation) < 1.5 * size.U < 0.1
+
+
 def test_a_pin_too_thick_that_is_off_its_place_is_told_from_above() -> None:
     """It is drawn elsewhere to be measured, and its circles with it."""
     found = verified(drilled(pin=(0.3, 0.4, 0.25)), [within(0.3), SIZE], ABOVE, names=["pin"])

@@ -15,6 +15,7 @@ from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, Fit
 from cadcam.verify.adjustment.following import BodyLines, following, turning
 from cadcam.verify.adjustment.refits import Refits
 from cadcam.verify.adjustment.scatter import EdgeNoise, EdgeSums, improbability, white_scale
+from cadcam.verify.edges.curvature import bent_away, curvature
 from cadcam.verify.edges.sightlines import STEP_PX, Sightlines
 from cadcam.verify.edges.survey import Survey
 
@@ -224,7 +225,19 @@ class MeasuredEdges:
         rim = float(np.linalg.norm(body.arms, axis=1).max())
         turns = _TURNED_PX / UNSEEN_PX * mm / rim * np.eye(3) if rim > 0 else np.zeros((3, 0))
         found, misfit = following(self.adjustment, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
+        if body.grows.any():
+            straight = self._straightened(self.adjustment, rows, basis @ found.value[: basis.shape[1]])
+            found, misfit = following(straight, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
         return found.along(np.eye(basis.shape[1], len(found.value))), misfit
+
+    def _straightened(self, adjustment: Adjustment, rows: Mask, moved: Array) -> Adjustment:
+        """Return offsets as circles at these places, displaced by (3,) mm, would have them if they were their tangents.
+
+        That is what the adjustment takes them for: a hole 6 px off otherwise looks too small.
+        """
+        offset = adjustment.offset.copy()
+        offset[rows] -= bent_away(self.lines.select(rows), self.outward[rows], moved)
+        return replace(adjustment, offset=offset)
 
     def _body(self, rows: Mask) -> BodyLines:
         moves = self.lines.by_point[rows], self.lever[rows], self.ground[rows]
@@ -349,24 +362,22 @@ class MeasuredEdges:
         turns = across * UNSEEN_PX / np.maximum(levers, 1e-300)
         open_mm = _OPEN_PX / UNSEEN_PX * mm
         motions = body.motions(mm * (np.eye(3) if self.eye is None else across), turns, open_mm)
-        drawn = self.adjustment.offset - self.inside * np.einsum("ni,ni->n", self.lines.by_point, self.outward)
-        on_circles = replace(self.adjustment, offset=drawn)
-        found = turning(on_circles, rows, body, pose, motions=motions, upright=False, enlarged=True)
+        inside = self.inside * np.einsum("ni,ni->n", self.lines.by_point, self.outward)
+        circles = replace(self.adjustment, offset=self.adjustment.offset - inside)
+        found = turning(circles, rows, body, pose, motions=motions, upright=False, enlarged=True)
+        straight = self._straightened(circles, rows, motions[:3] @ found.value)
+        found = turning(straight, rows, body, pose, motions=motions, upright=False, enlarged=True)
         by_motion = body.moved_by(motions, np.zeros(len(body.p), bool)) @ found.value
-        left = drawn[rows] - self.adjustment.J[rows] @ pose.xi - by_motion
-        within, lines = self.adjustment.errors.of_rows(rows).about_lines(left)
+        left = straight.offset[rows] - self.adjustment.J[rows] @ pose.xi - by_motion
+        within, runs = self.adjustment.errors.of_rows(rows).about_lines(left)
         diameter = found.along(2 * motions[6:])
-        bent = 2 * _CELL_BENT * self._bend(rows) / float(np.median(np.abs(body.grows)))
-        return replace(diameter, edges=diameter.edges + bent**2), within / max(len(left) - lines, 1)
+        bent = 2 * self._bent_px(rows) / float(np.median(np.abs(body.grows)))
+        return replace(diameter, edges=diameter.edges + bent**2), within / max(len(left) - runs, 1)
 
-    def _bend(self, rows: Mask) -> float:
-        """Return the mean curvature (1/px) of the edges of these places in their photos; contours are straight."""
+    def _bent_px(self, rows: Mask) -> float:
+        """Return the standard deviation (px) of steps in cells in which edges bend, on the average of these places."""
         lines = self.lines.select(rows & (self.lines.kind != EdgeKind.CONTOUR))
-        order = np.lexsort([lines.along, lines.edge])
-        edge, along, normal = lines.edge[order], lines.along[order], lines.normal[order]
-        run = (edge[1:] == edge[:-1]) & (np.diff(along) < 2 * STEP_PX)
-        turn = np.arccos(np.clip(np.einsum("ni,ni->n", normal[1:], normal[:-1]), -1.0, 1.0))
-        return float(turn[run].sum() / max(np.diff(along)[run].sum(), 1e-300))
+        return _CELL_BENT * float(curvature(lines).sum()) / max(len(lines), 1)
 
     def axis(self, rows: Mask) -> Array:
         """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""
