@@ -9,6 +9,7 @@ from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.verify.judge import verify_part
+from cadcam.verify.reasons import failed_words
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Verdict
 
@@ -28,6 +29,23 @@ def test_one_photo_shows_the_whole_displacement_across_an_axis(place: Rigid) -> 
     assert "mm across z, as if it were in place along it" in found[0].reason
     if place is not ABOVE:
         assert found[1].deviation < 0.52
+
+
+def test_along_a_direction_a_zone_need_not_lie_about_the_place() -> None:
+    """A hole 0.6 mm off along y: within 0.4 to 0.8 mm, beyond -0.1 to 0.4 mm; against y the signs are others."""
+    y = np.array([0.0, 1.0, 0.0])
+    zones = [(0.4, 0.8, y, Verdict.PASS), (-0.1, 0.4, y, Verdict.FAIL), (-0.8, -0.4, -y, Verdict.PASS)]
+    limits = [
+        Limit(Quantity.POSITION, (high - low) / 2, direction=way, middle=(high + low) / 2)
+        for low, high, way, _ in zones
+    ]
+    found = verified(drilled(A=(0.0, 0.6, 0.0)), limits, ABOVE, names=["A"]).judgements
+    assert [j.verdict for j in found] == [verdict for *_, verdict in zones]
+    for j, (low, high, way, _) in zip(found, zones, strict=True):
+        assert j.limit.bounds == pytest.approx((low, high))
+        assert abs(j.deviation + j.limit.middle - 0.6 * way[1]) < 1.5 * j.U
+    assert failed_words(found[1]).startswith("A is 0.6")
+    assert "off its place along y, limits -0.1 to 0.4 mm" in failed_words(found[1])
 
 
 def test_what_is_not_seen_of_the_plane_across_an_axis_does_not_pass() -> None:

@@ -83,8 +83,8 @@ def test_the_zone_of_a_diameter_need_not_be_symmetric() -> None:
         assert j.verdict is verdict
         assert abs(j.deviation + limit.middle - 0.5) < 1.5 * j.U
         assert f"{12 + low:g} to {12 + high:g} mm allowed" in j.reason
-    assert "B's diameter is 0.30 +- 0.0" in failed_words(j)
-    assert "smaller than in the middle of its zone, limit 0.1 mm" in failed_words(j)
+    assert "B's diameter is 0.50 +- 0.0" in failed_words(j)
+    assert "larger than in the CAD, limits 0.7 to 0.9 mm" in failed_words(j)
 
 
 def test_edges_that_are_no_circles_about_one_axis_are_refused_before_anything_is_measured() -> None:

@@ -216,7 +216,7 @@ def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
     if moved is None:
         unseen = "the photos do not show this direction"
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, unseen, _OTHER_SIDE)
-    value, sigma = float(moved.estimate.value[0]), float(np.sqrt(moved.estimate.covariance[0, 0]))
+    value, sigma = float(moved.estimate.value[0]) - limit.middle, float(np.sqrt(moved.estimate.covariance[0, 0]))
     said = f"measured along {direction_words(moved.basis[:, 0])}, as if it were in place across it"
     return explained(Judgement(name, limit, value, sigma, decided(value, sigma, limit), said), moved.estimate.shares)
 

@@ -169,14 +169,15 @@ def _undecided(judgements: Sequence[Judgement]) -> list[str]:
 
 def _off(j: Judgement) -> str:
     """Return a measured feature with its deviation, U and limit."""
-    limit = f"limit {j.limit.quantity.per_unit * j.limit.value:.3g} {j.limit.quantity.unit}"
-    value = f"{_number(j, j.deviation)} +- {_size(j, j.U)}"
+    each = [j.limit.quantity.per_unit * x for x in (j.limit.bounds if j.limit.middle else (j.limit.value,))]
+    limit = f"limit{'s' * (len(each) - 1)} {' to '.join(f'{x:.3g}' for x in each)} {j.limit.quantity.unit}"
+    off = j.deviation + j.limit.middle
+    value = f"{_number(j, off)} +- {_size(j, j.U)}"
     if j.limit.quantity is Quantity.ANGLE:
         return f"{j.feature} is turned by {value}, {limit}"
     if j.limit.quantity is Quantity.DIAMETER:
-        than = "in the middle of its zone" if j.limit.middle else "in the CAD"
-        size = f"{_number(j, abs(j.deviation))} +- {_size(j, j.U)}"
-        return f"{j.feature}'s diameter is {size} {'larger' if j.deviation > 0 else 'smaller'} than {than}, {limit}"
+        size = f"{_number(j, abs(off))} +- {_size(j, j.U)}"
+        return f"{j.feature}'s diameter is {size} {'larger' if off > 0 else 'smaller'} than in the CAD, {limit}"
     what = "has a piece of edge" if j.limit.quantity is Quantity.PROFILE else "is"
     return f"{j.feature} {what} {value} off its place{way_words(j.limit)}, {limit}"
 

@@ -89,7 +89,7 @@ def drawing_template(
 class _Drawing:
     """What a file states, and the edges of the model that it is about.
 
-    judged: what of it has been written; why: why something cannot be.
+    judged: what of it has been written.
     """
 
     def __init__(self, scene: Scene, pmi: Pmi, letters: Sequence[str]) -> None:
@@ -102,7 +102,6 @@ class _Drawing:
         curves = (c for s in stated for c in (*s.curves, *(c for f in s.faces for c in f.curves)))
         self.chain = chains_of(curves, scene.mesh, scene.edges)
         self.judged: set[int] = set()
-        self.why: dict[int, str] = {}
 
     def chains(self, curves: Iterable[Curve]) -> tuple[int, ...]:
         """Return the numbers of the feature chains that curves are."""
@@ -148,15 +147,11 @@ class _Drawing:
         """Yield plane faces with the limits of their place along their normal."""
         for tolerance in (*self._here(_PROFILE), *self._here(_POSITION)):
             planes = [face for face in tolerance.faces if face.surface == "plane"]
-            outside = tolerance.mm / 2 if tolerance.outside_mm is None else tolerance.outside_mm
-            if abs(outside - tolerance.mm / 2) > _EQUAL * tolerance.mm:
-                self.why[id(tolerance)] = "its zone lies unequally about the face"
-                continue
             for faces in [[face] for face in planes] if tolerance.characteristic == _PROFILE else _slots(planes):
                 chains = self.chains(c for face in faces for c in face.curves[: face.outer])
                 if chains:
                     self.judged.add(id(tolerance))
-                    limit = f"position_mm: {_mm(tolerance.mm / 2)}", _words(tolerance)
+                    limit = f"position_mm: {_along_normal(tolerance)}", _words(tolerance)
                     lines = (f"direction: {_vector(faces[0].direction)}", ""), limit
                     yield _Entry(tolerance.name or tolerance.characteristic, chains, lines)
 
@@ -192,7 +187,7 @@ class _Drawing:
             return "its plane faces alone are judged, not the curved ones"
         if tolerance.characteristic == _POSITION and bores_of(tolerance) and self.chains(_curves(tolerance)):
             return "the tighter one, or the one to more datums, is judged"
-        return self.why.get(id(tolerance), _NO_EDGES)
+        return _NO_EDGES
 
     def datum(self) -> list[str]:
         """Return the lines of the datum; none where the edges of one of its letters are not known."""
@@ -248,6 +243,14 @@ def _slots(planes: Sequence[StepFace]) -> list[list[StepFace]]:
     return [list(planes)] if max(across, default=1.0) < _PARALLEL else [[face] for face in planes]
 
 
+def _along_normal(tolerance: StatedTolerance) -> str:
+    """Return half of a zone's width; of one that lies unequally about its face both limits, outward positive."""
+    outside = tolerance.mm / 2 if tolerance.outside_mm is None else tolerance.outside_mm
+    if abs(outside - tolerance.mm / 2) <= _EQUAL * tolerance.mm:
+        return _mm(tolerance.mm / 2)
+    return f"[{_mm(outside - tolerance.mm)}, {_mm(outside)}]"
+
+
 def _why_not(size: StatedSize) -> str:
     if size.limits_mm is None:
         return f"the limits of {size.fit} are not in the file" if size.fit else "without limits"
@@ -259,6 +262,8 @@ def _words(tolerance: StatedTolerance) -> str:
     zone = f"{_mm(tolerance.mm)} mm" + (" diameter" if tolerance.diametral else "")
     to = f" to {' '.join(tolerance.datums)}" if tolerance.datums else ""
     more = f", {', '.join(tolerance.modifiers)} (not used)" if tolerance.modifiers else ""
+    if tolerance.outside_mm is not None:
+        more = f", {_mm(tolerance.outside_mm)} mm of it outside{more}"
     name = f"{tolerance.name}: " if tolerance.name else ""
     return f"{name}{tolerance.characteristic} {zone}{to}{more}"
 

@@ -16,7 +16,7 @@
         box_mm: [[940, 590, 10], [1000, 603, 60]]
         kinds: [brep, contact]
         chains: [12, 13]
-        direction: [0, 1, 0]      # position along this alone, in the part's axes
+        direction: [0, 1, 0]      # position along this alone, in the part's axes; may be a zone, [-0.2, 0.5]
         profile_mm: 1             # the worst place along its edges
         k: 3
       hole:
@@ -177,17 +177,17 @@ def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, way: Mapping[
         if place.value != "required" and place.value is not True:
             raise place.error(f"is {shortened(place.value)}", "write presence: required, or leave it out")
         return Limit(quantity, 0.0, k, rule)
-    if quantity is Quantity.DIAMETER and isinstance(place.value, list):
+    own = way if quantity is Quantity.POSITION else {}
+    if isinstance(place.value, list) and (quantity is Quantity.DIAMETER or "direction" in own):
         low, high = place.array((2,))
         if not low < high:
-            raise place.error(
-                f"is {place.value}", "the least and the greatest deviation in mm are expected, as [-0.1, 0.05]"
-            )
-        return Limit(quantity, float(high - low) / 2, k, rule, middle=float(low + high) / 2)
+            least = "the least and the greatest deviation in mm are expected, as [-0.1, 0.05]"
+            raise place.error(f"is {place.value}", least)
+        return Limit(quantity, float(high - low) / 2, k, rule, middle=float(low + high) / 2, **own)
     value = place.number()
     if quantity is Quantity.ANGLE:
         value = float(np.radians(value))
-    return Limit(quantity, value, k, rule, **(way if quantity is Quantity.POSITION else {}))
+    return Limit(quantity, value, k, rule, **own)
 
 
 def selection_at(place: Place) -> Selection:

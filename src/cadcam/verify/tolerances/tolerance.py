@@ -163,10 +163,10 @@ class Limit(Brief):
             raise BadValue(self.quantity.value, self.value, "a positive number")
         if self.quantity is Quantity.ANGLE and self.value >= np.pi:
             raise BadValue(self.quantity.value, np.degrees(self.value), "less than 180: no turn is larger")
-        if self.middle and self.quantity is not Quantity.DIAMETER:
-            raise BadValue(
-                "middle of a zone", f"that of {self.quantity.value}", f"0: only {Quantity.DIAMETER.value} has one"
-            )
+        signed = self.quantity is Quantity.DIAMETER or self.direction is not None
+        if self.middle and not signed:
+            has_one = f"only {Quantity.DIAMETER.value} has one, and a position along a direction"
+            raise BadValue("middle of a zone", f"that of {self.quantity.value}", f"0: {has_one}")
         if not 0 < self.k <= LARGEST_K:
             raise BadValue("coverage factor k", self.k, f"a positive number up to {LARGEST_K:g}, usually 2")
         if self.direction is not None and self.axis is not None:
