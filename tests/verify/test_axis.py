@@ -8,6 +8,7 @@ import pytest
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.refinement import refine_pose
+from cadcam.report.verify.words import to_do
 from cadcam.verify.judge import verify_part
 from cadcam.verify.reasons import failed_words
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
@@ -23,7 +24,9 @@ Z = np.array([0.0, 0.0, 1.0])
 def test_one_photo_shows_the_whole_displacement_across_an_axis(place: Rigid) -> None:
     """A hole 0.6 mm off; without the axis an oblique photo shows 0.47 to 0.5 mm of it."""
     across, anyhow = within(0.3), Limit(Quantity.POSITION, 0.3)
-    found = verified(drilled(A=(0.0, 0.6, 0.0)), [across, anyhow], place, names=["A", "C", "D"]).judgements
+    verdict = verified(drilled(A=(0.0, 0.6, 0.0)), [across, anyhow], place, names=["A", "C", "D"])
+    found = verdict.judgements
+    assert to_do(verdict)[0] == ("Have it decided whether it can stay where it was made", ["A"])  # no hole is put back
     assert [j.verdict for j in found] == [Verdict.FAIL] * 2 + [Verdict.PASS] * 4
     assert abs(found[0].deviation - 0.6) < found[0].U < 0.15
     assert "mm across z, as if it were in place along it" in found[0].reason

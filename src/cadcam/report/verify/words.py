@@ -50,22 +50,26 @@ def unclear_words(seen: Inspection) -> list[str]:
 def to_do(found: Verification) -> list[tuple[str, list[str]]]:
     """Return the recommended actions for the verdict and the features concerned: what failed first."""
     out: dict[str, list[str]] = {}
+    bodies = {f.name for f in found.tolerances.features if f.selection.whole}
     for j in found.judgements:
         if j.verdict is Verdict.FAIL:
-            out.setdefault(_wrong(j), []).append(j.feature)
+            out.setdefault(_wrong(j, mounted=j.feature in bodies), []).append(j.feature)
     for j in found.judgements:
         if j.verdict is Verdict.UNDECIDED and j.remedy:
             out.setdefault(f"{j.remedy[0].upper()}{j.remedy[1:]}", []).append(j.feature)
     return [(what, list(dict.fromkeys(names))) for what, names in out.items()]
 
 
-def _wrong(j: Judgement) -> str:
+def _wrong(j: Judgement, *, mounted: bool) -> str:
+    """Return what to do about a limit that failed, of a body that can be moved or of what was made in one."""
     if j.limit.quantity is Quantity.PRESENCE:
         return "Mount what is missing"
     if j.limit.quantity is Quantity.ANGLE:
         return "Turn back, or have it decided whether it can stay"
     if j.limit.quantity is Quantity.DIAMETER:
         return "Make it to size, or have it decided whether it can stay"
+    if not mounted:
+        return "Have it decided whether it can stay where it was made"
     return "Put back into place, or have it decided whether it can stay"
 
 
