@@ -92,7 +92,7 @@ def test_the_wireframe_is_drawn(cadcam: Cadcam, job: Path, suffix: str) -> None:
         (("-o", "a.png", "--pose", "camera.json"), "a pose does not say the focal length"),
         (("-o", "a.png", "--camera", "alone.json"), "the pose in alone.json is missing"),
         (("-o", "a.png", "--unit", "mn"), "unknown unit 'mn'"),
-        (("-o", "a.png", "--channel", "wireframe", "--crease-angle", "500"), "crease_angle_deg is 500"),
+        (("-o", "a.png", "--channel", "wireframe", "--crease-angle", "500"), "--crease-angle is 500"),
         (("-o", "a.png", "--channel", "wireframe", "--width", "0"), "width is 0"),
     ],
 )

@@ -15,8 +15,8 @@ from cadcam.verify.adjustment.datum_fit import CAUSES, Adjustment, Estimate, Fit
 from cadcam.verify.adjustment.following import BodyLines, following, turning
 from cadcam.verify.adjustment.refits import Refits
 from cadcam.verify.adjustment.scatter import EdgeNoise, EdgeSums, improbability, white_scale
-from cadcam.verify.edges.curvature import bent_away, curvature
-from cadcam.verify.edges.sightlines import STEP_PX, Sightlines
+from cadcam.verify.edges.rims import Rims
+from cadcam.verify.edges.sightlines import STEP_PX, Sightlines, curvature
 from cadcam.verify.edges.survey import Survey
 
 SEEN_PX = 0.5  # largest sd, in px, of a direction of displacement that counts as seen
@@ -62,9 +62,8 @@ class MeasuredEdges:
 
     body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame if
     one photo sees the part, None if several do; noise_scale: see `white_scale`; tau_px: common error of an edge;
-    own_noise: errors of edges, estimated without that one; sums: of all places, which no common error changes; outward
-    (N, 3): unit vectors from the axis of circles whose diameter is asked, 0 elsewhere; inside (N,) mm: by how much the
-    CAD's chords lie within them; found: displacements of features computed before, by number.
+    own_noise: errors of edges, estimated without that one; sums: of all places, which no common error changes; rims:
+    the places as those of circles whose diameter is asked; found: displacements of features computed before, by number.
     """
 
     lines: Sightlines
@@ -79,8 +78,7 @@ class MeasuredEdges:
     tau_px: float
     own_noise: EdgeNoise
     sums: EdgeSums
-    outward: Array
-    inside: Array
+    rims: Rims
     found: dict[int, Displacement | None] = field(default_factory=dict)
 
     @classmethod
@@ -96,9 +94,8 @@ class MeasuredEdges:
         adjustment = Adjustment(offset, lines.by_pose, lines.by_cause, noise, datum[rows], freedom)
         sums = adjustment.sums_of(np.ones(len(offset), bool))
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
-        outward, inside = (part[rows] for part in survey.round())
         own = lines, survey.body[rows], members, adjustment, lever, mate, ground, eye
-        out = cls(*own, scale, 0.0, noise, sums, outward, inside)
+        out = cls(*own, scale, 0.0, noise, sums, survey.rims.select(rows))
         return out.fitted_to(datum[rows])
 
     def refits(self) -> Refits:
@@ -212,9 +209,9 @@ class MeasuredEdges:
 
         Where not all of them are of circles whose diameter is asked, they have their size.
         """
-        outward = self.outward[rows]
-        grown = np.einsum("ni,ni->n", self.lines.by_point[rows], outward)
-        return grown[:, None] if outward.any(axis=1).all() else np.zeros((len(grown), 0))
+        rims = self.rims.select(rows)
+        grown = rims.growth(self.lines.by_point[rows])
+        return grown[:, None] if (rims.radius > 0).all() else np.zeros((len(grown), 0))
 
     def _followed(self, rows: Mask, basis: Array, pose: FittedPose) -> tuple[Estimate, float]:
         """Return the displacement along a basis (3, m), and the misfit of a body that does not turn.
@@ -236,7 +233,7 @@ class MeasuredEdges:
         That is what the adjustment takes them for: a hole 6 px off otherwise looks too small.
         """
         offset = adjustment.offset.copy()
-        offset[rows] -= bent_away(self.lines.select(rows), self.outward[rows], moved)
+        offset[rows] -= self.rims.select(rows).beyond_tangents(self.lines.by_point[rows], moved)
         return replace(adjustment, offset=offset)
 
     def _body(self, rows: Mask) -> BodyLines:
@@ -362,7 +359,7 @@ class MeasuredEdges:
         turns = across * UNSEEN_PX / np.maximum(levers, 1e-300)
         open_mm = _OPEN_PX / UNSEEN_PX * mm
         motions = body.motions(mm * (np.eye(3) if self.eye is None else across), turns, open_mm)
-        inside = self.inside * np.einsum("ni,ni->n", self.lines.by_point, self.outward)
+        inside = self.rims.inside * self.rims.growth(self.lines.by_point)
         circles = replace(self.adjustment, offset=self.adjustment.offset - inside)
         found = turning(circles, rows, body, pose, motions=motions, upright=False, enlarged=True)
         straight = self._straightened(circles, rows, motions[:3] @ found.value)

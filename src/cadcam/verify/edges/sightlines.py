@@ -8,6 +8,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
+from cadcam.cad.edge_kind import EdgeKind
 from cadcam.camera.error_source import ErrorSource, distinct_sources
 from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.camera.viewpoint import Viewpoint
@@ -97,6 +98,19 @@ def pieces(edge: Longs, normal: Array) -> Longs:
     rank = np.cumsum(long).reshape(long.shape) - 1  # of a piece among those of all edges
     out = np.zeros(len(edge), np.int64)
     out[order] = rank[of, np.argmin(apart, axis=1)]
+    return out
+
+
+def curvature(lines: Sightlines) -> Array:
+    """Return the curvature (N,), 1/px, of the edges at their places; that of contours is taken as 0."""
+    order = np.lexsort([lines.along, lines.edge])
+    edge, along, normal = lines.edge[order], lines.along[order], lines.normal[order]
+    apart = np.diff(along)
+    run = (edge[1:] == edge[:-1]) & (apart < 2 * STEP_PX) & (lines.kind[order][1:] != EdgeKind.CONTOUR)
+    turn = np.arccos(np.clip(np.einsum("ni,ni->n", normal[1:], normal[:-1]), -1.0, 1.0))
+    turned, length = (np.concatenate([[0.0], np.where(run, v, 0.0), [0.0]]) for v in (turn, apart))
+    out = np.zeros(len(order))
+    out[order] = (turned[1:] + turned[:-1]) / np.maximum(length[1:] + length[:-1], 1e-300)
     return out
 
 

@@ -18,6 +18,7 @@ from cadcam.verify.edges.association import Association, associated, nearby_edge
 from cadcam.verify.edges.feet import Feet
 from cadcam.verify.edges.limbs import limb_errors
 from cadcam.verify.edges.presence import LEAST_PLACES, Clutter, EdgeEvidence, Presence, clutter_of, presence
+from cadcam.verify.edges.rims import Rims
 from cadcam.verify.edges.shifts import guessed_shifts
 from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
@@ -75,17 +76,10 @@ class Survey:
         """Return the places (N,) of a feature that can be used."""
         return np.asarray(self.members[number] & self.usable)
 
-    def round(self) -> tuple[Array, Array]:
-        """Return unit vectors (N, 3) outwards from circles whose diameter is asked, and how far (N,) mm chords lie in.
-
-        Zero at places of no such circle.
-        """
-        p = self.lines.p  # as the circles: where bodies were drawn
-        outward, inside = np.zeros_like(p), np.zeros(len(p))
-        for circles, rows in zip(self.circles, self.members, strict=False):  # members are of further parts, too
-            if circles is not None:
-                outward[rows], inside[rows] = circles.outward(p[rows]), circles.inside(p[rows])
-        return outward, inside
+    @cached_property
+    def rims(self) -> Rims:
+        """The places as those of circles whose diameter is asked, which are, as they, where bodies were drawn."""
+        return Rims.of(self.lines, self.sights, self.circles, self.members)
 
     def whole_part(self, number: int) -> int | None:
         """Return the number of the part whose visible places are exactly those of a feature; None if there is none."""
