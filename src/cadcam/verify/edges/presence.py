@@ -13,7 +13,8 @@ one that is absent gives L >= T as rarely.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -28,6 +29,7 @@ LEAST_PLACES = 4  # fewest places of an edge that are evidence
 _DECOY_SHARE = 0.65  # distance of decoys as a share of the reach
 _CLEAR_PX = 3.5  # distance from its own place from which a decoy counts
 _DECOYS = 6
+_MERGED_PX, _APART_PX = 4.0, 1e6  # distance within which two edges may look like one; of photos from each other
 _SURE, _LEAST_STEP = 4.0, 0.008  # a faint edge: sigmas, and brightness (two steps of eight bits)
 _AVERAGED = 5  # places over which steps were averaged
 _STEEP = 4.0  # steepness of the curve from unseen to seen, over the logarithm of the contrast
@@ -56,7 +58,7 @@ class EdgeEvidence:
     faint: whether it is seen only by a step too faint to be certain at each place; scatter: of its places about a line
     (px), nan where they are too few or it is not clearly seen. Edges of one group lie between the same two surfaces.
     The pieces of a bent edge that face different ways count separately: what hides one side of a rim does not hide the
-    others.
+    others. Of two that may look like one, as the rims of a hole in a sheet, the one that is not seen is no evidence.
     """
 
     edge: Longs
@@ -84,7 +86,34 @@ class EdgeEvidence:
         faint = np.array([_steps_somewhat(matched.step[p]) for p in places], bool)
         plain = share[long] >= 0.5
         told = np.where(plain, scatter[long], np.nan)
-        return cls(edge, alike(normal, color), contrast, plain | faint, faint & ~plain, told)
+        every = cls(edge, alike(normal, color), contrast, plain | faint, faint & ~plain, told)
+        return every.select(~_merged(lines, places, every.seen))
+
+    def select(self, chosen: Mask) -> EdgeEvidence:
+        """Return the chosen edges."""
+        return EdgeEvidence(*(getattr(self, f.name)[chosen] for f in fields(self)))
+
+
+def _merged(lines: Sightlines, places: Sequence[Longs], seen: Mask) -> Mask:
+    """Return which edges (E,), not seen, run so close to one of the same part that is seen that both look like one."""
+    from scipy.spatial import cKDTree
+
+    out = np.zeros(len(places), bool)
+    if seen.all() or not seen.any():
+        return out
+    at = np.column_stack([lines.q, _APART_PX * lines.photo])
+    shown = np.concatenate([p for p, s in zip(places, seen, strict=True) if s])
+    tree = cKDTree(at[shown])
+    for i in np.flatnonzero(~seen):
+        mine = places[i]
+        near = tree.query_ball_point(at[mine], _MERGED_PX)
+        others = [np.asarray(shown[n]) for n in near]
+        beside = [
+            bool(((lines.part[o] == lines.part[m]) & (lines.edge[o] != lines.edge[m])).any())
+            for o, m in zip(others, mine, strict=True)
+        ]
+        out[i] = np.mean(beside) >= 0.5
+    return out
 
 
 def _steps_somewhat(step: Array) -> bool:
