@@ -202,6 +202,7 @@ class _Drawing:
             "datum:",
             f"  # {system}: the pose is fitted to all these edges together, by least squares. An edge of a plane",
             "  # belongs to the face beside it as well: take out what is made less exactly than what is judged.",
+            "  # Where photos show too little of it, leave the datum out: then it is all that is not judged.",
         ]
         for letter, some in zip(self.letters, chains, strict=True):
             part, numbers = (line.strip() for line in self.selected(some))
