@@ -2,8 +2,8 @@
 
 Run it anywhere: `python judge_by_the_drawing.py [FOLDER [SAMPLES]]`. In the plate that is photographed one hole of
 20 mm is 0.5 mm off its place and the one of 12 mm is 0.4 mm too large. It leaves the tolerance file that the STEP file
-makes, the photo, and the report (report.html: open it in a browser). SAMPLES are the renderings that the photo is the
-mean of.
+makes, the photo, the report (report.html: open it in a browser) and the photo with every edge in the colour of its
+deviation. SAMPLES are the renderings that the photo is the mean of.
 """
 
 from __future__ import annotations
@@ -16,6 +16,7 @@ import numpy as np
 
 import cadcam
 from cadcam.report.table import show
+from cadcam.report.verify.overlay import write_overlay_svg
 from cadcam.report.verify.words import verification_tables
 
 DRAWN = Path(__file__).resolve().parents[1] / "models/drilled_plate.step"
@@ -40,6 +41,8 @@ def main(folder: Path, samples: int) -> None:
     show(verification_tables(found), sys.stdout)
     origin = cadcam.VerificationOrigin("drilled plate", serial="example")
     cadcam.write_verification_page(folder / "report.html", found, [photo], origin, scene=part.scene)
+    if found.inspection is not None:
+        write_overlay_svg(folder / "verify.svg", photo, 0, found.inspection, judgements=found.judgements, quality=60)
 
 
 def built(drawn: cadcam.Mesh) -> cadcam.Mesh:

@@ -35,7 +35,7 @@ RUNS: dict[str, tuple[list[str], list[str], str]] = {
     "inspect_a_line.py": (["line"], ["line/inspected/index.html", "line/rib.svg"], "S008          FAIL"),
     "judge_by_the_drawing.py": (
         ["drawn", "4"],
-        ["drawn/tolerances.yaml", "drawn/report.html"],
+        ["drawn/tolerances.yaml", "drawn/report.html", "drawn/verify.svg"],
         "12.4 mm measured, 12 to 12.2 mm allowed; beyond the limit",
     ),
     "verify_a_part.py": (["judged", "4"], ["judged/report.html", "judged/verify.svg"], "FAIL"),

@@ -83,9 +83,12 @@ def test_what_rounds_to_nothing_has_no_sign() -> None:
     assert row == ("0.800", "90.0", "0.00, 1.00, 0.00", "0.0, -84.0, 0.0")
 
 
-@pytest.mark.parametrize(("limit", "said"), [(0.5, "+0.004 mm 0.000"), (0.005, "+0.0042 mm 0.0004")])
-def test_a_fine_limit_is_told_with_finer_numbers(limit: float, said: str) -> None:
-    one = Judgement("rib", Limit(Quantity.POSITION, limit), 0.0042, 0.0002, Verdict.PASS)
+@pytest.mark.parametrize(
+    ("limit", "sigma", "said"),
+    [(0.5, 0.001, "+0.004 mm 0.002"), (0.005, 0.001, "+0.0042 mm 0.0020"), (0.5, 0.0002, "+0.0042 mm 0.0004")],
+)
+def test_a_fine_limit_is_told_with_finer_numbers(limit: float, sigma: float, said: str) -> None:
+    one = Judgement("rib", Limit(Quantity.POSITION, limit), 0.0042, sigma, Verdict.PASS)
     assert " ".join(in_unit(one)[:2]) == said
 
 

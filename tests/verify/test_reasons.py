@@ -12,7 +12,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.verify.adjustment.datum_fit import CAUSES
 from cadcam.verify.judge import Verification, verify_part
-from cadcam.verify.reasons import explained, summary, with_remedy
+from cadcam.verify.reasons import explained, shown_decimals, summary, with_remedy
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances, whole_parts
 from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided
 
@@ -140,3 +140,10 @@ def test_a_part_that_is_not_found_says_what_is_wrong_with_its_photo() -> None:
     assert found.reason.startswith("the part was not found: ")
     assert found.reason.count("not found") == 1
     assert "photo: it is out of focus or moved: its sharpest edges are blurred by" in found.reason
+
+
+@pytest.mark.parametrize(("U", "decimals"), [(0.02, 2), (0.005, 2), (0.0049, 3), (0.0004, 4), (0.0, 2), (np.nan, 2)])
+def test_an_uncertainty_is_never_written_as_nothing(U: float, decimals: int) -> None:
+    assert shown_decimals(2, U) == decimals
+    if U > 0:
+        assert float(f"{U:.{decimals}f}") > 0

@@ -29,6 +29,7 @@ _LESS_OF = {
     "calibration": "calibrate the camera better",
 }
 _FINE, _FINER = 0.1, 0.01  # limits below which three and four decimals are written
+_MOST_DECIMALS = 6
 
 
 def explained(j: Judgement, shares: Mapping[str, float]) -> Judgement:
@@ -148,6 +149,13 @@ def decimals_of(limit: Limit) -> int:
     return 4 if value < _FINER else 3 if value < _FINE else 2
 
 
+def shown_decimals(decimals: int, U: float) -> int:
+    """Return how many decimals, these or more, show that an uncertainty is not nothing."""
+    while decimals < _MOST_DECIMALS and 0 < U < 0.5 * 10.0**-decimals:
+        decimals += 1
+    return decimals
+
+
 def _undecided(judgements: Sequence[Judgement]) -> list[str]:
     """Return a line for each value too near to its limit, and for each reason for which others were not measured."""
     said: dict[tuple[str, str], list[str]] = {}  # by value or feature, and reason: quantities
@@ -198,5 +206,5 @@ def _size(j: Judgement, value: float) -> str:
 
 def _number(j: Judgement, value: float) -> str:
     """Return a value of a judgement in the unit of its quantity, with the decimals that its limit asks for."""
-    decimals = decimals_of(j.limit)
+    decimals = shown_decimals(decimals_of(j.limit), j.limit.quantity.per_unit * j.U)
     return f"{round(j.limit.quantity.per_unit * value, decimals) + 0.0:.{decimals}f}"

@@ -17,7 +17,7 @@ from cadcam.image.svg import hex_color
 from cadcam.locate.photo import Photo
 from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
-from cadcam.verify.reasons import vector_words
+from cadcam.verify.reasons import shown_decimals, vector_words
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement
 from cadcam.whole import utf8, write_whole
@@ -250,8 +250,13 @@ def displacement_words(f: FeatureDeviation, judgements: Sequence[Judgement]) -> 
         return "missing"
     for j in judgements:
         if j.feature == f.name and j.limit.quantity is Quantity.POSITION and np.isfinite(j.U):
-            return f"{j.deviation:.2f} ± {j.U:.2f} mm"
-    return f"{f.size:.2f} ± {2 * f.sigma:.2f} mm"
+            return _plus_minus(j.deviation, j.U)
+    return _plus_minus(f.size, 2 * f.sigma)
+
+
+def _plus_minus(mm: float, U: float) -> str:
+    decimals = shown_decimals(2, U)
+    return f"{mm:.{decimals}f} ± {U:.{decimals}f} mm"
 
 
 def _arrow(q: Array, d: Array, width: int) -> str:

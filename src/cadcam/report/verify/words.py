@@ -10,7 +10,7 @@ from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
-from cadcam.verify.reasons import contradicting, decimals_of, vector_words
+from cadcam.verify.reasons import contradicting, decimals_of, shown_decimals, vector_words
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
@@ -136,7 +136,7 @@ def in_unit(j: Judgement) -> tuple[str, str, str]:
         limit = f"{j.limit.bounds[0]:.3g} to {j.limit.bounds[1]:.3g} {unit}"
     if not np.isfinite(j.deviation):
         return "", "", limit
-    decimals = max(decimals_of(j.limit), 3)
+    decimals = shown_decimals(max(decimals_of(j.limit), 3), scale * j.U)
     deviation = round(scale * (j.deviation + j.limit.middle), decimals) + 0.0
     return f"{deviation:+.{decimals}f} {unit}", f"{scale * j.U:.{decimals}f}", limit
 

@@ -105,7 +105,7 @@ def _merged(lines: Sightlines, places: Sequence[Longs], seen: Mask) -> Mask:
     shown = np.concatenate([p for p, s in zip(places, seen, strict=True) if s])
     tree = cKDTree(at[shown])
     for i in np.flatnonzero(~seen):
-        mine = places[i]
+        mine = places[int(i)]
         near = tree.query_ball_point(at[mine], _MERGED_PX)
         others = [np.asarray(shown[n]) for n in near]
         beside = [
