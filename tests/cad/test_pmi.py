@@ -141,6 +141,11 @@ def test_what_is_broken_is_told_and_the_rest_is_read(tmp_path):
     assert "refers to #98765, which it does not have" in said
 
 
+def test_names_are_one_line_that_can_be_printed(tmp_path):
+    pmi = _pmi(tmp_path, drawn_plate().replace("'pair'", r"'pa\X\0Air \X\1B[31m'"))
+    assert pmi.tolerances[0].name == "pa ir [31m"
+
+
 def test_a_file_without_tolerances_has_none(tmp_path):
     words = ("TOLERANCE", "DIMENSION", "ANGULAR")
     text = "\n".join(line for line in drawn_plate().splitlines() if not any(w in line for w in words))

@@ -150,7 +150,7 @@ class _Reader:
         modifiers = entity.get("GEOMETRIC_TOLERANCE_WITH_MODIFIERS", [[]])[0]
         displaced = entity.get("UNEQUALLY_DISPOSED_GEOMETRIC_TOLERANCE")
         return StatedTolerance(
-            str(name or ""),
+            _named(name),
             *self._faces(aspect),
             keyword.removesuffix("_TOLERANCE").lower().replace("_", " "),
             self._length(magnitude),
@@ -172,7 +172,7 @@ class _Reader:
     def _letter(self, base: Any) -> str:
         """Return the letter of a datum, or the letters of a common one: A-B."""
         if isinstance(base, Ref):
-            return str(self.file[base]["DATUM"][4])
+            return _named(self.file[base]["DATUM"][4])
         elements = base[1][0] if isinstance(base, tuple) else base  # COMMON_DATUM_LIST((#1, #2))
         return "-".join(self._letter(self.file[one]["DATUM_REFERENCE_ELEMENT"][4]) for one in elements)
 
@@ -180,15 +180,15 @@ class _Reader:
         found = [self._faces(feature) for feature in (number, *self.established.get(number, ()))]
         faces = tuple(face for some, _ in found for face in some)
         curves = tuple(curve for _, some in found for curve in some)
-        return StatedDatum(str(entity["DATUM"][0] or ""), faces, curves, str(entity["DATUM"][4]))
+        return StatedDatum(_named(entity["DATUM"][0]), faces, curves, _named(entity["DATUM"][4]))
 
     def _size(self, number: int, entity: Entity) -> StatedSize:
         nominal, limits, fit = self._limits(number)
         keyword = next(k for k in (*_SIZES, *_DISTANCES) if k in entity)
         if keyword in _DISTANCES:
-            return StatedSize("", (), (), str(entity[keyword][0] or "distance"), nominal, limits, fit)
+            return StatedSize("", (), (), _named(entity[keyword][0]) or "distance", nominal, limits, fit)
         of = entity[keyword][-2:] if keyword.endswith("DATUM_FEATURE") else entity[keyword][:2]
-        return StatedSize("", *self._faces(of[0]), str(of[1] or "size"), nominal, limits, fit)
+        return StatedSize("", *self._faces(of[0]), _named(of[1]) or "size", nominal, limits, fit)
 
     def _limits(self, dimension: int) -> tuple[float | None, tuple[float, float] | None, str]:
         """Return a dimension's nominal value, its limits, mm, and its class of tolerance."""
@@ -206,7 +206,7 @@ class _Reader:
         stated = self.file[self.ranges[dimension]]
         if "LIMITS_AND_FITS" in stated:
             form, _, grade = stated["LIMITS_AND_FITS"][:3]
-            fit = f"{form or ''}{grade or ''}"
+            fit = f"{_named(form)}{_named(grade)}"
             return nominal, None if nominal is None else fit_limits_mm(fit, nominal), fit
         low, high = (self._length(bound) for bound in stated["TOLERANCE_VALUE"])
         return nominal, None if nominal is None else (nominal + low, nominal + high), ""
@@ -219,3 +219,8 @@ class _Reader:
         if mm is None:
             raise UnreadableFile(self.file.path, f"#{int(measure)} is no length")
         return float(value[1][0]) * mm
+
+
+def _named(value: Any) -> str:
+    """Return a name in one line that can be printed; "" where there is none."""
+    return "".join(c for c in " ".join(str(value or "").split()) if c.isprintable())
