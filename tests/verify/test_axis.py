@@ -8,6 +8,7 @@ import pytest
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.refinement import refine_pose
+from cadcam.report.verify.overlay import displacement_words
 from cadcam.report.verify.words import to_do
 from cadcam.verify.judge import verify_part
 from cadcam.verify.reasons import failed_words
@@ -42,12 +43,18 @@ def test_along_a_direction_a_zone_need_not_lie_about_the_place() -> None:
         Limit(Quantity.POSITION, (high - low) / 2, direction=way, middle=(high + low) / 2)
         for low, high, way, _ in zones
     ]
-    found = verified(drilled(A=(0.0, 0.6, 0.0)), limits, ABOVE, names=["A"]).judgements
+    verdict = verified(drilled(A=(0.0, 0.6, 0.0)), limits, ABOVE, names=["A"])
+    found = verdict.judgements
     assert [j.verdict for j in found] == [verdict for *_, verdict in zones]
     for j, (low, high, way, _) in zip(found, zones, strict=True):
         assert j.limit.bounds == pytest.approx((low, high))
         assert abs(j.deviation + j.limit.middle - 0.6 * way[1]) < 1.5 * j.U
     assert failed_words(found[1]).startswith("A is 0.6")
+    assert "limits -0.1 to 0.4 mm: FAIL" in str(found[1])
+    assert str(found[1]).startswith("A, position: 0.6")
+    assert verdict.inspection is not None
+    for one in (found[0], found[1]):  # from the place in the CAD, whatever the zone's middle
+        assert displacement_words(verdict.inspection.feature("A"), [one]).startswith("0.6")
     assert "off its place along y, limits -0.1 to 0.4 mm" in failed_words(found[1])
 
 

@@ -60,13 +60,8 @@ class Table:
         None, too, where the last column holds no sentences: its cells are no longer than the others'.
         """
         longest = [max(len(row[i]) for row in (self.columns, *self.rows)) for i in range(len(self.columns))]
-        wide = sum(longest) + 3 * len(longest) > width
-        if (
-            not self.rows
-            or not wide
-            or self.columns[-1] not in self.left
-            or longest[-1] <= max(longest[:-1], default=0)
-        ):
+        sentences = self.columns[-1] in self.left and longest[-1] > max(longest[:-1], default=0)
+        if not self.rows or not sentences or sum(longest) + 3 * len(longest) <= width:
             return None
         return Table(self.title, self.columns[:-1], tuple(row[:-1] for row in self.rows), self.left)
 

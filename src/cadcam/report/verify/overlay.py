@@ -250,7 +250,7 @@ def displacement_words(f: FeatureDeviation, judgements: Sequence[Judgement]) -> 
         return "missing"
     for j in judgements:
         if j.feature == f.name and j.limit.quantity is Quantity.POSITION and np.isfinite(j.U):
-            return _plus_minus(j.deviation, j.U)
+            return _plus_minus(j.deviation + j.limit.middle, j.U)
     return _plus_minus(f.size, 2 * f.sigma)
 
 

@@ -18,8 +18,8 @@ class Rims:
     """N places on visible edges as those of circles; zero at places of none.
 
     outward, along (N, 3): unit vectors from the axis, and along the circle; radius (N,) mm; inside (N,) mm: how far the
-    CAD's chord lies within the circle. lean: in its plane the circle is seen to move across itself, by 1 mm outward,
-    where it moves as far along itself.
+    CAD's chord lies within the circle. lean (N,): of the direction in the circle's plane that the photo shows exactly
+    across the edge, mm along the circle for each mm outward.
     """
 
     outward: Array

@@ -110,8 +110,9 @@ def overall(verdicts: Iterable[Verdict]) -> Verdict:
 class Judgement(Brief):
     """A limit of a feature, the measured value (mm; rad for angles; nan where nothing was measured), and the verdict.
 
-    reason: one line of text; remedy: where it could not be decided, what would help. str() has degrees for angles, as
-    the tolerance file; `limit.quantity.per_unit` is the factor from rad.
+    The value is told from the limit's middle, which for most limits is the CAD's own place or size. reason: one line of
+    text; remedy: where it could not be decided, what would help. str() has degrees for angles, as the tolerance file,
+    and tells the value from the CAD; `limit.quantity.per_unit` is the factor from rad.
     """
 
     feature: str
@@ -133,5 +134,7 @@ class Judgement(Brief):
         what = f"{self.feature}, {quantity.value.partition('_')[0]}"
         if quantity is Quantity.PRESENCE:
             return f"{what}: {self.verdict.value}"
-        value, U, limit = (x * quantity.per_unit for x in (self.deviation, self.U, self.limit.value))
-        return f"{what}: {value:.3g} +- {U:.2g} {quantity.unit}, limit {limit:g} {quantity.unit}: {self.verdict.value}"
+        off = self.deviation + self.limit.middle
+        value, U, low, high = (x * quantity.per_unit for x in (off, self.U, *self.limit.bounds))
+        limit = f"limits {low:g} to {high:g}" if self.limit.middle else f"limit {high:g}"
+        return f"{what}: {value:.3g} +- {U:.2g} {quantity.unit}, {limit} {quantity.unit}: {self.verdict.value}"
