@@ -19,6 +19,8 @@ from cadcam.verify.tolerances.drawing import drawing_template
 from cadcam.verify.tolerances.file import read_tolerances
 from cadcam.verify.tolerances.tolerance import Quantity, Selection, Tolerances
 
+from ..cad.drawn_plate import DrawnPlate
+
 pytest.importorskip("cascadio", reason='reading STEP needs the extra "step"')
 
 PLATE = Path(__file__).resolve().parents[2] / "models/drilled_plate.step"
@@ -126,6 +128,15 @@ def test_of_nist_s_test_cases_nothing_is_dropped_unsaid(
         assert not t.name or f"{t.name}: " in text
     for size in (s for s in pmi.sizes if s.limits_mm):
         assert "{:.6g} to {:.6g}".format(*size.limits_mm) in text
+
+
+def test_where_nothing_that_is_stated_can_be_judged_the_file_is_one_to_start_from(tmp_path: Path) -> None:
+    plate = DrawnPlate()
+    plate.tolerance("FLATNESS", "flat", 0.1, plate.aspect(plate.sides["top"]))
+    (tmp_path / "plate.step").write_text(plate.whole())
+    found, text = as_written(tmp_path / "plate.step", tmp_path)
+    assert [f.name for f in found.features] == ["rename me"]
+    assert "# Stated, but not judged here:\n#   flat: flatness 0.1 mm: " in text
 
 
 def test_the_command_line_writes_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

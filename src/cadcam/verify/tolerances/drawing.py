@@ -21,7 +21,7 @@ from cadcam.cad.pmi.stated import Pmi, StatedSize, StatedTolerance
 from cadcam.errors import UnknownName
 from cadcam.kinds import expect, expect_names
 from cadcam.render.view import Scene
-from cadcam.verify.tolerances.file import quoted
+from cadcam.verify.tolerances.file import quoted, template
 
 _PARALLEL = 1e-6  # of unit vectors
 _EQUAL = 1e-6  # of a zone's width, within which it lies equally about the face
@@ -62,7 +62,8 @@ def drawing_template(
 
     source: the file's name. letters: the system of datums, such as A, B, C; by default the one that most tolerances
     refer to: a tolerance file has one. seen: the feature chains that photos show, if there are photos; features without
-    any are left to a comment. Raises `UnknownName` for a system of datums that the file does not have.
+    any are left to a comment. Where nothing that is stated can be judged, the file is one to start from. Raises
+    `UnknownName` for a system of datums that the file does not have.
     """
     expect(scene, "scene", Scene)
     expect(pmi, "pmi", Pmi)
@@ -76,8 +77,10 @@ def drawing_template(
         "k: 2                    # coverage factor of U = k sigma",
         "rule: guard band        # ISO 14253-1; or: simple acceptance",
         *drawing.datum(),
-        "features:" if entries else "features: {}",
+        "features:",
     ]
+    if not entries:
+        lines = template(scene).splitlines()
     for entry in entries:
         lines += [f"  {quoted(entry.name)}:", *drawing.selected(entry.chains)]
         lines += [_commented(f"    {text}", comment) for text, comment in entry.lines]
