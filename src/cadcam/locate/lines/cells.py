@@ -101,6 +101,12 @@ class Cells:
         cells, sums = unsettled.settled(sight, at, where)
         return replace(cells, first=sums)
 
+    def with_twins_moved(self, by: Array) -> Cells:
+        """Return the same cells with the twins of all the samples moved, by (N, 2) px relative to them."""
+        twins = self.twins.copy()
+        twins[:, :, 0] += by[self.which]
+        return replace(self, twins=twins, first=None)
+
     @property
     def blur(self) -> float:
         """Return the blur (px) across the cells' lines, on average."""

@@ -18,7 +18,7 @@ from cadcam.image.profile import CANDIDATE_ROOM_PX, step_candidates
 from cadcam.locate.lines.sight import Sight
 from cadcam.verify.edges.shifts import CAPTURE_PX, NEAR_PX, best_shift, grown, supported
 from cadcam.verify.edges.sightlines import STEP_PX, Sightlines, pieces
-from cadcam.verify.edges.step_fit import NEIGHBOURS, ON_LINE_PX, fitted_steps, median, rims, robust_line, shift_of_rims
+from cadcam.verify.edges.step_fit import NEIGHBOURS, ON_LINE_PX, beside_guess, fitted_steps, median, rims, robust_line
 
 _SEARCH_ROOM_PX = 1.5  # room beside other lines needed to search for an edge
 _MOST = 6  # candidates per place
@@ -115,9 +115,10 @@ def associated(
     ought = np.ones(len(lines), bool) if ought is None else ought
     search = _Search(lines, found, body, ought, reach_px)
     coarse, shift, growth = search.with_rims(*search.assigned())
-    coarse = search.without_strays(coarse, np.full(len(lines), _COARSE_PX))
-    fitted = fitted_steps(lines, sights, body, coarse, shift, growth)
-    offset = search.without_strays(np.where(np.isfinite(coarse), fitted.offset, np.nan), fitted.sigma)
+    guess = np.einsum("ni,ni->n", lines.normal, shift) + growth
+    coarse = search.without_strays(coarse, guess, np.full(len(lines), _COARSE_PX))
+    fitted = fitted_steps(lines, sights, body, coarse, guess)
+    offset = search.without_strays(np.where(np.isfinite(coarse), fitted.offset, np.nan), guess, fitted.sigma)
     sigma = np.where(np.isfinite(offset), fitted.sigma, np.nan)
     return Association(coarse, offset, sigma, fitted.common, np.zeros(len(lines)), fitted.step, shift, growth)
 
@@ -185,10 +186,10 @@ class _Search:
                 coarse[rows] = nearest(free[rows], normal @ by + size)
         return coarse, shift, growth
 
-    def without_strays(self, offset: Array, sigma: Array) -> Array:
-        """Return offsets (N,) px with nan in place of `strays`; sigma (N,): of each."""
+    def without_strays(self, offset: Array, guess: Array, sigma: Array) -> Array:
+        """Return offsets (N,) px with nan in place of `strays` beside a guess (N,) px; sigma (N,): of each."""
         lines = self.lines
-        straight = offset - shift_of_rims(lines, np.where(self.body >= 0, offset, np.nan))
+        straight = offset - beside_guess(lines, np.where(self.body >= 0, offset, np.nan), guess)
         stray = strays(straight, sigma, lines.edge, lines.along, self.body >= 0, self.ought)
         return np.where(stray, np.nan, offset)
 

@@ -34,6 +34,7 @@ _TWIN_ERROR_PX, _TWIN_BLURS = 0.035, 3.5
 _ROW_ERROR_PX, _ROW_SPAN = 0.25 / np.sqrt(12.0), 0.5
 _ROWS = np.array([(1, 0), (0, 1), (1, 1), (1, -1), (1, 2), (2, 1), (1, -2), (2, -1)], float)  # across which 1, 2, ...
 _LEAST_STEP = 1e-3  # of brightness: fainter ones are no steps
+_LEVEL_PX = 0.1  # by which a guess changes at least along an edge that is bent, and displaced
 _ROUNDS, _EXACT_PX = 20, 1e-3  # of least absolute deviations, and what of them counts as none
 _TWIN_SHARE = 0.6  # least distance of twins in the photo, as a share of that in the model
 
@@ -52,47 +53,48 @@ class FittedSteps(NamedTuple):
     step: Array
 
 
-def fitted_steps(
-    lines: Sightlines, sights: Sequence[Sight], body: Longs, coarse: Array, shift: Array, growth: Array
-) -> FittedSteps:
+def fitted_steps(lines: Sightlines, sights: Sequence[Sight], body: Longs, coarse: Array, guess: Array) -> FittedSteps:
     """Return the steps fitted where each edge's coarse offsets (N,) px predict them.
 
-    Where an edge has none, its body's shift (N, 2) px, and by how much a rim is larger (N,) px, do. body (N,): number
-    of what moves as one.
+    guess (N,) px: where its body's shift has them. body (N,): number of what moves as one.
     """
-    along_edge = _expected(coarse, lines)
-    by_shift = np.einsum("ni,ni->n", lines.normal, shift) + growth
-    places = np.where(np.isfinite(along_edge), along_edge, by_shift)
-    distinct = _told_from_twins(lines, sights, body, along_edge)
-    closer = _expected(_measured(lines, sights, places, distinct).offset, lines)
-    return _measured(lines, sights, np.where(np.isfinite(closer), closer, places), distinct)
+    along_edge = _expected(coarse, guess, lines)
+    places = np.where(np.isfinite(along_edge), along_edge, guess)
+    distinct, twin = _told_from_twins(lines, sights, body, along_edge)
+    closer = _expected(_measured(lines, sights, places, distinct, twin).offset, places, lines)
+    return _measured(lines, sights, np.where(np.isfinite(closer), closer, places), distinct, twin)
 
 
-def _expected(coarse: Array, lines: Sightlines) -> Array:
-    """Return the offset (N,) px of the straight line through each edge's coarse offsets; nan for edges not seen.
+def _expected(coarse: Array, guess: Array, lines: Sightlines) -> Array:
+    """Return offsets (N,) px by each edge's coarse ones, which are on a straight line beside a guess (N,) px.
 
-    Of rims beside a shift's.
+    nan: of edges not seen.
     """
-    out, shifted = np.full(len(coarse), np.nan), shift_of_rims(lines, coarse)
+    beside = beside_guess(lines, coarse, guess)
+    out = np.full(len(coarse), np.nan)
     for e in np.unique(lines.edge[np.isfinite(coarse)]):
         rows = np.flatnonzero(lines.edge == e)
         have = rows[np.isfinite(coarse[rows])]
-        slope, level = robust_line(lines.along[have], coarse[have] - shifted[have])
-        out[rows] = level + slope * lines.along[rows] + shifted[rows]
+        slope, level = robust_line(lines.along[have], coarse[have] - beside[have])
+        out[rows] = level + slope * lines.along[rows] + beside[rows]
     return out
 
 
-def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array, distinct: Mask) -> FittedSteps:
+def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array, distinct: Mask, twin: Longs) -> FittedSteps:
     """Return the steps fitted to the pixels about the expected offsets (N,) px.
 
-    distinct (N,): places whose step cannot be confused with that of a line nearby, however little room they have.
+    distinct (N,): places whose step cannot be confused with that of a line nearby, however little room they have; twin
+    (N, 2): the places beside them, whose own steps are where they are expected.
     """
+    moved = expected[:, None] * lines.normal
+    apart = np.einsum("nki,ni->nk", moved[twin] - moved[:, None], lines.normal)
+    apart = np.where((twin >= 0) & distinct[:, None], apart, 0.0)
     offset, sigma, step = (np.full(len(lines), np.nan) for _ in range(3))
     common = np.zeros(len(lines))
     for i, sight in enumerate(sights):
         rows = lines.photo == i
         at = Projected(lines.q[rows], lines.normal[rows], np.zeros((int(rows.sum()), 6)))
-        cells = Cells.of(sight, at, CellSize(STEP_PX / 2, REACH_PX, ROOM_PX))
+        cells = Cells.of(sight, at, CellSize(STEP_PX / 2, REACH_PX, ROOM_PX)).with_twins_moved(apart[rows])
         found = measured_steps(sight, at, cells, expected[rows], as_lines=True)
         clear = (lines.room[rows] >= ROOM_PX + _APART * cells.blur) | distinct[rows]
         usable = found.usable & clear
@@ -134,14 +136,16 @@ def _along_rows(lines: Sightlines) -> Array:
     return out
 
 
-def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, expected: Array) -> Mask:
+def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, expected: Array) -> tuple[Mask, Longs]:
     """Return which places (N,) have parallel lines nearby, twins, and are distinguishable from all of them.
+
+    Also the places (N, 2) nearest to theirs on these twins, -1 where there is none.
 
     A twin on another body may be displaced; for twins of one body the fit knows their distance. Twins are distinguished
     where both are seen, each in a place of its own. expected (N,) px: where the steps are, nan for edges not seen.
     """
     there = lines.q + expected[:, None] * lines.normal
-    out = np.zeros(len(lines), bool)
+    out, beside = np.zeros(len(lines), bool), np.full((len(lines), 2), -1)
     for i, sight in enumerate(sights):
         rows = np.flatnonzero(lines.photo == i)
         certain = np.ones((len(rows), 2), bool)
@@ -149,11 +153,12 @@ def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, ex
             away = sight.samples.twins[:, side, 0]
             twin = np.flatnonzero(np.isfinite(away))
             mine, its = rows[twin], _places_at(lines, rows, rows[twin], away[twin])
+            beside[mine, side] = its
             found = np.einsum("ni,ni->n", there[its] - there[mine], lines.normal[mine])
             certain[twin, side] = (its >= 0) & (body[mine] == body[its]) & (found / away[twin] > _TWIN_SHARE)
         twins = np.isfinite(sight.samples.twins[:, :, 0])
         out[rows] = twins.any(axis=1) & certain.all(axis=1)
-    return out
+    return out, beside
 
 
 def _places_at(lines: Sightlines, among: Longs, rows: Longs, away: Array) -> Longs:
@@ -178,23 +183,41 @@ def rims(lines: Sightlines) -> Longs:
     return all_round(lines.edge[drawn], lines.normal[drawn])
 
 
-def shift_of_rims(lines: Sightlines, offset: Array) -> Array:
-    """Return what a shift of each rim explains of the offsets (N,) px, by least absolute deviations; 0 elsewhere.
+def beside_guess(lines: Sightlines, offset: Array, guess: Array) -> Array:
+    """Return about which values (N,) px an edge's offsets (N,) px, nan: unknown, lie on a straight line.
 
-    A displaced rim's offsets run up and down along it: half of them would be strays from a straight line. nan: unknown.
+    The offsets of a bent edge that is displaced run up and down along it, as a guess (N,) px does: from a straight line
+    half of them would be strays. Of a rim that is larger, they do not. What shows all round is compared with the shift
+    that explains most of it, by least absolute deviations.
     """
-    out = np.zeros(len(lines))
-    known = np.isfinite(offset)
-    for e in np.intersect1d(all_round(lines.edge[known], lines.normal[known]), rims(lines)):
-        rows = lines.edge == e
-        have = rows & known
-        X, y = np.column_stack([lines.normal[have], np.ones(have.sum())]), offset[have]
-        weight = np.ones(len(y))
-        for _ in range(_ROUNDS):
-            shift = np.linalg.lstsq(X * weight[:, None], y * weight, rcond=None)[0]
-            weight = 1 / np.sqrt(np.maximum(np.abs(y - X @ shift), _EXACT_PX))
-        out[rows] = lines.normal[rows] @ shift[:2]
+    out, known = np.zeros(len(lines)), np.isfinite(offset)
+    round_ = np.intersect1d(all_round(lines.edge[known], lines.normal[known]), rims(lines))
+    for e in np.unique(lines.edge[known]):
+        rows = np.flatnonzero(lines.edge == e)
+        have = rows[known[rows]]
+        if e in round_:
+            out[rows] = lines.normal[rows] @ _shift(lines.normal[have], offset[have])
+        elif np.ptp(guess[rows]) > _LEVEL_PX:
+            along, plain = lines.along[have], offset[have]
+            if _off_line(along, plain - guess[have]) < _off_line(along, plain):
+                out[rows] = guess[rows]
     return out
+
+
+def _shift(normal: Array, offset: Array) -> Array:
+    """Return the shift (2,) px, beside a growth, that explains most offsets (n,) px along normals (n, 2)."""
+    X = np.column_stack([normal, np.ones(len(normal))])
+    shift, weight = np.zeros(3), np.ones(len(normal))
+    for _ in range(_ROUNDS):
+        shift = np.linalg.lstsq(X * weight[:, None], offset * weight, rcond=None)[0]
+        weight = 1 / np.sqrt(np.maximum(np.abs(offset - X @ shift), _EXACT_PX))
+    return np.asarray(shift[:2])
+
+
+def _off_line(t: Array, y: Array) -> float:
+    """Return how far y(t) is off its robust line, in the mean."""
+    slope, level = robust_line(t, y)
+    return float(np.abs(y - level - slope * t).mean())
 
 
 def robust_line(t: Array, y: Array) -> tuple[float, float]:
