@@ -77,6 +77,41 @@ def test_a_zone_that_lies_outside_its_face_has_both_its_limits(tmp_path: Path) -
     assert "# back: surface profile 0.5 mm to A B C, 0.5 mm of it outside\n" in text
 
 
+def test_a_distance_is_between_the_features_that_are_judged_otherwise(tmp_path: Path) -> None:
+    found, text = as_written(PLATE, tmp_path)
+    (distance,) = found.distances
+    assert (distance.name, distance.between) == ("distance 30 mm", ("hole 20 mm no 1", "hole 20 mm no 2"))
+    assert distance.limit.bounds == pytest.approx((-0.2, 0.2))
+    assert distance.limit.direction is None
+    assert found.spacing(distance, scene(PLATE)).mm == pytest.approx(30.0, abs=1e-4)
+    assert "# 29.8 to 30.2 mm\n" in text
+
+
+def test_distances_between_faces_and_along_an_axis_have_their_direction(tmp_path: Path) -> None:
+    """To the left side from a hole, from side to side, of two holes along y; and one that the CAD does not have."""
+    plate = DrawnPlate()
+    sides, holes = plate.sides, plate.halves
+    plate.distance(45.0, 44.9, 45.1, holes["left"][0], sides["left"])
+    plate.distance(120.0, 119.5, 120.0, sides["left"], sides["right"])
+    plate.distance(35.0, 34.9, 35.2, holes["left"][0], holes["small"][1])
+    plate.distance(36.0, 35.9, 36.2, holes["left"][0], holes["small"][1])
+    plate.distance(10.0, 9.9, 10.1, holes["left"][0], sides["top"])  # it is along the hole's axis
+    (tmp_path / "plate.step").write_text(plate.whole())
+    found, text = as_written(tmp_path / "plate.step", tmp_path)
+    found.check(scene(tmp_path / "plate.step"))
+    assert [f.name for f in found.features] == ["hole 20 mm", "face no 1", "face no 2", "hole 12 mm"]
+    assert not any(f.limits for f in found.features)
+    to_side, across, along_y = found.distances
+    assert to_side.between == ("hole 20 mm", "face no 1")
+    assert across.limit.bounds == pytest.approx((-0.5, 0.0))
+    for distance, way, mm in ((to_side, [1, 0, 0], 45), (across, [1, 0, 0], 120), (along_y, [0, 1, 0], 35)):
+        spacing = found.spacing(distance, scene(tmp_path / "plate.step"))
+        np.testing.assert_allclose(np.abs(spacing.way), way, atol=_EPS)
+        assert spacing.mm == pytest.approx(mm, abs=1e-4)
+    for said in ("36 mm (35.9 to 36.2)", "10 mm (9.9 to 10.1)"):
+        assert f"#   linear distance {said}: it is not between holes, pins or parallel faces" in text
+
+
 def test_the_datum_is_the_way_round_its_plane_and_the_rims_of_its_holes(tmp_path: Path) -> None:
     found, _ = as_written(PLATE, tmp_path)
     places = [middle(selection, scene(PLATE)) for selection in found.datum]
@@ -90,7 +125,6 @@ def test_what_is_not_judged_is_told_with_why(tmp_path: Path) -> None:
     assert [line.rpartition(": ")[0].lstrip("# ") for line in comments[:-1]] == [
         "flat: flatness 0.1 mm",
         "upright: perpendicularity 0.2 mm diameter to A",
-        "linear distance 30 mm (29.8 to 30.2)",
     ]
     assert all(len(line.rpartition(": ")[2]) > 20 for line in comments[:-1])
     assert comments[-1] == "#   angle"

@@ -21,6 +21,7 @@ from cadcam.verify.adjustment.datum_fit import Estimate, shares_of
 from cadcam.verify.bodies.stages import Stages, untold
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
 from cadcam.verify.deviations.measured import DISAGREE, SEEN_PX, MeasuredEdges
+from cadcam.verify.distances import judged_distance
 from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
 from cadcam.verify.reasons import (
     ANOTHER_VIEW,
@@ -32,6 +33,7 @@ from cadcam.verify.reasons import (
     not_found,
     summary,
     unjudged,
+    unmeasured,
     vector_words,
     with_remedy,
 )
@@ -100,6 +102,7 @@ def verify_part(
         return _nothing(seen.reason, tolerances, located, seen)
     seen = _in_agreement(seen, kept, disputed=located.disputed)
     judgements = tuple(j for f in tolerances.features for j in judged(f, seen))
+    judgements += tuple(judged_distance(d, tolerances, part.scene, seen) for d in tolerances.distances)
     verdict = overall(j.verdict for j in judgements)
     beside = [] if judgements else [said for said in [unjudged(seen.features)] if said]
     open_ = verdict is Verdict.UNDECIDED or not judgements
@@ -136,14 +139,9 @@ def judged(feature: Feature, seen: Inspection) -> list[Judgement]:
 def _judgement(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
     if limit.quantity is Quantity.PRESENCE:
         return _presence(name, limit, found, seen)
-    unclear = (found.why.value, found.why.remedy) if found.why else ("its edges do not tell where it is", ANOTHER_VIEW)
-    without = {
-        State.MISSING: (Verdict.NOT_FOUND, "it is missing: nothing of it to measure", ""),
-        State.OUT_OF_VIEW: (Verdict.UNDECIDED, "not in view", IN_VIEW),
-        State.UNCLEAR: (Verdict.UNDECIDED, *unclear),
-    }
-    if found.state in without:
-        verdict, reason, remedy = without[found.state]
+    without = unmeasured(found)
+    if without is not None:
+        verdict, reason, remedy = without
         return Judgement(name, limit, _NAN, _NAN, verdict, reason, remedy)
     return _QUANTITIES[limit.quantity](name, limit, found, seen)
 
@@ -332,10 +330,10 @@ def together(k: float, n: int) -> float:
 
 
 def _nothing(reason: str, tolerances: Tolerances, located: Location, seen: Inspection | None) -> Verification:
+    limits = [(f.name, limit) for f in tolerances.features for limit in f.limits]
+    limits += [(d.name, d.limit) for d in tolerances.distances]
     judgements = tuple(
-        Judgement(f.name, limit, _NAN, _NAN, Verdict.NOT_FOUND, "the part was not found")
-        for f in tolerances.features
-        for limit in f.limits
+        Judgement(name, limit, _NAN, _NAN, Verdict.NOT_FOUND, "the part was not found") for name, limit in limits
     )
     return Verification(Verdict.NOT_FOUND, reason, judgements, seen, tolerances, located)
 

@@ -14,7 +14,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.search.lying import OFF_PLANE
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
-from cadcam.verify.tolerances.tolerance import Limit, Quantity, Rule
+from cadcam.verify.tolerances.tolerance import SIGNED, Limit, Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
 ANOTHER_VIEW, IN_VIEW = "take another view", "take a photo that shows it"
@@ -109,6 +109,17 @@ def not_found(located: Location, photos: Sequence[Photo]) -> str:
     return f"the part was not found: {'; '.join([why, *(faults or [ask])])}"
 
 
+def unmeasured(found: FeatureDeviation) -> tuple[Verdict, str, str] | None:
+    """Return verdict, reason and remedy for whatever is asked of a feature that was not measured; None: it was."""
+    unclear = (found.why.value, found.why.remedy) if found.why else ("its edges do not tell where it is", ANOTHER_VIEW)
+    without = {
+        State.MISSING: (Verdict.NOT_FOUND, "it is missing: nothing of it to measure", ""),
+        State.OUT_OF_VIEW: (Verdict.UNDECIDED, "not in view", IN_VIEW),
+        State.UNCLEAR: (Verdict.UNDECIDED, *unclear),
+    }
+    return without.get(found.state)
+
+
 def failed_words(j: Judgement) -> str:
     """Return in words what is wrong with a feature that failed."""
     return f"{j.feature} is missing" if j.limit.quantity is Quantity.PRESENCE else _off(j)
@@ -125,9 +136,14 @@ def direction_words(v: Sequence[float] | np.typing.NDArray[np.float64]) -> str:
 
 def diameter_words(growth: float, limit: Limit, radii: np.typing.NDArray[np.float64]) -> str:
     """Return the diameter measured, given its growth (mm), and those allowed; of several circles the largest's."""
-    largest, decimals = 2 * float(radii[-1]), max(decimals_of(limit), 2)
-    measured, low, high = (f"{largest + x:.{decimals}f}".rstrip("0").rstrip(".") for x in (growth, *limit.bounds))
     of = " of its largest circle" if radii[-1] - radii[0] > 1e-3 * radii[-1] else ""
+    return length_words(2 * float(radii[-1]), growth, limit, of=of)
+
+
+def length_words(nominal: float, deviation: float, limit: Limit, *, of: str = "") -> str:
+    """Return the length measured, given the CAD's and the deviation from it (mm), and those allowed; of: what it is."""
+    decimals = max(decimals_of(limit), 2)
+    measured, low, high = (f"{nominal + x:.{decimals}f}".rstrip("0").rstrip(".") for x in (deviation, *limit.bounds))
     return f"{measured} mm measured{of}, {low} to {high} mm allowed"
 
 
@@ -183,9 +199,10 @@ def _off(j: Judgement) -> str:
     value = f"{_number(j, off)} +- {_size(j, j.U)}"
     if j.limit.quantity is Quantity.ANGLE:
         return f"{j.feature} is turned by {value}, {limit}"
-    if j.limit.quantity is Quantity.DIAMETER:
-        size = f"{_number(j, abs(off))} +- {_size(j, j.U)}"
-        return f"{j.feature}'s diameter is {size} {'larger' if off > 0 else 'smaller'} than in the CAD, {limit}"
+    if j.limit.quantity in SIGNED:
+        size, more = f"{_number(j, abs(off))} +- {_size(j, j.U)}", "larger" if off > 0 else "smaller"
+        what = f"{j.feature}'s diameter" if j.limit.quantity is Quantity.DIAMETER else j.feature
+        return f"{what} is {size} {more} than in the CAD, {limit}"
     what = "has a piece of edge" if j.limit.quantity is Quantity.PROFILE else "is"
     return f"{j.feature} {what} {value} off its place{way_words(j.limit)}, {limit}"
 

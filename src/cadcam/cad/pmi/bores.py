@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief
+from cadcam.arrays import Array, Brief, significant
 from cadcam.cad.pmi.faces import Curve, StepFace
 from cadcam.cad.pmi.stated import Stated
 
@@ -27,6 +27,11 @@ class Bore(Brief):
     kind: str
     rims: tuple[Curve, ...]
     curves: frozenset[int] = frozenset()  # by number, of its faces: two cylinders that share one are one bore
+
+    @property
+    def name(self) -> str:
+        """Return what it is, with its diameter."""
+        return f"{self.kind} {length_words(2 * self.radius)} mm"
 
     def alike(self, other: Bore) -> bool:
         """Return whether another one is the same, or a piece of it: half a cylinder, say."""
@@ -56,6 +61,11 @@ def bores_of(stated: Stated) -> list[Bore]:
             piece = bore.joined(piece)
         out.append(piece)
     return out
+
+
+def length_words(mm: float) -> str:
+    """Return a length without the digits that a conversion of units leaves."""
+    return significant(round(mm, 6) + 0.0, 6)
 
 
 def _pieces(stated: Stated) -> Iterator[Bore]:

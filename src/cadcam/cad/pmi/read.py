@@ -15,7 +15,7 @@ from cadcam.cad.formats.step_unit import declared_unit, length_unit_mm
 from cadcam.cad.pmi.exchange import Entity, Enumerated, Exchange, Parameters, Ref
 from cadcam.cad.pmi.faces import Curve, StepFace, curve_of, face_of
 from cadcam.cad.pmi.fits import fit_limits_mm
-from cadcam.cad.pmi.stated import Pmi, StatedDatum, StatedSize, StatedTolerance
+from cadcam.cad.pmi.stated import Pmi, Stated, StatedDatum, StatedSize, StatedTolerance
 from cadcam.errors import CadcamError, UnreadableFile
 from cadcam.kinds import expect_path
 
@@ -186,7 +186,9 @@ class _Reader:
         nominal, limits, fit = self._limits(number)
         keyword = next(k for k in (*_SIZES, *_DISTANCES) if k in entity)
         if keyword in _DISTANCES:
-            return StatedSize("", (), (), _named(entity[keyword][0]) or "distance", nominal, limits, fit)
+            kind, _, of, to = entity[keyword][:4]
+            limited = _named(kind) or "distance", nominal, limits, fit
+            return StatedSize("", *self._faces(of), *limited, Stated("", *self._faces(to)))
         of = entity[keyword][-2:] if keyword.endswith("DATUM_FEATURE") else entity[keyword][:2]
         return StatedSize("", *self._faces(of[0]), _named(of[1]) or "size", nominal, limits, fit)
 

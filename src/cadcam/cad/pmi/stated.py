@@ -45,14 +45,15 @@ class StatedTolerance(Stated):
 class StatedSize(Stated):
     """A size or a distance: "diameter", "thickness", "linear distance" ..., nominal and limits in mm.
 
-    None where the file does not state them. fit: the tolerance class of ISO 286 (H7) where limits are stated so. Of a
-    distance the faces between which it is are not kept.
+    None where the file does not state them. fit: the tolerance class of ISO 286 (H7) where limits are stated so. other:
+    what a distance is to; None of a size.
     """
 
     kind: str
     nominal_mm: float | None
     limits_mm: tuple[float, float] | None
     fit: str = ""
+    other: Stated | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

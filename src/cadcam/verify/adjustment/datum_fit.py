@@ -106,13 +106,16 @@ class Adjustment:
     def _normals(self) -> Normals:
         return Normals.of(self.sums_of(self.datum).normal(self.errors.tau)) if self.known is None else self.known
 
-    def pose(self, *, without: Mask | None = None) -> FittedPose:
+    def pose(self, *, without: Mask | None = None, within_px: float = np.inf) -> FittedPose:
         """Return the motion xi fitted to the datum's offsets, without the whole edges of the places `without` (N,).
 
-        Raises `DegenerateGeometry` where the others do not determine the pose.
+        within_px: by how much any motion moves the lines at most, before the measurement, 1 sigma. Raises
+        `DegenerateGeometry` where the others do not determine the pose.
         """
         F, k = self.freedom, self.freedom.shape[1]
         normal = self._normals.total(None if without is None else self.errors.edge[without])
+        if np.isfinite(within_px):
+            normal[:, :k] += np.diag(((self.J @ F) ** 2).mean(axis=0)) / within_px**2
         inverse = _inverse(normal[:, :k], F)
         solution = inverse @ normal[:, k:]
         return FittedPose(F @ solution[:, 0], F @ inverse @ F.T, F @ solution[:, 1:])
@@ -129,14 +132,17 @@ class Adjustment:
         *,
         prior: float = np.inf,
         enlarged: bool = False,
+        shared: bool = False,
     ) -> Estimate:
         """Return the estimate of u by the offsets of `rows` (N,), of design (n, m) px, against a pose without them.
 
         prior: standard deviation of u before the measurement. enlarged: where the edges disagree on u by more than
-        their errors, these are scaled up accordingly (R. T. Birge, Phys. Rev. 40, 1932).
+        their errors, these are scaled up accordingly (R. T. Birge, Phys. Rev. 40, 1932). shared: whether offsets are
+        weighed by the errors that they share, the pose's and the cameras', as well: what moves all of them is no u.
         """
         errors = self.errors.of_rows(rows)
-        WG = errors.white(design)
+        K = self._shared(rows, pose) if shared else np.zeros((int(rows.sum()), 0))
+        WG = _white(errors, K, design)
         N, known = design.T @ WG, np.eye(design.shape[1]) / prior**2
         H = np.asarray(np.linalg.pinv(N + known, rcond=_BLIND, hermitian=True) @ WG.T)
         HJ = H @ self.J[rows]
@@ -145,7 +151,7 @@ class Adjustment:
         value, noise = H @ self.offset[rows] - HJ @ pose.xi, (H * errors.sigma**2) @ H.T
         common = Q @ Q.T + (H * errors.apart**2) @ H.T
         left = self.offset[rows] - design @ value - self.J[rows] @ pose.xi
-        misfit = _misfit(errors, left, fitted=design.shape[1])
+        misfit = _misfit(errors, K, left, fitted=design.shape[1])
         if enlarged:
             common = common + max(misfit - 1.0, 0.0) * (noise + common)
         if np.isfinite(prior):
@@ -174,13 +180,16 @@ class Adjustment:
 
         As if u were drawn with the standard deviation `prior`; the pose's errors are part of theirs.
         """
-        errors, J = self.errors.of_rows(rows), self.J[rows]
-        w, V = np.linalg.eigh(pose.covariance)
-        K = np.column_stack([J @ V * np.sqrt(np.maximum(w, 0.0)), self.C[rows] - J @ pose.by_cause])
-        y = self.offset[rows] - J @ pose.xi
-        W = _white(errors, K, np.column_stack([design, y]))
+        y = self.offset[rows] - self.J[rows] @ pose.xi
+        W = _white(self.errors.of_rows(rows), self._shared(rows, pose), np.column_stack([design, y]))
         N, b = np.eye(design.shape[1]) + prior**2 * design.T @ W[:, :-1], design.T @ W[:, -1]
         return float(y @ W[:, -1] - prior**2 * b @ np.linalg.solve(N, b) + np.linalg.slogdet(N)[1])
+
+    def _shared(self, rows: Mask, pose: FittedPose) -> Array:
+        """Return K (n, q): how far px the errors of the pose and of the cameras, 1 sigma each, move these places."""
+        w, V = np.linalg.eigh(pose.covariance)
+        by_pose = self.J[rows] @ V * np.sqrt(np.maximum(w, 0.0))
+        return np.column_stack([by_pose, self.C[rows] - self.J[rows] @ pose.by_cause])
 
 
 def _white(errors: EdgeNoise, K: Array, X: Array) -> Array:
@@ -192,9 +201,9 @@ def _white(errors: EdgeNoise, K: Array, X: Array) -> Array:
     return np.asarray(WX - WK @ np.linalg.solve(np.eye(K.shape[1]) + K.T @ WK, K.T @ WX))
 
 
-def _misfit(errors: EdgeNoise, left: Array, *, fitted: int) -> float:
+def _misfit(errors: EdgeNoise, K: Array, left: Array, *, fitted: int) -> float:
     """Return chi-square over degrees of freedom of edges as wholes, without the scatter along them; 1 for none."""
-    total = float(left @ errors.white(left[:, None])[:, 0])
+    total = float(left @ _white(errors, K, left[:, None])[:, 0])
     within, lines = errors.about_lines(left)
     dof = lines - fitted
     return (total - within) / dof if dof > 0 else 1.0

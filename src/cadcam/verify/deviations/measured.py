@@ -24,7 +24,7 @@ UNSEEN_PX = 4.0  # prior sd, in px, of a displacement in directions not seen, an
 # The same by which a displaced body's turn moves its rim. It is as large as those that matter: if larger turns are
 # expected, one that is seen but small looks less probable than a shift with edges that err.
 _TURNED_PX = 1.0
-_OPEN_PX = 1e3  # the same of what is wholly unknown
+OPEN_PX = 1e3  # the same of what is wholly unknown
 _USUAL_PX = 0.01  # common error of an edge in most photos
 DISAGREE = 9.0  # misfit from which edges contradict a common displacement
 _BLIND = 1e-9  # information on a rotation, relative to the largest, that counts as none
@@ -198,8 +198,8 @@ class MeasuredEdges:
         if not grown.shape[1]:
             in_place = self.adjustment.estimate(rows, shown, pose)
             return tail_probability(in_place.value, in_place.covariance, self.dof)
-        mm = self._unseen_mm(rows)  # of its size nothing is said: it may be another, as if that were unseen
-        shift = _OPEN_PX / UNSEEN_PX * mm * np.eye(basis.shape[1])
+        mm = self.unseen_mm(rows)  # of its size nothing is said: it may be another, as if that were unseen
+        shift = OPEN_PX / UNSEEN_PX * mm * np.eye(basis.shape[1])
         in_place = self.adjustment.estimate(rows, np.column_stack([shown @ shift, mm * grown]), pose, prior=1.0)
         in_place = in_place.along(np.eye(*np.add(basis.shape[1], (0, 1))))
         return tail_probability(in_place.value, in_place.covariance, self.dof)
@@ -218,16 +218,16 @@ class MeasuredEdges:
 
         It allows for feet that need not follow, for a turn, and for another size of circles whose diameter is asked.
         """
-        body, mm = self._body(rows), self._unseen_mm(rows)
+        body, mm = self.body_lines(rows), self.unseen_mm(rows)
         rim = float(np.linalg.norm(body.arms, axis=1).max())
         turns = _TURNED_PX / UNSEEN_PX * mm / rim * np.eye(3) if rim > 0 else np.zeros((3, 0))
         found, misfit = following(self.adjustment, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
         if body.grows.any():
-            straight = self._straightened(self.adjustment, rows, basis @ found.value[: basis.shape[1]])
+            straight = self.straightened(self.adjustment, rows, basis @ found.value[: basis.shape[1]])
             found, misfit = following(straight, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
         return found.along(np.eye(basis.shape[1], len(found.value))), misfit
 
-    def _straightened(self, adjustment: Adjustment, rows: Mask, moved: Array) -> Adjustment:
+    def straightened(self, adjustment: Adjustment, rows: Mask, moved: Array) -> Adjustment:
         """Return offsets as circles at these places, displaced by (3,) mm, would have them if they were their tangents.
 
         That is what the adjustment takes them for: a hole 6 px off otherwise looks too small.
@@ -236,7 +236,8 @@ class MeasuredEdges:
         offset[rows] -= self.rims.select(rows).beyond_tangents(self.lines.by_point[rows], moved)
         return replace(adjustment, offset=offset)
 
-    def _body(self, rows: Mask) -> BodyLines:
+    def body_lines(self, rows: Mask) -> BodyLines:
+        """Return how these places move with the body that they are all of."""
         moves = self.lines.by_point[rows], self.lever[rows], self.ground[rows]
         return BodyLines(*moves, self.lines.p[rows], self._growth(rows))
 
@@ -266,7 +267,7 @@ class MeasuredEdges:
         sure = int((w < (SEEN_PX * float(np.median(self.lines.mm_per_px[rows]))) ** 2).sum())
         return np.asarray(V[:, : max(sure, 1)]), sure > 0
 
-    def _unseen_mm(self, rows: Mask) -> float:
+    def unseen_mm(self, rows: Mask) -> float:
         """Return the standard deviation (mm) of a displacement that photos do not show."""
         return UNSEEN_PX * float(np.median(self.lines.mm_per_px[rows]))
 
@@ -278,7 +279,7 @@ class MeasuredEdges:
         """
         its = self.body == body
         rows = self.adjustment.datum | its | (self.mate == body)
-        mm = self._unseen_mm(rows)
+        mm = self.unseen_mm(rows)
         slid = np.where(its | (self.mate == body), np.abs(self.lever) * mm, 0.0)[rows]
         K = np.where(its[:, None], self.lines.by_point * mm, 0.0)[rows]
         noise = self.adjustment.errors.of_rows(rows).with_more(slid)
@@ -322,7 +323,7 @@ class MeasuredEdges:
 
     def _levers(self, rows: Mask, about: Array) -> Array:
         """Return how far (N, n), px/rad, places move across their edges in turns about axes (3, n) in their middle."""
-        body = self._body(rows)
+        body = self.body_lines(rows)
         motions = body.motions(np.zeros((3, 0)), about, 0.0)[:, : about.shape[1]]
         return body.moved_by(motions, np.zeros(len(body.p), bool))
 
@@ -333,14 +334,14 @@ class MeasuredEdges:
         much may it be shifted along other directions. A tilted body looks turned by a few edges: a plate that tips over
         its long edge, say.
         """
-        shown, other = self.lines.by_point[rows] @ basis, UNSEEN_PX if self.eye is not None else _OPEN_PX
-        shifts = [basis * _OPEN_PX / np.abs(shown).max(axis=0), _perpendicular(basis) * self._unseen_mm(rows)]
+        shown, other = self.lines.by_point[rows] @ basis, UNSEEN_PX if self.eye is not None else OPEN_PX
+        shifts = [basis * OPEN_PX / np.abs(shown).max(axis=0), _perpendicular(basis) * self.unseen_mm(rows)]
         turns = [
             axes * px / np.maximum(np.abs(self._levers(rows, axes)).max(axis=0), 1e-300)
-            for axes, px in ((about, _OPEN_PX), (beside, other))
+            for axes, px in ((about, OPEN_PX), (beside, other))
         ]
-        body, one_photo = self._body(rows), self.eye is not None
-        motions = body.motions(np.column_stack(shifts), np.column_stack(turns), self._unseen_mm(rows))
+        body, one_photo = self.body_lines(rows), self.eye is not None
+        motions = body.motions(np.column_stack(shifts), np.column_stack(turns), self.unseen_mm(rows))
         found = turning(self.adjustment, rows, body, pose, motions=motions, upright=one_photo)
         return found.along(about.T @ motions[3:6])
 
@@ -351,18 +352,18 @@ class MeasuredEdges:
         The feature may be displaced as well, by one photo across its axis alone, and turned by a few px. None: its
         edges do not show it.
         """
-        pose, body = self.pose_without(rows), self._body(rows)
+        pose, body = self.pose_without(rows), self.body_lines(rows)
         if pose is None or not body.grows.any():
             return None
-        mm, across = self._unseen_mm(rows), np.stack(axes_across(axis), axis=1)
+        mm, across = self.unseen_mm(rows), np.stack(axes_across(axis), axis=1)
         levers = np.abs(self._levers(rows, across)).max(axis=0)
         turns = across * UNSEEN_PX / np.maximum(levers, 1e-300)
-        open_mm = _OPEN_PX / UNSEEN_PX * mm
+        open_mm = OPEN_PX / UNSEEN_PX * mm
         motions = body.motions(mm * (np.eye(3) if self.eye is None else across), turns, open_mm)
         inside = self.rims.inside * self.rims.growth(self.lines.by_point)
         circles = replace(self.adjustment, offset=self.adjustment.offset - inside)
         found = turning(circles, rows, body, pose, motions=motions, upright=False, enlarged=True)
-        straight = self._straightened(circles, rows, motions[:3] @ found.value)
+        straight = self.straightened(circles, rows, motions[:3] @ found.value)
         found = turning(straight, rows, body, pose, motions=motions, upright=False, enlarged=True)
         by_motion = body.moved_by(motions, np.zeros(len(body.p), bool)) @ found.value
         left = straight.offset[rows] - self.adjustment.J[rows] @ pose.xi - by_motion

@@ -43,7 +43,7 @@ class Survey:
     place as a foot (`Feet`), with mate a body; ought (N,): whether the light gives its edge contrast; evidence: of all
     edges, seen or not; by (P, 3) mm: where the bodies were drawn, from their places in the CAD; shown: what the part
     shows in each photo; sights: each photo's, whose samples are the places; reach_px: how far from its lines edges were
-    searched for; circles: of each feature those whose diameter is asked.
+    searched for; circles: of each feature those whose size counts (`Tolerances.circles`).
     """
 
     lines: Sightlines
@@ -187,7 +187,7 @@ def surveyed(
         shown=tuple(shown),
         sights=tuple(sights),
         reach_px=reach_px,
-        circles=tuple(f.circles(part.scene, by) for f in asked.features),
+        circles=asked.circles(part.scene, by),
     )
 
 
@@ -238,7 +238,7 @@ def _datum(scene: Scene, lines: Sightlines, asked: Tolerances) -> Mask:
         return np.asarray(np.any([_held(scene, lines, chosen) for chosen in asked.datum], axis=0))
     if asked.judge_every_part(scene.mesh.part_names):
         return np.ones(len(lines), bool)
-    judged = [_held(scene, lines, f.selection) for f in asked.features if f.limits]
+    judged = [_held(scene, lines, f.selection) for f in asked.judged]
     return ~np.any(judged, axis=0) if judged else np.ones(len(lines), bool)
 
 

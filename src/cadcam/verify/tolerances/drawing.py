@@ -9,18 +9,19 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, significant
-from cadcam.cad.pmi.bores import Bore, bores_of
+from cadcam.arrays import Array
+from cadcam.cad.pmi.bores import Bore, bores_of, length_words
 from cadcam.cad.pmi.chains import chains_of
 from cadcam.cad.pmi.faces import Curve, StepFace
 from cadcam.cad.pmi.stated import Pmi, StatedSize, StatedTolerance
 from cadcam.errors import UnknownName
 from cadcam.kinds import expect, expect_names
 from cadcam.render.view import Scene
+from cadcam.verify.tolerances.drawing_distance import ends_of
 from cadcam.verify.tolerances.file import quoted, template
 
 _PARALLEL = 1e-6  # of unit vectors
@@ -34,16 +35,26 @@ _WHY = {
     **dict.fromkeys(("angularity", "parallelism", "perpendicularity"), _TURN),
     **dict.fromkeys(("circular runout", "total runout"), _RUN),
 }
+_ROUND = ("hole", "pin", "rim")  # kinds of bores
 _NO_EDGES = "what it is about has no edges in the model"
 
 
 @dataclass(frozen=True)
 class _Entry:
-    """A feature as it will be written: a name, its edges, and lines of text, each with a comment."""
+    """A feature as it will be written: a name, its edges, and lines of text, each with a comment.
+
+    Without lines it is the end of a distance only; of a distance `ends` are the two features that it is between.
+    """
 
     name: str
     chains: tuple[int, ...]
-    lines: tuple[tuple[str, str], ...]
+    lines: tuple[tuple[str, str], ...] = ()
+    ends: tuple[_Entry, ...] = ()
+
+    def within(self, other: _Entry) -> bool:
+        """Return whether it is another one, or a piece of its hole: half a cylinder, say."""
+        mine, its = set(self.chains), set(other.chains)
+        return mine == its or (mine < its and other.name.startswith(_ROUND))
 
 
 @dataclass
@@ -68,8 +79,10 @@ def drawing_template(
     expect(scene, "scene", Scene)
     expect(pmi, "pmi", Pmi)
     drawing = _Drawing(scene, pmi, expect_names(letters, "letters"))
-    every = _numbered([*drawing.bores(), *drawing.planes()])
+    every, spaced = _assembled([*drawing.bores(), *drawing.planes()], [*drawing.distances()])
     entries = [entry for entry in every if seen is None or not set(seen).isdisjoint(entry.chains)]
+    distances = [one for one in spaced if all(end in entries for end in one.ends)]
+    entries = [entry for entry in entries if entry.lines or any(entry in one.ends for one in distances)]
     lines = [
         f"# Tolerances that {source} states, for `cadcam verify`: mm and degrees, in the part's own axes.",
         "# Limits are half of a zone's width or diameter. To see which edges have these numbers (chains):",
@@ -84,7 +97,12 @@ def drawing_template(
     for entry in entries:
         lines += [f"  {quoted(entry.name)}:", *drawing.selected(entry.chains)]
         lines += [_commented(f"    {text}", comment) for text, comment in entry.lines]
-    beside = [f"{e.name}: not in view" for e in every if e not in entries] + drawing.unjudged()
+    lines += ["distances:"] if distances else []
+    for one in distances:
+        lines += [f"  {quoted(one.name)}:", f"    between: [{', '.join(quoted(end.name) for end in one.ends)}]"]
+        lines += [_commented(f"    {text}", comment) for text, comment in one.lines]
+    unseen = [e for e in every if e.lines and e not in entries] + [one for one in spaced if one not in distances]
+    beside = [f"{e.name}: not in view" for e in unseen] + drawing.unjudged()
     lines += ["# Stated, but not judged here:"] if beside else []
     return "\n".join([*lines, *(f"#   {said}" for said in beside)]) + "\n"
 
@@ -101,7 +119,8 @@ class _Drawing:
         if letters and tuple(letters) not in systems:
             raise UnknownName("datum system", " ".join(letters), [" ".join(system) for system in systems])
         self.letters = tuple(letters) or max(systems, key=lambda s: (systems[s], len(s)), default=())
-        stated = (*pmi.tolerances, *pmi.sizes, *pmi.datums)
+        others = [size.other for size in pmi.sizes if size.other is not None]
+        stated = (*pmi.tolerances, *pmi.sizes, *others, *pmi.datums)
         curves = (c for s in stated for c in (*s.curves, *(c for f in s.faces for c in f.curves)))
         self.chain = chains_of(curves, scene.mesh, scene.edges)
         self.judged: set[int] = set()
@@ -126,7 +145,7 @@ class _Drawing:
             chains = self.chains(asked.bore.rims)
             lines = [*self._position(asked), *self._diameter(asked)] if chains else []
             if lines:
-                yield _Entry(f"{asked.bore.kind} {_mm(2 * asked.bore.radius)} mm", chains, tuple(lines))
+                yield _Entry(asked.bore.name, chains, tuple(lines))
 
     def _position(self, asked: _Asked) -> Iterator[tuple[str, str]]:
         """Yield the lines that limit the place of a hole: the tightest of what is stated to most datums."""
@@ -134,7 +153,7 @@ class _Drawing:
             tightest = min(asked.positions, key=lambda t: (-len(t.datums), t.mm))
             self.judged.add(id(tightest))
             yield f"axis: {_vector(asked.bore.axis)}", f"through {_vector(asked.bore.centre)}"
-            yield f"position_mm: {_mm(tightest.mm / 2)}", _words(tightest)
+            yield f"position_mm: {length_words(tightest.mm / 2)}", _words(tightest)
 
     def _diameter(self, asked: _Asked) -> Iterator[tuple[str, str]]:
         """Yield the line that limits a diameter, from the one of the CAD."""
@@ -142,8 +161,11 @@ class _Drawing:
             low, high = size.limits_mm or (0.0, 0.0)
             if low < high:
                 self.judged.add(id(size))
-                inside = f"[{_mm(low - 2 * asked.bore.radius)}, {_mm(high - 2 * asked.bore.radius)}]"
-                yield f"diameter_mm: {inside}", f"{_mm(low)} to {_mm(high)} mm" + (f" ({size.fit})" if size.fit else "")
+                inside = f"[{length_words(low - 2 * asked.bore.radius)}, {length_words(high - 2 * asked.bore.radius)}]"
+                yield (
+                    f"diameter_mm: {inside}",
+                    f"{length_words(low)} to {length_words(high)} mm" + (f" ({size.fit})" if size.fit else ""),
+                )
                 return
 
     def planes(self) -> Iterator[_Entry]:
@@ -157,6 +179,21 @@ class _Drawing:
                     limit = f"position_mm: {_along_normal(tolerance)}", _words(tolerance)
                     lines = (f"direction: {_vector(faces[0].direction)}", ""), limit
                     yield _Entry(tolerance.name or tolerance.characteristic, chains, lines)
+
+    def distances(self) -> Iterator[_Entry]:
+        """Yield distances with limits between holes, pins and faces that are so far apart in the CAD."""
+        for size in self.pmi.sizes:
+            low, high = size.limits_mm or (0.0, 0.0)
+            found, nominal = ends_of(size), size.nominal_mm
+            if found is None or nominal is None or not low < high:
+                continue
+            ends = [_Entry(end.name, self.chains(end.curves)) for end in found[0]]
+            if all(end.chains for end in ends):
+                self.judged.add(id(size))
+                inside = f"[{length_words(low - nominal)}, {length_words(high - nominal)}]"
+                way = [(f"direction: {_vector(found[1])}", "")] if found[1] is not None else []
+                lines = (f"distance_mm: {inside}", f"{length_words(low)} to {length_words(high)} mm"), *way
+                yield _Entry(f"distance {length_words(nominal)} mm", (), lines, tuple(ends))
 
     def _here(self, characteristic: str) -> Iterator[StatedTolerance]:
         """Yield the tolerances of a kind that refer to the system of datums, or to its first ones."""
@@ -231,13 +268,25 @@ def _curves(stated: StatedTolerance) -> list[Curve]:
     return [rim for bore in bores_of(stated) for rim in bore.rims]
 
 
+def _assembled(limited: Sequence[_Entry], distances: Sequence[_Entry]) -> tuple[list[_Entry], list[_Entry]]:
+    """Return all features, with the ends of distances among them, and distances between these; all have own names."""
+    features = list(limited)
+    for end in (end for one in distances for end in one.ends):
+        if not any(end.within(feature) for feature in features):
+            features.append(end)
+    named = _numbered([*features, *distances])
+    features, distances = named[: len(features)], named[len(features) :]
+    found = [tuple(next(f for f in features if end.within(f)) for end in one.ends) for one in distances]
+    return features, [replace(one, ends=ends) for one, ends in zip(distances, found, strict=True)]
+
+
 def _numbered(entries: Sequence[_Entry]) -> list[_Entry]:
     """Return the entries; those of one name get a number."""
     total, seen, out = Counter(entry.name for entry in entries), Counter[str](), []
     for entry in entries:
         seen[entry.name] += 1
         name = f"{entry.name} no {seen[entry.name]}" if total[entry.name] > 1 else entry.name
-        out.append(_Entry(name, entry.chains, entry.lines))
+        out.append(replace(entry, name=name))
     return out
 
 
@@ -251,39 +300,38 @@ def _along_normal(tolerance: StatedTolerance) -> str:
     """Return half of a zone's width; of one that lies unequally about its face both limits, outward positive."""
     outside = tolerance.mm / 2 if tolerance.outside_mm is None else tolerance.outside_mm
     if abs(outside - tolerance.mm / 2) <= _EQUAL * tolerance.mm:
-        return _mm(tolerance.mm / 2)
-    return f"[{_mm(outside - tolerance.mm)}, {_mm(outside)}]"
+        return length_words(tolerance.mm / 2)
+    return f"[{length_words(outside - tolerance.mm)}, {length_words(outside)}]"
 
 
 def _why_not(size: StatedSize) -> str:
     if size.limits_mm is None:
         return f"the limits of {size.fit} are not in the file" if size.fit else "without limits"
-    return _NO_EDGES if size.kind == "diameter" else "of dimensions, diameters alone are judged"
+    if size.other is not None:
+        return "it is not between holes, pins or parallel faces that are so far apart in the model"
+    return _NO_EDGES if size.kind == "diameter" else "of sizes, diameters alone are judged"
 
 
 def _words(tolerance: StatedTolerance) -> str:
     """Return a geometric tolerance as a drawing has it, in words."""
-    zone = f"{_mm(tolerance.mm)} mm" + (" diameter" if tolerance.diametral else "")
+    zone = f"{length_words(tolerance.mm)} mm" + (" diameter" if tolerance.diametral else "")
     to = f" to {' '.join(tolerance.datums)}" if tolerance.datums else ""
     more = f", {', '.join(tolerance.modifiers)} (not used)" if tolerance.modifiers else ""
     if tolerance.outside_mm is not None:
-        more = f", {_mm(tolerance.outside_mm)} mm of it outside{more}"
+        more = f", {length_words(tolerance.outside_mm)} mm of it outside{more}"
     name = f"{tolerance.name}: " if tolerance.name else ""
     return f"{name}{tolerance.characteristic} {zone}{to}{more}"
 
 
 def _size_words(size: StatedSize) -> str:
-    said = "" if size.limits_mm is None else f" ({_mm(size.limits_mm[0])} to {_mm(size.limits_mm[1])})"
-    return f"{size.kind} {_mm(size.nominal_mm or 0.0)} mm{said}"
-
-
-def _mm(length: float) -> str:
-    """Return a length without the digits that a conversion of units leaves."""
-    return significant(round(length, 6) + 0.0, 6)
+    said = (
+        "" if size.limits_mm is None else f" ({length_words(size.limits_mm[0])} to {length_words(size.limits_mm[1])})"
+    )
+    return f"{size.kind} {length_words(size.nominal_mm or 0.0)} mm{said}"
 
 
 def _vector(v: Array) -> str:
-    return f"[{', '.join(_mm(x) for x in v)}]"
+    return f"[{', '.join(length_words(x) for x in v)}]"
 
 
 def _commented(text: str, comment: str) -> str:

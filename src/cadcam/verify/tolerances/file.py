@@ -25,6 +25,14 @@
         axis: [0, 0, 1]           # position across this alone: the zone is a cylinder about it
         position_mm: 0.2
         diameter_mm: [-0.1, 0.05] # from the CAD's, of circles about one axis; or: 0.1, to either side
+      left edge:                  # without a limit of its own: the end of a distance
+        part: tank top
+        chains: [12]
+    distances:
+      hole to edge:
+        between: [hole, left edge]
+        distance_mm: [0, 0.2]     # from the CAD's; or: 0.2, to either side
+        direction: [1, 0, 0]      # without it: from axis to axis of two holes or pins
 
 A part may be a pattern (`longitudinal *`); what stands beside it narrows the choice.
 """
@@ -45,11 +53,21 @@ from cadcam.files.text import read_text
 from cadcam.files.yamltext import parsed_yaml
 from cadcam.kinds import expect_known, expect_names
 from cadcam.render.view import Scene
-from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances
+from cadcam.verify.tolerances.tolerance import (
+    SIGNED,
+    Distance,
+    Feature,
+    Limit,
+    Quantity,
+    Rule,
+    Selection,
+    Tolerances,
+)
 
 _WHERE = ("part", "chains", "box_mm", "kinds")
 _WAYS = {"direction": "a direction", "axis": "an axis"}  # of a position
 _HOW = ("k", "rule", *_WAYS)
+_OF_FEATURES = tuple(q for q in Quantity if q is not Quantity.DISTANCE)
 _K, _LARGEST_K = 2.0, 10.0  # what is larger, 95 or 99, is not meant as a number of sigmas
 _OF_A_PART = (
     "    position_mm: 1.0    # of the whole feature; also: profile_mm (worst place along its edges), angle_deg",
@@ -63,7 +81,12 @@ _OF_EDGES = (  # of a part that is the datum: its other edges
     "    # box_mm: [[x, y, z], [x, y, z]]   edges in this region; kinds: [brep, contact]",
     "    # `cadcam verify MODEL --list PART` prints the numbers of all edges (chains)",
 )
+_OF_TWO = (
+    "# distances:            # between two features named above, which then need no limit of their own",
+    "#   a name: {between: [one, another], distance_mm: [-0.1, 0.1], direction: [1, 0, 0]}",
+)
 _DATUM = "write '- part: name' lines"
+_WRITE_DISTANCE = "write name: {between: [one feature, another], distance_mm: 0.1}"
 _WRITE = "write name: {part: ..., position_mm: ...}; `cadcam verify --template` writes a file to start from"
 
 
@@ -71,18 +94,15 @@ def read_tolerances(path: str | os.PathLike[str]) -> Tolerances:
     """Return the tolerances in a file. Raises `UnreadableFile` naming the key that is wrong and what is known."""
     file = read_text(path)
     place = parsed_yaml(file)
-    place.only("k", "rule", "datum", "features")
+    place.only("k", "rule", "datum", "features", "distances")
     k = _coverage(place) if "k" in place.object else _K
     rule = rule_at(place.at("rule")) if "rule" in place.object else Rule.GUARD_BAND
     datum = datum_at(place.at("datum"), without="then it is all that is not judged") if "datum" in place.object else ()
-    listed = place.at("features")
-    if not isinstance(listed.value, dict) or not listed.value:
-        raise listed.error("names no feature", _WRITE)
-    for name in listed.value:
-        if not name.strip() or not name.isprintable():
-            raise listed.error(f"names a feature {shortened(name)}", "a name that can be read is expected")
-    features = tuple(_feature(name, listed.at(name), k, rule) for name in listed.object)
-    return place.build(lambda: Tolerances(features, datum, file.path, file.sha256))
+    listed = _named(place.at("features"), "feature", _WRITE)
+    distances = _distances(place.at("distances"), k, rule, listed.object) if "distances" in place.object else ()
+    ends = {end for distance in distances for end in distance.between}
+    features = tuple(_feature(name, listed.at(name), k, rule, end=name in ends) for name in listed.object)
+    return place.build(lambda: Tolerances(features, datum, file.path, file.sha256, distances=distances))
 
 
 def template(scene: Scene, *, seen: Iterable[str] = (), chain: int | None = None) -> str:
@@ -111,7 +131,7 @@ def template(scene: Scene, *, seen: Iterable[str] = (), chain: int | None = None
         f"    part: {quoted(part)}",
         *([f"    chains: {list(alone)}", *_OF_EDGES] if alone else _OF_A_PART),
     ]
-    lines += [f"# not in view: {name}" for name in names if name not in chosen]
+    lines += [*_OF_TWO, *(f"# not in view: {name}" for name in names if name not in chosen)]
     return "\n".join(lines) + "\n"
 
 
@@ -142,14 +162,45 @@ def datum_at(place: Place, *, without: str) -> tuple[Selection, ...]:
     return tuple(selection_at(item) for item in items)
 
 
-def _feature(name: str, place: Place, k: float, rule: Rule) -> Feature:
+def _named(place: Place, what: str, write: str) -> Place:
+    """Return a place that holds something under each of several names."""
+    if not isinstance(place.value, dict) or not place.value:
+        raise place.error(f"names no {what}", write)
+    for name in place.value:
+        if not name.strip() or not name.isprintable():
+            raise place.error(f"names a {what} {shortened(name)}", "a name that can be read is expected")
+    return place
+
+
+def _feature(name: str, place: Place, k: float, rule: Rule, *, end: bool) -> Feature:
+    """Return a feature; end: of a distance, so that it needs no limit of its own."""
     if not isinstance(place.value, dict):
         raise place.error(f"is {shortened(place.value)}", _WRITE)
-    place.only(*_WHERE, *_HOW, *(q.value for q in Quantity))
-    return Feature(name, selection_at(place), limits_at(place, k, rule))
+    if Quantity.DISTANCE.value in place.value:
+        raise place.at(Quantity.DISTANCE.value).error("is between two features", f"under distances, {_WRITE_DISTANCE}")
+    place.only(*_WHERE, *_HOW, *(q.value for q in _OF_FEATURES))
+    alone = end and place.value.keys() <= set(_WHERE)
+    return Feature(name, selection_at(place), () if alone else limits_at(place, k, rule))
 
 
-def limits_at(place: Place, k: float, rule: Rule, of: Collection[Quantity] = tuple(Quantity)) -> tuple[Limit, ...]:
+def _distances(place: Place, k: float, rule: Rule, features: Collection[str]) -> tuple[Distance, ...]:
+    listed = _named(place, "distance", _WRITE_DISTANCE)
+    return tuple(_distance(name, listed.at(name), k, rule, features) for name in listed.object)
+
+
+def _distance(name: str, place: Place, k: float, rule: Rule, features: Collection[str]) -> Distance:
+    if not isinstance(place.value, dict):
+        raise place.error(f"is {shortened(place.value)}", _WRITE_DISTANCE)
+    place.only("between", "direction", "k", "rule", Quantity.DISTANCE.value)
+    between = [end.text() for end in place.at("between").items("the names of two features are expected")]
+    for end in between:
+        if end not in features:
+            raise place.at("between").error(f"names an {UnknownName('feature', end, features)}")
+    (limit,) = limits_at(place, k, rule, (Quantity.DISTANCE,))
+    return place.build(lambda: Distance(name, between, limit))
+
+
+def limits_at(place: Place, k: float, rule: Rule, of: Collection[Quantity] = _OF_FEATURES) -> tuple[Limit, ...]:
     """Return a feature's limits, of these quantities; k and rule are those of the file, which it may overrule."""
     k = _coverage(place) if "k" in place.object else k
     rule = rule_at(place.at("rule")) if "rule" in place.object else rule
@@ -159,7 +210,7 @@ def limits_at(place: Place, k: float, rule: Rule, of: Collection[Quantity] = tup
     if not limits:
         raise place.error("has no limit", f"give one of {', '.join(q.value for q in of)}")
     for name in way:
-        if Quantity.POSITION not in stated:
+        if not {Quantity.POSITION, Quantity.DISTANCE} & set(stated):
             needs = f"it is that of a {Quantity.POSITION.value}: give one, or leave it out"
             raise place.error(f"has {_WAYS[name]}", needs)
     return limits
@@ -177,8 +228,8 @@ def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, way: Mapping[
         if place.value != "required" and place.value is not True:
             raise place.error(f"is {shortened(place.value)}", "write presence: required, or leave it out")
         return Limit(quantity, 0.0, k, rule)
-    own = way if quantity is Quantity.POSITION else {}
-    if isinstance(place.value, list) and (quantity is Quantity.DIAMETER or "direction" in own):
+    own = way if quantity in (Quantity.POSITION, Quantity.DISTANCE) else {}
+    if isinstance(place.value, list) and (quantity in SIGNED or "direction" in own):
         low, high = place.array((2,))
         if not low < high:
             least = "the least and the greatest deviation in mm are expected, as [-0.1, 0.05]"

@@ -14,13 +14,14 @@ from fnmatch import fnmatchcase
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Brief, Floats, Mask, frozen
+from cadcam.arrays import Array, Brief, Floats, Longs, Mask, frozen
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
 from cadcam.geometry.plane import axes_across
-from cadcam.kinds import FrozenMap, expect, expect_each, expect_numbers
+from cadcam.kinds import FrozenMap, expect, expect_each, expect_known, expect_names, expect_numbers
 from cadcam.render.view import Scene
 from cadcam.verify.tolerances.circles import Circles
+from cadcam.verify.tolerances.spacing import Spacing
 
 LARGEST_K = 30.0  # sigmas: beyond them numbers hold no probability
 
@@ -38,6 +39,7 @@ class Quantity(Enum):
     POSITION = "position_mm"
     PROFILE = "profile_mm"
     DIAMETER = "diameter_mm"
+    DISTANCE = "distance_mm"
     ANGLE = "angle_deg"
     PRESENCE = "presence"
 
@@ -50,6 +52,10 @@ class Quantity(Enum):
     def per_unit(self) -> float:
         """Return the factor from mm or rad, used inside, to that unit."""
         return float(np.degrees(1.0)) if self is Quantity.ANGLE else 1.0
+
+
+SIGNED = Quantity.DIAMETER, Quantity.DISTANCE  # whose zone may lie to one side of the CAD's own value
+_WAYS = {"direction": (Quantity.POSITION, Quantity.DISTANCE), "axis": (Quantity.POSITION,)}
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -136,15 +142,26 @@ class Selection(Brief):
             out = out & np.isin(kind, self.kinds)
         return out if self.box is None else out & _inside(p, self.box)
 
+    def polylines(self, scene: Scene, by: Array | None = None) -> tuple[Longs, list[Array]]:
+        """Return the numbers (c,) of the feature chains chosen, and the edges (n, 3) mm as they lie in the scene.
+
+        by (P, 3) mm: how far the scene's parts are from where the CAD has them, by default not at all.
+        """
+        edges, points = scene.edges, scene.mesh.vertices
+        middle = points[edges.vertices].mean(axis=1) - (0.0 if by is None else by[edges.part])
+        chosen = self.holds(edges.part, edges.chain, edges.kind, middle, self.bodies(scene))
+        return np.unique(edges.chain[chosen]).astype(np.int64), edges.select(chosen).polylines(scene.mesh)
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Limit(Brief):
     """The largest deviation of one quantity (mm; rad for an angle; unused for presence), and the decision rule.
 
-    middle: of a diameter's zone, in mm from the CAD's, from which deviations are told: the value is half its width.
+    middle: of the zone of a diameter or distance, in mm from the CAD's, from which deviations are told: the value is
+    half its width.
 
-    direction: unit vector in the part frame along which alone a position counts; axis: that across which alone it does,
-    ISO 1101's cylindrical zone. None: all that the photos show.
+    direction: unit vector in the part frame along which alone a position or distance counts; axis: that across which
+    alone a position does, ISO 1101's cylindrical zone. None: all that the photos show.
     """
 
     quantity: Quantity
@@ -163,20 +180,20 @@ class Limit(Brief):
             raise BadValue(self.quantity.value, self.value, "a positive number")
         if self.quantity is Quantity.ANGLE and self.value >= np.pi:
             raise BadValue(self.quantity.value, np.degrees(self.value), "less than 180: no turn is larger")
-        signed = self.quantity is Quantity.DIAMETER or self.direction is not None
-        if self.middle and not signed:
-            has_one = f"only {Quantity.DIAMETER.value} has one, and a position along a direction"
+        if self.middle and not (self.quantity in SIGNED or self.direction is not None):
+            has_one = f"only {' and '.join(q.value for q in SIGNED)} have one, and a position along a direction"
             raise BadValue("middle of a zone", f"that of {self.quantity.value}", f"0: {has_one}")
         if not 0 < self.k <= LARGEST_K:
             raise BadValue("coverage factor k", self.k, f"a positive number up to {LARGEST_K:g}, usually 2")
         if self.direction is not None and self.axis is not None:
             raise BadValue("direction", "given beside an axis", "one of them: a position counts along it, or across it")
-        for name in ("direction", "axis"):
+        for name, of in _WAYS.items():
             given = getattr(self, name)
             if given is None:
                 continue
-            if self.quantity is not Quantity.POSITION:
-                raise BadValue(name, f"that of {self.quantity.value}", f"none: it is that of {Quantity.POSITION.value}")
+            if self.quantity not in of:
+                has_one = " or ".join(q.value for q in of)
+                raise BadValue(name, f"that of {self.quantity.value}", f"none: it is that of {has_one}")
             d = frozen(given, name, (3,))
             if not np.linalg.norm(d) > 0:
                 raise BadValue(name, d.tolist(), "a vector that is not zero")
@@ -207,33 +224,59 @@ class Feature:
         expect(self.name, "name of a feature", str)
         expect(self.selection, f"selection of feature {self.name!r}", Selection)
         object.__setattr__(self, "limits", expect_each(self.limits, f"limits of feature {self.name!r}", Limit))
+        if any(limit.quantity is Quantity.DISTANCE for limit in self.limits):
+            raise BadValue(
+                f"limits of feature {self.name!r}", Quantity.DISTANCE.value, "a Distance: it has two features"
+            )
 
-    def circles(self, scene: Scene, by: Array | None = None) -> Circles | None:
-        """Return the circles of which a diameter is asked, None where none is; raise `BadValue` for edges on none.
+    def circles(self, scene: Scene, by: Array | None = None, *, sized: bool = False) -> Circles | None:
+        """Return the circles that it is, if their diameter is asked, their place across an axis, or they are `sized`.
 
-        by (P, 3) mm: how far the scene's parts are from where the CAD has them, by default not at all.
+        None otherwise, or where it is no circles about one axis: of which `BadValue` is raised if a diameter is asked.
+        by: as of `Selection.polylines`.
         """
-        if all(limit.quantity is not Quantity.DIAMETER for limit in self.limits):
+        asked = any(limit.quantity is Quantity.DIAMETER for limit in self.limits)
+        if not (asked or sized or any(limit.axis is not None for limit in self.limits)):
             return None
-        edges, points = scene.edges, scene.mesh.vertices
-        middle = points[edges.vertices].mean(axis=1) - (0.0 if by is None else by[edges.part])
-        chosen = self.selection.holds(edges.part, edges.chain, edges.kind, middle, self.selection.bodies(scene))
-        found = Circles.through(edges.select(chosen).polylines(scene.mesh))
-        if found is None:
-            chains = runs(np.unique(edges.chain[chosen])) or "contours alone"
+        chains, lines = self.selection.polylines(scene, by)
+        found = Circles.through(lines)
+        if found is None and asked:
             raise BadValue(
                 Quantity.DIAMETER.value,
-                f"asked of edges {chains}",
+                f"asked of edges {runs(chains) or 'contours alone'}",
                 "arcs of circles about one axis, as of a hole or a pin",
             )
         return found
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Distance:
+    """A distance between two features, by their names, and the limit of its deviation from the CAD's.
+
+    It counts along the limit's direction; without one straight from axis to axis of circles. Raises `BadValue` for
+    entries of another kind.
+    """
+
+    name: str
+    between: Sequence[str]
+    limit: Limit
+
+    def __post_init__(self) -> None:
+        expect(self.name, "name of a distance", str)
+        expect(self.limit, f"limit of distance {self.name!r}", Limit)
+        if self.limit.quantity is not Quantity.DISTANCE:
+            raise BadValue(f"limit of distance {self.name!r}", self.limit.quantity.value, Quantity.DISTANCE.value)
+        between = expect_names(self.between, f"between of distance {self.name!r}")
+        if len(set(between)) != 2 or len(between) != 2:
+            raise BadValue(f"between of distance {self.name!r}", list(between), "the names of two features")
+        object.__setattr__(self, "between", tuple(between))
+
+
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Tolerances(Brief):
-    """Features with their limits, and the datum that the pose is fitted to.
+    """Features with their limits, the datum that the pose is fitted to, and distances between features.
 
-    An empty one is everything that is not judged; where every part is, those that agree with each other.
+    An empty datum is everything that is not judged; where every part is, those that agree with each other.
     """
 
     features: tuple[Feature, ...] = ()
@@ -241,16 +284,43 @@ class Tolerances(Brief):
     source: str = ""
     sha256: str = ""
     notes: Mapping[str, str] = field(default_factory=FrozenMap)
+    distances: tuple[Distance, ...] = ()
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "features", expect_each(self.features, "features", Feature))
         object.__setattr__(self, "datum", expect_each(self.datum, "datum", Selection))
         expect(self.notes, "notes", Mapping)
         object.__setattr__(self, "notes", FrozenMap(self.notes))
-        names = [f.name for f in self.features]
+        object.__setattr__(self, "distances", expect_each(self.distances, "distances", Distance))
+        features = [f.name for f in self.features]
+        names = [*features, *(d.name for d in self.distances)]
         twice = next((n for n in names if names.count(n) > 1), None)
         if twice is not None:
             raise BadValue("feature", f"named twice: {twice!r}", "a name of its own for each")
+        for end in (end for d in self.distances for end in d.between):
+            expect_known(end, "feature", features)
+
+    @property
+    def judged(self) -> tuple[Feature, ...]:
+        """Return the features of which something is asked: those with limits, and those between which distances are."""
+        ends = {end for d in self.distances for end in d.between}
+        return tuple(f for f in self.features if f.limits or f.name in ends)
+
+    def circles(self, scene: Scene, by: Array | None = None) -> tuple[Circles | None, ...]:
+        """Return for each feature the circles that may be of another size: of a diameter, about an axis, of a distance.
+
+        by: as of `Selection.polylines`. Raises `BadValue` where a diameter is asked of what is no circle.
+        """
+        ends = {end for d in self.distances for end in d.between}
+        return tuple(f.circles(scene, by, sized=f.name in ends) for f in self.features)
+
+    def spacing(self, distance: Distance, scene: Scene) -> Spacing:
+        """Return the way, and the CAD's distance, between two features; raise `BadValue` where they have none."""
+        ends = [next(f for f in self.features if f.name == name) for name in distance.between]
+        (a, first), (b, second) = (f.selection.polylines(scene) for f in ends)
+        if shared := sorted({*a.tolist()} & {*b.tolist()}):
+            raise BadValue("between", f"two features that share edges {runs(np.array(shared))}", "edges of their own")
+        return Spacing.between(first, second, distance.limit.direction)
 
     def check(self, scene: Scene) -> None:
         """Raise an error as `check_names`, or where a selection that narrows its parts holds none of their edges.
@@ -264,6 +334,9 @@ class Tolerances(Brief):
         for feature in self.features:
             with _told(f"feature {feature.name!r}"):
                 feature.circles(scene)
+        for distance in self.distances:
+            with _told(f"distance {distance.name!r}"):
+                self.spacing(distance, scene)
 
     def check_names(self, names: Sequence[str]) -> None:
         """Raise an error that lists the names of a model's parts, for the first name that is none of them.
@@ -283,7 +356,7 @@ class Tolerances(Brief):
 
     def judge_every_part(self, names: Sequence[str]) -> bool:
         """Return whether each of the names of parts is judged as a whole: then no other is left to measure from."""
-        judged = [f.selection.among(names) for f in self.features if f.limits and f.selection.whole]
+        judged = [f.selection.among(names) for f in self.judged if f.selection.whole]
         return bool(judged) and bool(np.any(judged, axis=0).all())
 
     def _check_what_is_left(self, names: Sequence[str]) -> None:
