@@ -173,9 +173,9 @@ def _places_at(lines: Sightlines, among: Longs, rows: Longs, away: Array) -> Lon
 
 
 def rims(lines: Sightlines) -> Longs:
-    """Return the edges that face all ways; not so contours, which depend on the light."""
+    """Return the rims that face all ways; not so contours, which depend on the light."""
     drawn = lines.kind != EdgeKind.CONTOUR
-    return all_round(lines.edge[drawn], lines.normal[drawn])
+    return all_round(lines.rim[drawn], lines.normal[drawn])
 
 
 def shift_of_rims(lines: Sightlines, offset: Array) -> Array:
@@ -183,12 +183,12 @@ def shift_of_rims(lines: Sightlines, offset: Array) -> Array:
 
     A displaced rim's offsets run up and down along it: half of them would be strays from a straight line. nan: unknown.
     """
-    out = np.zeros(len(lines))
+    out, outward = np.zeros(len(lines)), lines.outward
     known = np.isfinite(offset)
-    for e in np.intersect1d(all_round(lines.edge[known], lines.normal[known]), rims(lines)):
-        rows = lines.edge == e
+    for rim in np.intersect1d(all_round(lines.rim[known], lines.normal[known]), rims(lines)):
+        rows = lines.rim == rim
         have = rows & known
-        X, y = np.column_stack([lines.normal[have], np.ones(have.sum())]), offset[have]
+        X, y = np.column_stack([lines.normal[have], outward[have]]), offset[have]
         weight = np.ones(len(y))
         for _ in range(_ROUNDS):
             shift = np.linalg.lstsq(X * weight[:, None], y * weight, rcond=None)[0]
