@@ -74,13 +74,16 @@ class DrawnPlate(StepText):
             f"(GEOMETRIC_REPRESENTATION_CONTEXT(3) GLOBAL_UNCERTAINTY_ASSIGNED_CONTEXT(({within})) "
             f"GLOBAL_UNIT_ASSIGNED_CONTEXT(({self.unit},{angle},{solid})) REPRESENTATION_CONTEXT('',''))"
         )
-        application = self.add("APPLICATION_CONTEXT('managed model based 3d engineering')")
-        product_context = self.add(f"PRODUCT_CONTEXT('',{application},'mechanical')")
-        product = self.add(f"PRODUCT('drilled plate','drilled plate','',({product_context}))")
+        self.application = self.add("APPLICATION_CONTEXT('managed model based 3d engineering')")
+        self.definition, self.shape = self._product("drilled plate")
+
+    def _product(self, name: str) -> tuple[str, str]:
+        product_context = self.add(f"PRODUCT_CONTEXT('',{self.application},'mechanical')")
+        product = self.add(f"PRODUCT('{name}','{name}','',({product_context}))")
         formation = self.add(f"PRODUCT_DEFINITION_FORMATION('','',{product})")
-        definition_context = self.add(f"PRODUCT_DEFINITION_CONTEXT('part definition',{application},'design')")
+        definition_context = self.add(f"PRODUCT_DEFINITION_CONTEXT('part definition',{self.application},'design')")
         definition = self.add(f"PRODUCT_DEFINITION('','',{formation},{definition_context})")
-        self.shape = self.add(f"PRODUCT_DEFINITION_SHAPE('','',{definition})")
+        return definition, self.add(f"PRODUCT_DEFINITION_SHAPE('','',{definition})")
 
     def _solid(self) -> None:
         x, y, z = map(self._length, SIZE)
@@ -108,9 +111,27 @@ class DrawnPlate(StepText):
             self.halves[name] = self._bore(hole, rims[name, 0.0], rims[name, z])
             faces += self.halves[name]
         solid = self.add(f"MANIFOLD_SOLID_BREP('',{self.listed('CLOSED_SHELL', faces)})")
-        origin = self.placement((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
-        self.model = self.add(f"ADVANCED_BREP_SHAPE_REPRESENTATION('',({origin},{solid}),{self.context})")
+        self.origin = self.placement((0.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 0.0))
+        self.model = self.add(f"ADVANCED_BREP_SHAPE_REPRESENTATION('',({self.origin},{solid}),{self.context})")
         self.add(f"SHAPE_DEFINITION_REPRESENTATION({self.shape},{self.model})")
+
+    def assemble(self, *places: tuple[Sequence[float], Sequence[float], Sequence[float]], turned: bool = False) -> None:
+        """Put a plate at each place of an assembly: origin (mm), z and x; turned: which is related to the plate."""
+        frames = [self.placement([self._length(v) for v in origin], z, x) for origin, z, x in places]
+        definition, shape = self._product("pair of plates")
+        whole = self.add(f"SHAPE_REPRESENTATION('',({','.join((self.origin, *frames))}),{self.context})")
+        self.add(f"SHAPE_DEFINITION_REPRESENTATION({shape},{whole})")
+        for k, frame in enumerate(frames, 1):
+            usage = f"'{k}','plate {k}','',{definition},{self.definition},$"
+            occurrence = self.add(f"NEXT_ASSEMBLY_USAGE_OCCURRENCE({usage})")
+            of = self.add(f"PRODUCT_DEFINITION_SHAPE('','',{occurrence})")
+            items, models = ((a, b)[:: -1 if turned else 1] for a, b in ((self.origin, frame), (self.model, whole)))
+            place = self.add(f"ITEM_DEFINED_TRANSFORMATION('','',{','.join(items)})")
+            relation = self.add(
+                f"(REPRESENTATION_RELATIONSHIP('','',{','.join(models)}) "
+                f"REPRESENTATION_RELATIONSHIP_WITH_TRANSFORMATION({place}) SHAPE_REPRESENTATION_RELATIONSHIP())"
+            )
+            self.add(f"CONTEXT_DEPENDENT_SHAPE_REPRESENTATION({relation},{of})")
 
     def _vertex(self, *p: float) -> str:
         return self.add(f"VERTEX_POINT('',{self.point(*p)})")
@@ -229,6 +250,11 @@ _ALONG = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (-1.0, 0.0, 0.0), (0.0, -1.0, 0.0), 
 
 def drawn_plate(unit_mm: float = 1.0) -> str:
     """Return the file with all its statements."""
+    return stated_plate(unit_mm).whole()
+
+
+def stated_plate(unit_mm: float = 1.0) -> DrawnPlate:
+    """Return the plate with all its statements."""
     plate = DrawnPlate(unit_mm)
     holes = plate.halves
     a, b, c = plate.datum("A", plate.sides["top"]), plate.datum("B", *holes["B"]), plate.datum("C", *holes["C"])
@@ -248,7 +274,7 @@ def drawn_plate(unit_mm: float = 1.0) -> str:
     plate.fit(8.0, *holes["B"])
     plate.distance(30.0, 29.8, 30.2, holes["left"][0], holes["right"][0])
     plate.add(f"ANGULAR_LOCATION('angle','',{plate.aspect(holes['B'][0])},{plate.aspect(plate.sides['top'])},.EQUAL.)")
-    return plate.whole()
+    return plate
 
 
 if __name__ == "__main__":

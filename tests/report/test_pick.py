@@ -9,9 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.corners import corner_vertices, rim_centers
+from cadcam.cad.corners import corner_vertices
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
+from cadcam.cad.rims import rim_centers
 from cadcam.calibrate.points.camera import calibrate_camera
 from cadcam.camera.camera import Camera
 from cadcam.camera.observations import Observations

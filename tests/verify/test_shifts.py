@@ -42,6 +42,13 @@ def test_neither_is_one_of_which_a_side_alone_is_off(rng: np.random.Generator) -
     assert grown(found, found, NORMALS, np.zeros(2), reach_px=REACH)[0] == 0.0
 
 
+def test_a_larger_rim_is_found_whose_body_is_taken_for_displaced(rng: np.random.Generator) -> None:
+    """Half of its places agree with a shift by as much as it is larger."""
+    found = candidates(np.full(24, 5.0), rng)
+    growth, by = grown(found, found, NORMALS, np.array([0.0, 5.0]), reach_px=REACH)
+    assert np.abs(growth + NORMALS @ by - 5.0).max() < 1.0
+
+
 def test_what_other_lines_explain_makes_no_rim_larger(rng: np.random.Generator) -> None:
     found = candidates(np.full(24, 3.0), rng)
     free = np.where(np.abs(found - 3.0) < 0.6, np.nan, found)

@@ -11,8 +11,6 @@ from cadcam.cad.topology import weld
 
 _BEND_DEG = 40.0  # between two edges, from which they meet in a corner: rims of holes have less from segment to segment
 _ALIKE = 1 / 50  # of unit vectors: edges of bodies in contact that run along each other are one
-_LEAST = 8  # segments of a circle
-_ROUND = 0.02  # of its radius: how far its points may be off, which rounded coordinates and seams are
 
 
 def corner_vertices(mesh: Mesh, edges: FeatureEdges) -> Array:
@@ -37,26 +35,3 @@ def corner_vertices(mesh: Mesh, edges: FeatureEdges) -> Array:
     place = np.zeros(len(count), np.int64)
     place[number] = ends
     return np.asarray(mesh.vertices[place[kept]])
-
-
-def rim_centers(mesh: Mesh, edges: FeatureEdges) -> Array:
-    """Return the middles (N, 3) mm of round holes and pins: the centre of each closed edge that is a circle."""
-    centres = [
-        _centre(line) for line in edges.polylines(mesh) if len(line) > _LEAST and np.array_equal(line[0], line[-1])
-    ]
-    found = np.array([c for c in centres if c is not None]).reshape(-1, 3)
-    return found[np.unique(weld(found, np.zeros(len(found), np.int64)))] if len(found) else found
-
-
-def _centre(line: Array) -> Array | None:
-    """Return the centre (3,) of the circle through a closed line's points (n, 3); None where they lie on none."""
-    middle = line[1:].mean(axis=0)
-    p = line[1:] - middle
-    plane = np.linalg.svd(p, full_matrices=False)[2][:2]
-    q = p @ plane.T
-    found = np.linalg.lstsq(np.column_stack([2 * q, np.ones(len(q))]), np.sum(q * q, axis=1), rcond=None)[0]
-    radius = np.linalg.norm(q - found[:2], axis=1)
-    out_of_plane = np.linalg.norm(p - q @ plane, axis=1)
-    if max(np.ptp(radius), out_of_plane.max()) > _ROUND * radius.mean():
-        return None
-    return np.asarray(middle + found[:2] @ plane)

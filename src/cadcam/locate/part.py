@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, Longs
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.rims import rim_of_chains
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect
 from cadcam.locate.views.aspects import Aspects
@@ -42,6 +43,11 @@ class Part:
     def caster(self) -> Caster:
         """The ray caster on the part's mesh."""
         return Caster(self.scene.mesh)
+
+    @cached_property
+    def rims(self) -> Longs:
+        """The rim (C,) that each chain of its edges is of: arcs of one circle are one."""
+        return rim_of_chains(self.scene.mesh, self.scene.edges)
 
     @cached_property
     def aspects(self) -> Aspects:

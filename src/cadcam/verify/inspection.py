@@ -250,7 +250,7 @@ def _elsewhere(case: Case, look: Findings, number: int, moved: Displacement | No
 def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdges) -> list[Presence]:
     """Return the evidence that features are there, including where their seen edges lie."""
     out = []
-    larger = np.unique(survey.lines.edge[survey.matched.growth != 0])
+    larger, outward = np.unique(survey.lines.edge[survey.matched.growth != 0]), measured.lines.outward
     for found, rows in zip(presence, measured.members, strict=True):
         pose = measured.pose_without(rows) if rows.any() and found.log_ratio > 0 else None
         if pose is None:
@@ -259,6 +259,7 @@ def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdge
         groups = side_by_side(measured, rows)
         rim = np.array([np.isin(measured.lines.edge[group], larger).all() for group in groups])
         offset, sigma = np.array([measured.farthest_px(group, pose) for group in groups]).T
+        offset *= [outward[group][0] for group in groups]  # pieces of a larger rim are alike off, out of it
         more = in_place_ratio(offset, sigma, survey.clutter.share, rim=rim)
         out.append(replace(found, log_ratio=found.log_ratio + more))
     return out

@@ -7,13 +7,14 @@ find it again among a mesh's edges; surfaces and curves of other kinds than thos
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadcam.arrays import Array, Brief
 from cadcam.cad.pmi.exchange import Exchange, Parameters, Ref
 from cadcam.errors import UnreadableFile
+from cadcam.geometry.rigid import Rigid
 
 _AT = np.array([0.25, 0.5, 0.75])  # places along a curve that are kept
 _CARRIERS = ("SURFACE_CURVE", "SEAM_CURVE", "INTERSECTION_CURVE", "BOUNDED_SURFACE_CURVE")  # of a curve in space
@@ -24,7 +25,7 @@ _UNKNOWN = np.full((3, 3), np.nan)
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class Curve(Brief):
-    """An edge of the B-rep: its number in the file, and points (n, 3) mm on it.
+    """An edge of the B-rep: its number in the file (in an assembly, that of its own), and points (n, 3) mm on it.
 
     Of an arc of a circle: centre (3,) mm, axis (3,) and radius in mm; nan of other curves.
     """
@@ -34,6 +35,16 @@ class Curve(Brief):
     centre: Array
     axis: Array
     radius: float = float("nan")
+
+    def moved(self, pose: Rigid, number: int) -> Curve:
+        """Return the edge as an assembly has it, under another number."""
+        return replace(
+            self,
+            number=number,
+            points=pose @ self.points,
+            centre=pose @ self.centre,
+            axis=pose.rotation @ self.axis,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -54,6 +65,16 @@ class StepFace(Brief):
     radius: float = float("nan")
     hole: bool = False
 
+    def moved(self, pose: Rigid, further: int) -> StepFace:
+        """Return the face as an assembly has it; further: added to its number and those of its curves."""
+        return replace(
+            self,
+            number=self.number + further,
+            curves=tuple(curve.moved(pose, curve.number + further) for curve in self.curves),
+            origin=pose @ self.origin,
+            direction=pose.rotation @ self.direction,
+        )
+
 
 def face_of(file: Exchange, number: int, mm: float) -> StepFace | None:
     """Return a face of a STEP file whose lengths are so many mm; None where the entity is no face."""
@@ -68,7 +89,7 @@ def face_of(file: Exchange, number: int, mm: float) -> StepFace | None:
     surface, same = file[face[2]], face[3] == "T"
     keyword = next(iter(surface))
     position = surface[keyword][1] if len(surface[keyword]) > 1 else None
-    origin, frame = _placement(file, position) if isinstance(position, Ref) else (np.full(3, np.nan), _UNKNOWN)
+    origin, frame = placement(file, position) if isinstance(position, Ref) else (np.full(3, np.nan), _UNKNOWN)
     round_ = keyword == "CYLINDRICAL_SURFACE"
     return StepFace(
         int(number),
@@ -111,7 +132,7 @@ def _curve(file: Exchange, number: Ref | int, mm: float) -> Curve:
     if keyword in _ROUND:
         points = _on_ellipse(file, curve, a, b)
         if keyword == "CIRCLE":
-            centre, frame = _placement(file, curve[1])
+            centre, frame = placement(file, curve[1])
             return Curve(int(number), points * mm, centre * mm, frame[:, 2], float(curve[2]) * mm)
     elif keyword == "LINE":
         points = a + _AT[:, None] * (b - a)
@@ -137,7 +158,7 @@ def _basis(file: Exchange, geometry: Ref) -> tuple[str, Parameters]:
 
 def _on_ellipse(file: Exchange, curve: Parameters, a: Array, b: Array) -> Array:
     """Return points of an arc from a to b, which runs counter-clockwise; all around where a is b."""
-    origin, frame = _placement(file, curve[1])
+    origin, frame = placement(file, curve[1])
     radii = np.array([float(r) for r in curve[2:4]] * 2)[:2]
     if not (radii > 0).all():
         raise UnreadableFile(file.path, f"has a curve of radius {radii.tolist()}", _AGAIN)
@@ -175,7 +196,7 @@ def _on_spline(file: Exchange, entity: dict[str, Parameters], a: Array, b: Array
     return np.asarray(every[np.round(first + _AT * (last - first)).astype(int)])
 
 
-def _placement(file: Exchange, number: Ref) -> tuple[Array, Array]:
+def placement(file: Exchange, number: Ref) -> tuple[Array, Array]:
     """Return origin (3,) and axes (3, 3), its columns x, y, z, of a placement."""
     _, location, axis, reference = [*_of(file, file[number], "AXIS2_PLACEMENT_3D"), None][:4]
     z = _direction(file, axis) if axis else np.array([0.0, 0.0, 1.0])

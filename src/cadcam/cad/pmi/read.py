@@ -6,17 +6,20 @@ representation and presentation of PMI (AP242)", version 4.0, asks for. Graphic 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from cadcam.cad.formats.step_unit import declared_unit, length_unit_mm
 from cadcam.cad.pmi.exchange import Entity, Enumerated, Exchange, Parameters, Ref
 from cadcam.cad.pmi.faces import Curve, StepFace, curve_of, face_of
 from cadcam.cad.pmi.fits import fit_limits_mm
+from cadcam.cad.pmi.placements import Placements
 from cadcam.cad.pmi.stated import Pmi, Stated, StatedDatum, StatedSize, StatedTolerance
 from cadcam.errors import CadcamError, UnreadableFile
+from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect_path
 
 _ABOUT = (b"_TOLERANCE", b"DIMENSIONAL_", b"ANGULAR_")  # what the file has if it has any
@@ -32,12 +35,16 @@ _SIZES = ("DIMENSIONAL_SIZE", "DIMENSIONAL_SIZE_WITH_DATUM_FEATURE", "DIMENSIONA
 _DISTANCES = ("DIMENSIONAL_LOCATION", "DIRECTED_DIMENSIONAL_LOCATION", "DIMENSIONAL_LOCATION_WITH_PATH")
 _ANGLES = ("ANGULAR_SIZE", "ANGULAR_LOCATION")
 _DEEPEST = 8  # groups of groups of faces
+_FURTHER = 1 << 40  # between the numbers of faces of one occurrence of a component and those of the next
 _MALFORMED = (CadcamError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError)
+_S = TypeVar("_S", bound=Stated)
 
 
 def read_pmi(path: str | PathLike[str]) -> Pmi:
     """Return the tolerances that a STEP file states of its faces, in mm; none where it has no semantic PMI.
 
+    What is stated of a component of an assembly is stated of each of its occurrences, at its place there. From the
+    second occurrence on, of this component or another one, the letters of its datums have its number: A.2, B.2.
     A statement that cannot be understood is told among `others`, with why, and does not hide the rest. Raises
     `UnreadableFile` where the file cannot be read.
     """
@@ -63,6 +70,8 @@ class _Reader:
         self.zones: dict[int, str] = {}  # form of a tolerance's zone
         self.ranges: dict[int, Ref] = {}  # limits of a dimension
         self.values: dict[int, list[Ref]] = {}  # its representations
+        self.placements = Placements(file, self.mm)
+        self.occurrences: dict[int, list[tuple[int, Rigid]]] = {}  # of each component: number, and place
 
     def pmi(self) -> Pmi:
         """Return all that is stated."""
@@ -70,15 +79,15 @@ class _Reader:
         tolerances = tuple(self._each(_CHARACTERISTICS, self._tolerance))
         sizes = tuple(self._each((*_SIZES, *_DISTANCES), self._size))
         datums = tuple(self._each(("DATUM",), self._datum))
-        self.others += self._each(_ANGLES, lambda *_: "angle")
+        self.others += self._each(_ANGLES, lambda *_: ["angle"])
         return Pmi(tolerances, sizes, datums, tuple(self.others))
 
-    def _each(self, keywords: tuple[str, ...], read: Callable[[int, Entity], Any]) -> list[Any]:
+    def _each(self, keywords: tuple[str, ...], read: Callable[[int, Entity], Iterable[Any]]) -> list[Any]:
         """Return what is read of each entity; those that cannot be are told."""
-        out = []
+        out: list[Any] = []
         for number in self.file.having(*keywords):
             try:
-                out.append(read(number, self.file[number]))
+                out += read(number, self.file[number])
             except _MALFORMED as error:
                 why = error.reason if isinstance(error, UnreadableFile) else "it is not written as AP242 asks for"
                 self.others.append(f"#{number}: {why}")
@@ -141,7 +150,19 @@ class _Reader:
             waiting += [(one, deep + 1) for one in self.within.get(at, ())]
         return tuple(faces.values()), tuple(curves.values())
 
-    def _tolerance(self, number: int, entity: Entity) -> StatedTolerance:
+    def _placed(self, aspect: Ref, stated: _S) -> list[_S]:
+        """Return what is stated of an aspect of a component's shape for each of its occurrences."""
+        try:
+            shape = next(p[2] for p in self.file[aspect].values() if len(p) > 3)
+            component = int(self.file[shape]["PRODUCT_DEFINITION_SHAPE"][2])
+        except (*_MALFORMED, StopIteration):
+            return [stated]
+        if component not in self.occurrences:
+            before = sum(map(len, self.occurrences.values()))
+            self.occurrences[component] = list(enumerate(self.placements.of(component), before))
+        return [_at(stated, *occurrence) for occurrence in self.occurrences[component]]
+
+    def _tolerance(self, number: int, entity: Entity) -> list[StatedTolerance]:
         keyword = next(k for k in entity if k in _CHARACTERISTICS)
         name, _, magnitude, aspect = (entity.get("GEOMETRIC_TOLERANCE") or entity[keyword])[:4]
         if "DIMENSIONAL_SIZE" in self.file[aspect]:  # a tolerance beside a dimension
@@ -149,7 +170,7 @@ class _Reader:
         systems = entity.get("GEOMETRIC_TOLERANCE_WITH_DATUM_REFERENCE", [[]])[0] or (entity[keyword][4:5] or [[]])[0]
         modifiers = entity.get("GEOMETRIC_TOLERANCE_WITH_MODIFIERS", [[]])[0]
         displaced = entity.get("UNEQUALLY_DISPOSED_GEOMETRIC_TOLERANCE")
-        return StatedTolerance(
+        stated = StatedTolerance(
             _named(name),
             *self._faces(aspect),
             keyword.removesuffix("_TOLERANCE").lower().replace("_", " "),
@@ -159,6 +180,7 @@ class _Reader:
             tuple(m.lower().replace("_", " ") for m in modifiers if isinstance(m, Enumerated)),
             self._length(displaced[0]) if displaced else None,
         )
+        return self._placed(aspect, stated)
 
     def _letters(self, system: Ref) -> Iterator[str]:
         """Yield the letters of a datum system, or of one datum reference, in their order."""
@@ -176,21 +198,23 @@ class _Reader:
         elements = base[1][0] if isinstance(base, tuple) else base  # COMMON_DATUM_LIST((#1, #2))
         return "-".join(self._letter(self.file[one]["DATUM_REFERENCE_ELEMENT"][4]) for one in elements)
 
-    def _datum(self, number: int, entity: Entity) -> StatedDatum:
+    def _datum(self, number: int, entity: Entity) -> list[StatedDatum]:
         found = [self._faces(feature) for feature in (number, *self.established.get(number, ()))]
         faces = tuple(face for some, _ in found for face in some)
         curves = tuple(curve for _, some in found for curve in some)
-        return StatedDatum(_named(entity["DATUM"][0]), faces, curves, _named(entity["DATUM"][4]))
+        stated = StatedDatum(_named(entity["DATUM"][0]), faces, curves, _named(entity["DATUM"][4]))
+        return self._placed(Ref(number), stated)
 
-    def _size(self, number: int, entity: Entity) -> StatedSize:
+    def _size(self, number: int, entity: Entity) -> list[StatedSize]:
         nominal, limits, fit = self._limits(number)
         keyword = next(k for k in (*_SIZES, *_DISTANCES) if k in entity)
         if keyword in _DISTANCES:
             kind, _, of, to = entity[keyword][:4]
             limited = _named(kind) or "distance", nominal, limits, fit
-            return StatedSize("", *self._faces(of), *limited, Stated("", *self._faces(to)))
+            return self._placed(of, StatedSize("", *self._faces(of), *limited, Stated("", *self._faces(to))))
         of = entity[keyword][-2:] if keyword.endswith("DATUM_FEATURE") else entity[keyword][:2]
-        return StatedSize("", *self._faces(of[0]), _named(of[1]) or "size", nominal, limits, fit)
+        stated = StatedSize("", *self._faces(of[0]), _named(of[1]) or "size", nominal, limits, fit)
+        return self._placed(of[0], stated)
 
     def _limits(self, dimension: int) -> tuple[float | None, tuple[float, float] | None, str]:
         """Return a dimension's nominal value, its limits, mm, and its class of tolerance."""
@@ -221,6 +245,23 @@ class _Reader:
         if mm is None:
             raise UnreadableFile(self.file.path, f"#{int(measure)} is no length")
         return float(value[1][0]) * mm
+
+
+def _at(stated: _S, k: int, pose: Rigid) -> _S:
+    """Return what is stated for the occurrence k of a component."""
+    further = k * _FURTHER
+    faces = tuple(face.moved(pose, further) for face in stated.faces)
+    placed = replace(stated, faces=faces, curves=tuple(c.moved(pose, c.number + further) for c in stated.curves))
+    if isinstance(placed, StatedTolerance):
+        return replace(placed, datums=tuple(_lettered(letter, k) for letter in placed.datums))
+    if isinstance(placed, StatedSize):
+        return replace(placed, other=None if placed.other is None else _at(placed.other, k, pose))
+    return replace(placed, letter=_lettered(placed.letter, k)) if isinstance(placed, StatedDatum) else placed
+
+
+def _lettered(letter: str, k: int) -> str:
+    """Return the letter of a datum, or those of a common one, of the occurrence k of a component."""
+    return "-".join(f"{one}.{k + 1}" for one in letter.split("-")) if k else letter
 
 
 def _named(value: Any) -> str:

@@ -21,7 +21,8 @@ import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Picture
-from cadcam.cad.corners import corner_vertices, rim_centers
+from cadcam.cad.corners import corner_vertices
+from cadcam.cad.rims import rim_centers
 from cadcam.camera.observations import Observations
 from cadcam.errors import BadValue
 from cadcam.image.picture import checked, encoded

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from cadcam.arrays import Array, Mask
+from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.mesh import Mesh
 from cadcam.locate.part import Part
 from cadcam.render.lines.visible import LineDrawer
@@ -34,6 +34,11 @@ class RedrawnPart(Part):
     def lines(self) -> LineDrawer:
         """The drawer of the part's visible lines, from any viewpoint."""
         return LineDrawer(self.scene, like=self._still.lines)
+
+    @cached_property
+    def rims(self) -> Longs:
+        """The rim (C,) that each chain of its edges is of: arcs of one circle are one."""
+        return self._still.rims
 
 
 def redrawn(part: Part, by: Array) -> Part | None:

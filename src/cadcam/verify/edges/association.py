@@ -38,7 +38,7 @@ class Association:
     (N,) px: further error of a whole edge, by a twin or by running along the pixels' rows; apart (N,) px: one of each
     place by itself (`cadcam.verify.edges.limbs`). step (N,): change of brightness across the line at its place, with or
     without an edge; nan where there is no room. shift (N, 2) px: displacement in its photo of the feature that a place
-    belongs to, to about a pixel; growth (N,) px: by how much its rim is larger, to about a pixel, 0 for other edges.
+    belongs to, to about a pixel; growth (N,) px: along its normal, by a larger rim, to about a pixel; 0 of other edges.
     """
 
     coarse: Array
@@ -169,21 +169,24 @@ class _Search:
     def with_rims(self, coarse: Array, shift: Array) -> tuple[Array, Array, Array]:
         """Return coarse offsets and shifts, those of larger rims set right, and by how many px (N,) rims are larger.
 
-        A rim is an edge that faces several ways; it may be larger by more than a displacement of its body explains.
+        A rim is an edge, or all arcs of a circle, that faces several ways; it may be larger by more than a displacement
+        of its body explains. Growth is along the normals, which point out of a rim or into it.
         """
         lines, asked = self.lines, self.body >= 0
         coarse, shift, growth = coarse.copy(), shift.copy(), np.zeros(len(lines))
-        edges = np.intersect1d(lines.edge[asked], rims(lines))
-        if not len(edges):
+        every = np.intersect1d(lines.rim[asked], rims(lines))
+        if not len(every):
             return coarse, shift, growth
-        free = np.where(_explained(lines, self.found, lines.edge, _IN_PLACE), np.nan, self.found)
-        for e in edges:
-            rows = np.flatnonzero((lines.edge == e) & asked)
-            normal = lines.normal[rows]
-            size, by = grown(self.found[rows], free[rows], normal, shift[rows[0]], reach_px=self.reach_px)
+        free = np.where(_explained(lines, self.found, lines.rim, _IN_PLACE), np.nan, self.found)
+        outward = lines.outward
+        for rim in every:
+            rows = np.flatnonzero((lines.rim == rim) & asked)
+            normal, out = lines.normal[rows], outward[rows]
+            found, others, outward_normal = (v * out[:, None] for v in (self.found[rows], free[rows], normal))
+            size, by = grown(found, others, outward_normal, shift[rows[0]], reach_px=self.reach_px)
             if size:
-                growth[rows], shift[rows] = size, by
-                coarse[rows] = nearest(free[rows], normal @ by + size)
+                growth[rows], shift[rows] = size * out, by
+                coarse[rows] = nearest(free[rows], normal @ by + growth[rows])
         return coarse, shift, growth
 
     def without_strays(self, offset: Array, guess: Array, sigma: Array) -> Array:

@@ -59,13 +59,14 @@ def all_round(edge: Longs, normal: Array) -> Longs:
 
 
 def grown(offset: Array, free: Array, normal: Array, shift: Array, *, reach_px: float) -> tuple[float, Array]:
-    """Return by how many px a rim is larger (along its normals) than drawn, and the shift (2,) px then; 0 if it is not.
+    """Return by how many px a rim is larger than drawn, and the shift (2,) px then; 0 and its body's if it is not.
 
-    offset, free (n, K): its candidates, and those that no other line of the model explains; shift (2,) px: of its body.
+    offset, free (n, K): its candidates, and those that no other line of the model explains; normal (n, 2): out of the
+    rim; shift (2,) px: of its body, which a larger rim may have led astray: the nominal place is tried as well.
     The gain over the nominal size must be as large as for a shift, and all round: in most of each of its pieces.
     """
     piece = pieces(np.zeros(len(normal), np.int64), normal)
-    near = shift + _grid(NEAR_PX)
+    near = np.unique(np.concatenate([shift + _grid(NEAR_PX), _grid(NEAR_PX)]), axis=0)
     nominal = float(support(offset, normal, near).max())
     sizes = np.arange(-int(reach_px / _GRID_PX), int(reach_px / _GRID_PX) + 1) * _GRID_PX
     scores = np.array([support(free - g, normal, near) for g in sizes])

@@ -32,8 +32,8 @@ class Sightlines:
     q (N, 2) px: where the model has them; normal (N, 2) across the edge; p (N, 3) mm in the part frame; by_point (N, 3)
     px/mm: derivative of the image, along its normal, by the place on the part; by_cause (N, r) px: by each of r
     independent unit errors of cameras and their poses; along (N,) px: position along its edge, 0 in the edge's middle;
-    room (N,) px: distance to the next other line across it; edge (N,): number of its edge in its photo, from 0; part,
-    kind, chain, photo (N,): to which it belongs.
+    room (N,) px: distance to the next other line across it; edge (N,): number of its edge in its photo, from 0; rim
+    (N,): likewise, one for all arcs of a circle; part, kind, chain, photo (N,): to which it belongs.
     """
 
     q: Array
@@ -44,6 +44,7 @@ class Sightlines:
     along: Array
     room: Array
     edge: Longs
+    rim: Longs
     part: Ids
     kind: Ids
     chain: Ids
@@ -65,6 +66,17 @@ class Sightlines:
     def mm_per_px(self) -> Array:
         """Return the length (N,) in mm at the edge's depth that one px covers."""
         return np.asarray(1.0 / np.linalg.norm(self.by_point, axis=1))
+
+    @property
+    def outward(self) -> Array:
+        """Return the sign (N,) of each edge's normals: 1 if they point out of its rim, -1 if they point into it.
+
+        Edges run either way round, so do the arcs of one circle.
+        """
+        count = np.maximum(np.bincount(self.rim), 1)
+        middle = np.stack([np.bincount(self.rim, x) / count for x in self.q.T], axis=1)
+        out = np.einsum("ni,ni->n", self.normal, self.q - middle[self.rim])
+        return np.where(np.bincount(self.edge, out)[self.edge] < 0, -1.0, 1.0)
 
     @property
     def direction(self) -> Array:
@@ -131,10 +143,16 @@ def lines_in_view(
     sources = distinct_sources([source for view in views for source, _ in view.errors])
     each = [_in_view(part, view, i, world_from_part, sources) for i, view in enumerate(views)]
     joined = {f.name: np.concatenate([getattr(lines, f.name) for lines, _ in each]) for f in fields(Sightlines)}
-    _, edge = np.unique(np.stack([joined["photo"], joined["chain"]], axis=1), axis=0, return_inverse=True)
-    joined["edge"] = edge.reshape(-1).astype(np.int64)
+    joined["edge"] = _numbered(joined["photo"], joined["chain"])
+    joined["rim"] = _numbered(joined["photo"], joined["rim"])
     joined["along"] = _along(joined["q"], joined["edge"])
     return Sightlines(**joined), [samples for _, samples in each]
+
+
+def _numbered(photo: Ids, line: Ids | Longs) -> Longs:
+    """Return the number (N,), from 0, of each line in each photo."""
+    _, number = np.unique(np.stack([photo, line], axis=1), axis=0, return_inverse=True)
+    return np.asarray(number.reshape(-1), np.int64)
 
 
 def _in_view(
@@ -146,7 +164,8 @@ def _in_view(
     at = project(samples, camera, camera_from_part)
     samples = samples.select(np.asarray(at.imaged & np.isfinite(at.row).all(axis=1) & at.row.any(axis=1)))
     at = project(samples, camera, camera_from_part)
-    n = len(samples)
+    n, chain = len(samples), wires.chain[samples.line]
+    contours = np.arange(len(part.rims), max(int(chain.max(initial=-1)) + 1, len(part.rims)))
     lines = Sightlines(
         at.q,
         at.normal,
@@ -156,9 +175,10 @@ def _in_view(
         np.zeros(n),
         np.minimum(samples.below, samples.above),
         np.zeros(n, np.int64),
+        np.concatenate([part.rims, contours])[chain],
         samples.part,
         wires.kind[samples.line],
-        wires.chain[samples.line],
+        chain,
         np.full(n, number, np.int32),
     )
     return lines, samples

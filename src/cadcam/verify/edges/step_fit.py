@@ -178,9 +178,9 @@ def _places_at(lines: Sightlines, among: Longs, rows: Longs, away: Array) -> Lon
 
 
 def rims(lines: Sightlines) -> Longs:
-    """Return the edges that face all ways; not so contours, which depend on the light."""
+    """Return the rims that face all ways; not so contours, which depend on the light."""
     drawn = lines.kind != EdgeKind.CONTOUR
-    return all_round(lines.edge[drawn], lines.normal[drawn])
+    return all_round(lines.rim[drawn], lines.normal[drawn])
 
 
 def beside_guess(lines: Sightlines, offset: Array, guess: Array) -> Array:
@@ -190,23 +190,28 @@ def beside_guess(lines: Sightlines, offset: Array, guess: Array) -> Array:
     half of them would be strays. Of a rim that is larger, they do not. What shows all round is compared with the shift
     that explains most of it, by least absolute deviations.
     """
-    out, known = np.zeros(len(lines)), np.isfinite(offset)
-    round_ = np.intersect1d(all_round(lines.edge[known], lines.normal[known]), rims(lines))
-    for e in np.unique(lines.edge[known]):
+    out, outward, known = np.zeros(len(lines)), lines.outward, np.isfinite(offset)
+    round_ = np.intersect1d(all_round(lines.rim[known], lines.normal[known]), rims(lines))
+    for rim in round_:
+        rows = lines.rim == rim
+        have = rows & known
+        out[rows] = lines.normal[rows] @ _shift(lines.normal[have], outward[have], offset[have])
+    for e in np.unique(lines.edge[known & ~np.isin(lines.rim, round_)]):
         rows = np.flatnonzero(lines.edge == e)
         have = rows[known[rows]]
-        if e in round_:
-            out[rows] = lines.normal[rows] @ _shift(lines.normal[have], offset[have])
-        elif np.ptp(guess[rows]) > _LEVEL_PX:
+        if np.ptp(guess[rows]) > _LEVEL_PX:
             along, plain = lines.along[have], offset[have]
             if _off_line(along, plain - guess[have]) < _off_line(along, plain):
                 out[rows] = guess[rows]
     return out
 
 
-def _shift(normal: Array, offset: Array) -> Array:
-    """Return the shift (2,) px, beside a growth, that explains most offsets (n,) px along normals (n, 2)."""
-    X = np.column_stack([normal, np.ones(len(normal))])
+def _shift(normal: Array, outward: Array, offset: Array) -> Array:
+    """Return the shift (2,) px, beside a growth, that explains most offsets (n,) px along normals (n, 2).
+
+    outward (n,): the sign of the normals, out of the rim or into it.
+    """
+    X = np.column_stack([normal, outward])
     shift, weight = np.zeros(3), np.ones(len(normal))
     for _ in range(_ROUNDS):
         shift = np.linalg.lstsq(X * weight[:, None], offset * weight, rcond=None)[0]
