@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -13,7 +14,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.report.verify.json import VerificationOrigin, record_of
-from cadcam.report.verify.words import judgement_table
+from cadcam.report.verify.overlay import overlay_svg
+from cadcam.report.verify.words import judgement_table, role
 from cadcam.verify.deviations.deviation import Unclear
 from cadcam.verify.judge import Verification, verify_part
 from cadcam.verify.reasons import failed_words
@@ -84,6 +86,13 @@ def test_of_what_is_missing_or_not_in_view_no_distance_is_judged() -> None:
     assert found["pin to peg"].reason.startswith("pin: ")
 
 
+def test_across_its_line_a_displacement_lengthens_it_by_its_square() -> None:
+    """Of 70 mm, 4 mm across make 0.114 mm more: three times U at least."""
+    _, found = judged(OBLIQUE, [apart("C", "D")], C=(2.0, 0.0, 0.0), D=(-2.0, 0.0, 0.0))
+    (j,) = found.values()
+    assert abs(j.deviation - (np.hypot(70, 4.0) - 70)) < 1.5 * j.U < 0.06
+
+
 def test_pins_and_their_sizes_do_not_mislead_it() -> None:
     _, found = judged(OBLIQUE, [apart("pin", "peg", 0.3)], pin=(0.0, 0.0, 0.3), peg=(0.6, 0.0, 0.0))
     (j,) = found.values()
@@ -133,9 +142,29 @@ def test_tables_and_records_hold_it_under_its_own_name() -> None:
     verdict, found = judged(ABOVE, [apart("A", "C")], A=(-0.4, 0.0, 0.0))
     (row,) = judgement_table(verdict).rows
     assert row[:2] == ("A to C", "distance")
+    assert verdict.inspection is not None
+    assert [role(verdict, verdict.inspection.feature(name)) for name in ("A", "C", "pin")] == ["judged"] * 2 + ["datum"]
     (kept,) = (d for d in record_of(verdict, VerificationOrigin("plate")).deviations if d.feature == "A to C")
     assert (kept.kind, kept.unit, kept.lower, kept.upper) == ("distance", "mm", -0.2, 0.2)
     assert kept.deviation == pytest.approx(found["A to C"].deviation)
+
+
+def test_one_that_fails_is_a_line_in_the_photo() -> None:
+    """From hole to hole, and across from a hole to the edge, with what it is off by."""
+    shot = Photo.of(photographed(drilled(A=(-0.4, 0.0, 0.0)), np.random.default_rng(1), ABOVE, CAMERA), CAMERA, ABOVE)
+    verdict, _ = judged(ABOVE, [apart("A", "C"), apart("A", "left edge", along=X), apart("C", "D")], A=(-0.4, 0.0, 0.0))
+    assert verdict.inspection is not None
+    drawn = overlay_svg(shot, 0, verdict.inspection, judgements=verdict.judgements)
+    said = re.findall(r"<text [^>]*>([^<]*)</text>", drawn)
+    assert [re.sub(r"0\.(4|39)\d* ± 0.0\d*", "0.4", text) for text in said[1:3]] == [
+        "A to C: 0.4 mm more",
+        "A to left edge: 0.4 mm less",
+    ]
+    assert not any(text.startswith("C to D") for text in said)
+    _, y, r = HOLES["A"]
+    foot = CAMERA.project(ABOVE @ np.array([[-100.0, y, HIGH / 2]]))[0] + 0.5
+    heads = np.array([tuple(map(float, place)) for place in re.findall(r"L(\S+) ([\d.]+)", drawn)])
+    assert np.hypot(*(heads - foot).T).min() < 0.1 * r * CAMERA.fx / 560
 
 
 FILE = """

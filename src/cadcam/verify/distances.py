@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -22,7 +23,8 @@ _OF_THE_PLACE = (Unclear.POSE, Unclear.CALIBRATION, Unclear.LITTLE, Unclear.CONT
 
 def judged_distance(distance: Distance, asked: Tolerances, scene: Scene, seen: Inspection) -> Judgement:
     """Return the judgement of a distance between two features, in the scene of the CAD, by what photos show."""
-    return with_remedy(_judgement(distance, asked.spacing(distance, scene), seen))
+    found = _judgement(distance, asked.spacing(distance, scene), seen)
+    return replace(with_remedy(found), between=tuple(distance.between))
 
 
 def _judgement(distance: Distance, spacing: Spacing, seen: Inspection) -> Judgement:

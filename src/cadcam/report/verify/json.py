@@ -137,6 +137,7 @@ def _state_words(f: FeatureDeviation) -> str:
 def _judgement(j: Judgement) -> dict[str, Any]:
     quantity = j.limit.quantity
     out: dict[str, Any] = {"feature": j.feature, "kind": quantity.name.lower(), "verdict": j.verdict.value}
+    out |= {"between": list(j.between)} if j.between else {}
     if quantity is not Quantity.PRESENCE:
         scale, unit = quantity.per_unit, quantity.unit
         out |= {

@@ -19,7 +19,7 @@ from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation, 
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.reasons import shown_decimals, vector_words
 from cadcam.verify.tolerances.tolerance import Quantity
-from cadcam.verify.tolerances.verdict import Judgement
+from cadcam.verify.tolerances.verdict import Judgement, Verdict
 from cadcam.whole import utf8, write_whole
 
 # Okabe and Ito's hues: blue, pale grey, vermilion; distinct for people with any colour vision
@@ -119,13 +119,17 @@ def _dots(q: Array, color: str, title: str) -> str:
 
 
 def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: Sequence[Judgement]) -> list[str]:
-    """Return arrows of displaced features, all magnified by one factor, and labels of these and of missing ones."""
+    """Return arrows of displaced features, all magnified by one factor, lines of distances that fail, and labels."""
     moves = _moves(photo, seen)
     longest = max((float(np.hypot(*d)) for _, _, d in moves), default=0.0)
     times = min(max(_ARROW_SHARE * width / longest, 1.0), _MOST_TIMES) if longest > 0 else 1.0
     arrows = [(q, times * d) for _, q, d in moves if np.hypot(*d) * times > width / _LEAST_ARROW]
-    out = [_arrow(q, d, width) for q, d in arrows]
+    distances = _distances(photo, seen, judgements)
+    out = [_dimension(*ends, width) for _, ends in distances] + [_arrow(q, d, width) for q, d in arrows]
     labels = [_Label.of(q, d, _label_text(f, judgements), width) for f, q, d in moves]
+    labels += [
+        _Label.of(ends.mean(axis=0), np.zeros(2), _shortened(j.feature, _off(j)), width) for j, ends in distances
+    ]
     notes = [f"arrows: displacements x {times:.0f}"] if arrows else []
     placed = _spaced(labels, photo.camera.size, notes)
     if len(placed) < len(labels):
@@ -155,6 +159,21 @@ def _moves(photo: Photo, seen: Inspection) -> list[tuple[FeatureDeviation, Array
         if np.isfinite(q).all() and photo.camera.sees(q[0]):
             moves.append((f, q[0], q[1] - q[0]))
     return sorted(moves, key=lambda move: -np.inf if move[0].state is State.MISSING else -move[0].size)
+
+
+def _distances(photo: Photo, seen: Inspection, judgements: Sequence[Judgement]) -> list[tuple[Judgement, Array]]:
+    """Return the distances in the picture that fail, each with its two ends (2, 2) px."""
+    camera_from_part, out = photo.camera_from_world @ seen.pose.world_from_part, []
+    for j in judgements:
+        if not j.between or j.verdict is not Verdict.FAIL:
+            continue
+        one, other = (seen.feature(name).p for name in j.between)
+        if j.limit.direction is not None:
+            other = one + ((other - one) @ j.limit.direction) * j.limit.direction
+        ends = photo.camera.project(camera_from_part @ np.stack([one, other]))
+        if np.isfinite(ends).all() and photo.camera.sees(ends).all():
+            out.append((j, ends))
+    return out
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,14 +247,14 @@ def _spaced(labels: Sequence[_Label], size: tuple[int, int], notes: Sequence[str
 
 
 def _label_text(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
-    """Return a feature's name with the judgement of its position, else with the displacement that the photo shows.
+    """Return a feature's name with the judgement of its position, else with the displacement that the photo shows."""
+    return _shortened(f.name, displacement_words(f, judgements))
 
-    A name is shortened in its middle where what is said of it would leave the photo.
-    """
-    said = displacement_words(f, judgements)
+
+def _shortened(name: str, said: str) -> str:
+    """Return a name and what is said of it; a name is shortened in its middle where that would leave the photo."""
     most = max(_MOST_LETTERS - len(f": {said}"), 3)
-    long = len(f.name) > most
-    name = f"{f.name[: most // 2]}…{f.name[-((most - 1) // 2) :]}" if long else f.name
+    name = f"{name[: most // 2]}…{name[-((most - 1) // 2) :]}" if len(name) > most else name
     return f"{name}{_LEFT_TO_RIGHT}: {said}" if _is_right_to_left(name) else f"{name}: {said}"
 
 
@@ -254,20 +273,37 @@ def displacement_words(f: FeatureDeviation, judgements: Sequence[Judgement]) -> 
     return _plus_minus(f.size, 2 * f.sigma)
 
 
+def _off(j: Judgement) -> str:
+    """Return by how much a distance is larger or smaller than in the CAD."""
+    off = j.deviation + j.limit.middle
+    return f"{_plus_minus(abs(off), j.U)} {'more' if off > 0 else 'less'}"
+
+
 def _plus_minus(mm: float, U: float) -> str:
     decimals = shown_decimals(2, U)
     return f"{mm:.{decimals}f} ± {U:.{decimals}f} mm"
 
 
 def _arrow(q: Array, d: Array, width: int) -> str:
-    end = q + d
-    size = width / 60
+    return _drawn([q, q + d], _barbs(q, d, width), width=width)
+
+
+def _dimension(one: Array, other: Array, width: int) -> str:
+    """Return a dimension line: arrowheads at both its ends."""
+    heads = [_barbs(b, a - b, width) for a, b in ((one, other), (other, one))]
+    return _drawn([one, other], *heads, width=width / 2)
+
+
+def _barbs(q: Array, d: Array, width: int) -> list[Array]:
+    """Return the polyline of the head of an arrow d (2,) px from q (2,)."""
     along = d / max(float(np.hypot(*d)), 1e-9)
     across = np.array([-along[1], along[0]])
-    barbs = [end - size * (along + s * 0.5 * across) for s in (1, -1)]
-    points = [*q, *end, *barbs[0], *end, *barbs[1]]
-    x = [f"{v + _CORNER:.1f}" for v in points]
-    path = f"M{x[0]} {x[1]}L{x[2]} {x[3]}M{x[4]} {x[5]}L{x[6]} {x[7]}L{x[8]} {x[9]}"
+    return [q + d - width / 60 * (along + across / 2), q + d, q + d - width / 60 * (along - across / 2)]
+
+
+def _drawn(*lines: Sequence[Array], width: float) -> str:
+    """Return polylines in white with a black border."""
+    path = "".join("M" + "L".join(f"{x + _CORNER:.1f} {y + _CORNER:.1f}" for x, y in line) for line in lines)
     return "".join(
         f'<path d="{path}" fill="none" stroke="{color}" stroke-width="{w}" stroke-linejoin="round"/>'
         for color, w in (("#000000", width / 130), ("#ffffff", width / 260))

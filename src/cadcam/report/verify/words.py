@@ -51,6 +51,7 @@ def to_do(found: Verification) -> list[tuple[str, list[str]]]:
     """Return the recommended actions for the verdict and the features concerned: what failed first."""
     out: dict[str, list[str]] = {}
     bodies = {f.name for f in found.tolerances.features if f.selection.whole}
+    bodies |= {d.name for d in found.tolerances.distances if bodies & {*d.between}}
     for j in found.judgements:
         if j.verdict is Verdict.FAIL:
             out.setdefault(_wrong(j, mounted=j.feature in bodies), []).append(j.feature)
@@ -78,7 +79,7 @@ def role(found: Verification, feature: FeatureDeviation) -> str:
 
     A judged one may be of a stated datum, too: it is measured from the others of it.
     """
-    if any(j.feature == feature.name for j in found.judgements):
+    if any(f.name == feature.name for f in found.tolerances.judged):
         return "judged"
     return "datum" if feature.datum else "compared"
 

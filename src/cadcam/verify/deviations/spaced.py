@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from cadcam.arrays import Array, Mask
@@ -33,7 +35,16 @@ def spaced(measured: MeasuredEdges, ends: tuple[Mask, Mask], spacing: Spacing) -
     for end, own, value in zip(ends, motions, each, strict=True):
         straight = measured.straightened(straight, end, own[:3] @ value)
     found = straight.estimate(rows, design, pose, prior=1.0, enlarged=True, shared=True)
-    return found.along(np.concatenate([spacing.way @ motions[0][:3], -spacing.way @ motions[1][:3]]))
+    ways = spacing.way[None] if spacing.across is None else np.stack([spacing.way, spacing.across])
+    apart = found.along(np.column_stack([ways @ motions[0][:3], -ways @ motions[1][:3]]))
+    return apart if spacing.across is None else _longer(apart, spacing.mm)
+
+
+def _longer(apart: Estimate, mm: float) -> Estimate:
+    """Return by how much (1,) mm a line of so many mm is longer whose ends are displaced along and across it."""
+    line = np.array([mm, 0.0]) + apart.value
+    length = float(np.linalg.norm(line))
+    return replace(apart.along(line / length), value=np.array([length - mm]))
 
 
 def _side_by_side(ends: tuple[Mask, Mask], bodies: list[BodyLines], motions: list[Array]) -> Array:

@@ -22,12 +22,15 @@ class Spacing(Brief):
     """The unit vector `way` (3,) from the second feature to the first, and their distance along it, mm.
 
     mm: nan where one extends along the way and is no circle across it: then the CAD has no single distance. bases: for
-    each the directions (3, m) in which it may be displaced: across its axis, or along the way alone.
+    each the directions (3, m) in which it may be displaced: across its axis, or along the way alone. across (3,): unit
+    vector across way and axes, in which a displacement turns the straight line from axis to axis; None where the
+    distance counts along the way alone.
     """
 
     way: Array
     mm: float
     bases: tuple[Array, Array]
+    across: Array | None = None
 
     @classmethod
     def between(cls, first: Sequence[Array], second: Sequence[Array], direction: Array | None) -> Spacing:
@@ -47,7 +50,8 @@ class Spacing(Brief):
         else:
             mm = float("nan")
         one, other = (_basis(of, way) for of in circles)
-        return cls(way, mm, (one, other))
+        axis = None if direction is not None or circles[0] is None else circles[0].axis
+        return cls(way, mm, (one, other), None if axis is None else np.cross(axis, way))
 
 
 def _across_axes(first: Circles | None, second: Circles | None) -> Array:

@@ -111,8 +111,9 @@ class Judgement(Brief):
     """A limit of a feature, the measured value (mm; rad for angles; nan where nothing was measured), and the verdict.
 
     The value is told from the limit's middle, which for most limits is the CAD's own place or size. reason: one line of
-    text; remedy: where it could not be decided, what would help. str() has degrees for angles, as the tolerance file,
-    and tells the value from the CAD; `limit.quantity.per_unit` is the factor from rad.
+    text; remedy: where it could not be decided, what would help; between: the features that a distance is between.
+    str() has degrees for angles, as the tolerance file, and tells the value from the CAD; `limit.quantity.per_unit` is
+    the factor from rad.
     """
 
     feature: str
@@ -122,6 +123,7 @@ class Judgement(Brief):
     verdict: Verdict
     reason: str = ""
     remedy: str = ""
+    between: tuple[str, ...] = ()
 
     @property
     def U(self) -> float:
