@@ -79,7 +79,7 @@ def role(found: Verification, feature: FeatureDeviation) -> str:
 
     A judged one may be of a stated datum, too: it is measured from the others of it.
     """
-    if any(f.name == feature.name for f in found.tolerances.judged):
+    if any(feature.name in (j.feature, *j.between) for j in found.judgements):
         return "judged"
     return "datum" if feature.datum else "compared"
 
