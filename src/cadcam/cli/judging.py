@@ -31,6 +31,8 @@ tolerance file (YAML; mm and degrees, in the part's axes):
       position_mm: 0.8             also: profile_mm, angle_deg; direction: [0, 1, 0] judges a position along it alone,
                                    axis: [0, 0, 1] across it alone, as of a hole or pin; diameter_mm: 0.1
       presence: required
+  distances:                       between two features, each as above, with limits of its own or without
+    pitch: {between: [stiffener, other], direction: [0, 1, 0], distance_mm: [-0.1, 0.2]}
 """
 
 
