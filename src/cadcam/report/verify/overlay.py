@@ -31,7 +31,7 @@ _ARROW_SHARE = 0.09  # of the photo's width: the longest arrow
 _LABEL_SHARE, _LETTER = 1 / 32, 0.62  # of the photo's width: a label's height; of that: a wide font's letter
 _APART = 8.0  # px from a label to what it names
 _MORE = "{} more below"  # labels that have no room; all are in the tables
-_LINE = 1.2  # distance of labels, in heights of a label
+_LINE, _BELOW = 1.2, 1.8  # distance of labels, and of one from the middle of its dimension line, in their heights
 _MOST_LETTERS = int(1 / (_LABEL_SHARE * _LETTER)) - 2  # of a label that is as long as the photo is wide
 _LEFT_TO_RIGHT = "\u200e"  # Unicode's mark, without width
 
@@ -127,8 +127,10 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: 
     distances = _distances(photo, seen, judgements)
     out = [_dimension(*ends, width) for _, ends in distances] + [_arrow(q, d, width) for q, d in arrows]
     labels = [_Label.of(q, d, _label_text(f, judgements), width) for f, q, d in moves]
+    below = np.array([0.0, _BELOW * _LABEL_SHARE * width])
     labels += [
-        _Label.of(ends.mean(axis=0), np.zeros(2), _shortened(j.feature, _off(j)), width) for j, ends in distances
+        _Label.of(ends.mean(axis=0) + below, np.zeros(2), _shortened(j.feature, _off(j)), width)
+        for j, ends in distances
     ]
     notes = [f"arrows: displacements x {times:.0f}"] if arrows else []
     placed = _spaced(labels, photo.camera.size, notes)
