@@ -1,9 +1,9 @@
 """Does the plate keep the tolerances that its STEP file states? A photo of the plate as built is judged by them.
 
 Run it anywhere: `python judge_by_the_drawing.py [FOLDER [SAMPLES]]`. In the plate that is photographed one hole of
-20 mm is 0.5 mm off its place, 0.3 mm nearer to the other, and the one of 12 mm is 0.4 mm too large. It leaves the tolerance file that the STEP file
-makes, the photo, the report (report.html: open it in a browser) and the photo with every edge in the colour of its
-deviation. SAMPLES are the renderings that the photo is the mean of.
+20 mm is 0.5 mm off its place, and 0.3 mm nearer to the other one than drawn; the one of 12 mm is 0.4 mm too large. It
+leaves the tolerance file that the STEP file makes, the photo, the report (report.html: open it in a browser) and the
+photo with every edge in the colour of its deviation. SAMPLES are the renderings that the photo is the mean of.
 """
 
 from __future__ import annotations
