@@ -87,3 +87,16 @@ def test_each_edge_is_split_by_itself(rng: np.random.Generator) -> None:
         assert np.array_equal(together[edge == e], first + alone)
         first += int(alone.max()) + 1
     assert first == len(np.unique(together)) > 3
+
+
+def test_a_smaller_rim_may_lie_where_another_line_is_drawn() -> None:
+    """A hole's rim that shrinks to where its other one was: there its edge is no evidence, but nor is it missing."""
+    angle = np.radians(np.arange(0, 360, 8.0))
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    offset = np.full((len(angle), 1), -4.5)
+    quarter = angle > np.radians(282)
+    free, unseen = np.where(quarter[:, None], np.nan, offset), offset.copy()
+    free[-1], unseen[quarter] = -4.5, np.nan
+    found = [grown(seen, free, normal, np.zeros(2), reach_px=8.0) for seen in (offset, unseen)]
+    assert [size for size, _ in found] == [-4.5, 0.0]
+    np.testing.assert_array_equal(found[0][1], [0, 0])

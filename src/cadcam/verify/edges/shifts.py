@@ -63,7 +63,8 @@ def grown(offset: Array, free: Array, normal: Array, shift: Array, *, reach_px: 
 
     offset, free (n, K): its candidates, and those that no other line of the model explains; normal (n, 2): out of the
     rim; shift (2,) px: of its body, which a larger rim may have led astray: the nominal place is tried as well.
-    The gain over the nominal size must be as large as for a shift, and all round: in most of each of its pieces.
+    The gain over the nominal size must be as large as for a shift, and all round: in most of each of its pieces, where
+    no other line, such as a hole's other rim, is drawn in its place.
     """
     piece = pieces(np.zeros(len(normal), np.int64), normal)
     near = np.unique(np.concatenate([shift + _grid(NEAR_PX), _grid(NEAR_PX)]), axis=0)
@@ -73,8 +74,9 @@ def grown(offset: Array, free: Array, normal: Array, shift: Array, *, reach_px: 
     size, place = np.unravel_index(np.argmax(scores), scores.shape)
     if scores[size, place] - nominal <= max(_GAIN_SAMPLES, _GAIN_SHARE * len(offset)):
         return 0.0, shift
-    there = supported(free - sizes[size], normal, near[place])
-    if (2 * np.bincount(piece, there) < np.bincount(piece)).any():
+    there, anyhow = (supported(found - sizes[size], normal, near[place]) for found in (free, offset))
+    seen, asked = np.bincount(piece, there), np.bincount(piece, there | ~anyhow)
+    if not ((seen > 0) & (2 * seen >= asked)).all():
         return 0.0, shift
     return float(sizes[size]), near[place]
 
