@@ -18,6 +18,9 @@ _GRID_PX = CAPTURE_PX / 2
 _GAIN_SAMPLES, _GAIN_SHARE = 3.0, 0.10  # least gain in support over the nominal place: places, share
 _GUESSES, _GUESSES_APART_PX = 6, 2.0  # most guesses of a body's place, and their least distance
 _GUESS_SHARE = 0.5  # least support of the other guesses relative to the best
+# Share of a rim's places that each px of growth and shift has to gain: a hole's other rim beside its own one, of which
+# each gives half of the candidates, is otherwise as good as one that is larger, and displaced.
+_PER_PX = 0.02
 _WAYS = 3  # pieces of a rim, facing different ways, that distinguish its size from a shift
 
 
@@ -62,16 +65,18 @@ def grown(offset: Array, free: Array, normal: Array, shift: Array, *, reach_px: 
     """Return by how many px a rim is larger than drawn, and the shift (2,) px then; 0 and its body's if it is not.
 
     offset, free (n, K): its candidates, and those that no other line of the model explains; normal (n, 2): out of the
-    rim; shift (2,) px: of its body, which a larger rim may have led astray: the nominal place is tried as well.
-    The gain over the nominal size must be as large as for a shift, and all round: in most of each of its pieces, where
-    no other line, such as a hole's other rim, is drawn in its place.
+    rim; shift (2,) px: of its body, which a larger rim may have led astray: the nominal place is tried as well. Of
+    growths and shifts with nearly the same support the least is taken. The gain over the nominal size must be as large
+    as for a shift, and all round: in most of each of its pieces, where no other line, such as a hole's other rim, is
+    drawn in its place.
     """
     piece = pieces(np.zeros(len(normal), np.int64), normal)
     near = np.unique(np.concatenate([shift + _grid(NEAR_PX), _grid(NEAR_PX)]), axis=0)
     nominal = float(support(offset, normal, near).max())
     sizes = np.arange(-int(reach_px / _GRID_PX), int(reach_px / _GRID_PX) + 1) * _GRID_PX
     scores = np.array([support(free - g, normal, near) for g in sizes])
-    size, place = np.unravel_index(np.argmax(scores), scores.shape)
+    unlike = _PER_PX * len(offset) * (np.abs(sizes)[:, None] + np.hypot(*near.T))
+    size, place = np.unravel_index(np.argmax(scores - unlike), scores.shape)
     if scores[size, place] - nominal <= max(_GAIN_SAMPLES, _GAIN_SHARE * len(offset)):
         return 0.0, shift
     there, anyhow = (supported(found - sizes[size], normal, near[place]) for found in (free, offset))
