@@ -216,7 +216,8 @@ class _Part:
     def towards(self, tile: _Tile, at: _At) -> _Tile:
         """Return the direction (N, 3) to a lamp's point for each of these pixels."""
         row = at[0] + self.rows.start
-        return tile[row % tile.shape[0], at[1] % tile.shape[1]]
+        found: _Tile = tile[row % tile.shape[0], at[1] % tile.shape[1]]
+        return found
 
 
 def blur_before(sensor: Sensor, camera: Camera, aperture: Aperture | None) -> float:
