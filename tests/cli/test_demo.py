@@ -1,9 +1,14 @@
-"""`cadcam demo`: its files are those it lists, its numbers are the dissertation's, its commands can be run again."""
+"""`cadcam demo`: its files are those it lists, its numbers are the dissertation's, its commands can be run again.
+
+The Python of README, python.md and inspect.md runs as printed on these files.
+"""
 
 from __future__ import annotations
 
 import json
+import re
 import shlex
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -32,6 +37,9 @@ from cadcam.image.picture import read_picture
 
 from .job import Ran
 
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = ("README.md", "docs/python.md", "docs/inspect.md")
+SNIPPETS = {page: re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), flags=re.DOTALL) for page in PAGES}
 WITHIN = 4.0  # sigmas, beyond which a figure shown is not one of its covariance: one in 16 000
 
 
@@ -48,6 +56,12 @@ def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
         assert main(["demo", str(folder)]) == 0
     (folder.parent / "said.txt").write_text("\n".join(said))
     return folder
+
+
+@pytest.fixture(scope="module")
+def reader_s(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Return a reader's copy of it, for what the snippets write, one for the next."""
+    return Path(shutil.copytree(demo, tmp_path_factory.mktemp("readme") / "demo"))
 
 
 @pytest.fixture
@@ -133,7 +147,7 @@ def test_the_displaced_and_the_forgotten_part_fail_and_nothing_else_is_blamed(de
 def test_the_readme_says_what_the_demo_finds(demo: Path) -> None:
     judged = json.loads((demo / "report.json").read_text())["judgements"][0]
     found = f"bracket {judged['deviation_mm']:.1f} ± {judged['expanded_uncertainty_mm']:.1f} mm off"
-    assert found in (Path(__file__).resolve().parents[2] / "README.md").read_text(encoding="utf-8")
+    assert found in (ROOT / "README.md").read_text(encoding="utf-8")
 
 
 def test_the_verdict_is_shown_beside_the_truth(said: str) -> None:
@@ -183,8 +197,24 @@ def test_json_holds_all_that_was_found_and_what_is_true(
     assert [c.split()[1] for c in document["commands"]][-3:] == ["calibrate", "locate", "verify"]
 
 
+def test_there_is_a_snippet_for_each_job() -> None:
+    assert {page: len(snippets) for page, snippets in SNIPPETS.items()} == dict(zip(PAGES, (5, 4, 1), strict=True))
+
+
+@pytest.mark.parametrize(
+    "snippet",
+    [pytest.param(text, id=f"{page}:{k}") for page, texts in SNIPPETS.items() for k, text in enumerate(texts)],
+)
+def test_a_snippet_runs_as_printed(snippet: str, reader_s: Path) -> None:
+    result = subprocess.run(
+        [sys.executable, "-W", "error", "-c", snippet], cwd=reader_s, capture_output=True, text=True, check=False
+    )
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+
+
 def test_the_gallery_is_made_from_it(demo: Path, tmp_path: Path) -> None:
-    script = Path(__file__).resolve().parents[2] / "examples" / "gallery.py"
+    script = ROOT / "examples" / "gallery.py"
     command = [sys.executable, "-W", "error", script, demo, tmp_path]
     ran = subprocess.run(command, capture_output=True, text=True, check=False)
     assert ran.returncode == 0, ran.stderr

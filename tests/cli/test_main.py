@@ -61,6 +61,19 @@ def test_every_example_in_a_help_text_is_accepted(verb: str) -> None:
         assert parser.parse_args(shlex.split(command)[1:]).verb == verb
 
 
+def test_the_parser_of_one_verb_is_that_among_all() -> None:
+    """Where a verb's module had another name, all would be built, as for a word that is no verb."""
+
+    def helps(*asked: str) -> dict[str, str]:
+        (choices,) = (a.choices for a in cli.parser(*asked)._actions if isinstance(a, argparse._SubParsersAction))
+        return {verb: one.format_help() for verb, one in choices.items()}
+
+    every = helps()
+    assert tuple(every) == VERBS
+    assert [helps(verb) for verb in VERBS] == [{verb: text} for verb, text in every.items()]
+    assert helps("nonsense") == every
+
+
 @pytest.mark.parametrize("odd", ["Gehäuse", os.fsdecode(b"Geh\xe4use")])
 def test_names_that_stdout_has_no_characters_for_are_spelled_out_but_json_is_utf_8(job: Path, odd: str) -> None:
     try:

@@ -99,12 +99,12 @@ _UNREAD = 141  # as shells say of any program whose pipe was closed; 0 would say
 _BUG = 70  # EX_SOFTWARE of sysexits.h: a production line must not take a crash for a failed part
 
 
-def parser() -> argparse.ArgumentParser:
-    """Return the parser of all verbs."""
+def parser(asked: str = "") -> argparse.ArgumentParser:
+    """Return the parser of all verbs; of the one asked for alone, if it is one: all together take ten times as long."""
     top = Parser(prog="cadcam", description=_DESCRIPTION, epilog=_EPILOG, formatter_class=Help)
     top.add_argument("--version", action="version", version=f"cadcam {__version__}")
     verbs = top.add_subparsers(dest="verb", metavar="VERB [options]", required=True, title="verbs")
-    for verb in VERBS:
+    for verb in [verb for verb in VERBS if verb.__name__.rpartition(".")[2] == asked] or VERBS:
         verb.add_to(verbs)
     return top
 
@@ -112,7 +112,8 @@ def parser() -> argparse.ArgumentParser:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit code."""
     _open_streams()
-    arguments, unknown = parser().parse_known_args(argv)
+    words = sys.argv[1:] if argv is None else argv
+    arguments, unknown = parser(*words[:1]).parse_known_args(words)
     if unknown:  # the help of this verb is the relevant one
         arguments.parser.unrecognized(unknown)
     try:

@@ -121,8 +121,8 @@ class Around:
 
     def __init__(self, centres: Array) -> None:
         self._centres, (self._per_x, self._per_y) = centres, slopes(centres)
-        change = np.maximum(np.abs(self._per_x), np.abs(self._per_y)).max(axis=-1)
-        self._steep = change > _STEEP * (1 + np.abs(centres).max(axis=-1))
+        change = _larger(np.maximum(np.abs(self._per_x), np.abs(self._per_y)))
+        self._steep = change > _STEEP * (1 + _larger(np.abs(centres)))
         if self._steep.any():
             rays = direction(centres)
             self._ray, (self._ray_x, self._ray_y) = rays[self._steep], (d[self._steep] for d in slopes(rays))
@@ -134,6 +134,11 @@ class Around:
             ray = self._ray + x * self._ray_x + y * self._ray_y
             points[self._steep] = ray[:, :2] / np.where(ray[:, 2:] > 0, ray[:, 2:], np.nan)
         return np.asarray(points)
+
+
+def _larger(pairs: Array) -> Array:
+    """Return the larger (...) of each two numbers (..., 2); `max` along so short an axis takes forty times as long."""
+    return np.asarray(np.maximum(pairs[..., 0], pairs[..., 1]))
 
 
 def subdivided(points: Array, n: int) -> Array:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeAlias
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 import numpy.typing as npt
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Mask, Picture
 from cadcam.camera.aperture import Aperture
 from cadcam.camera.camera import Camera
+from cadcam.camera.perspective import direction
 from cadcam.cores import blocks, on_cores
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.image.sensor.light import Blur
@@ -39,6 +40,7 @@ _TOGETHER = 1 << 20  # pixels that are lit at a time
 _CLEAR = 1e-5  # of the depth or the model's size: how far above its face a shadow's ray starts
 
 _At: TypeAlias = tuple[npt.NDArray[np.intp], ...]
+_Tile = TypeVar("_Tile", Array, Picture)  # directions (h, w, 3), or those of single pixels
 
 
 class Photographer:
@@ -152,7 +154,7 @@ class Photographer:
         normal, plane, depth = view.normal[rows][at], seen.beside.points(rows), view.depth[rows]
         total = np.full(len(normal), light.ambient, np.float32)
         if light.flash:
-            directions = seen.directions(rows)[at].astype(np.float32)
+            directions = direction(plane[at]).astype(np.float32)
             total += light.flash * np.clip(-np.einsum("ij,ij->i", normal, directions), 0, 1)
         for i, lamp in enumerate(light.lamps):
             cosine = part.cosines[i].copy()
@@ -202,7 +204,7 @@ class _Part:
         normal, depth = view.normal[rows][at], view.depth[rows][at]
         cosines, farthest = [], []
         for tile in towards:
-            to = (part.towards(tile, at) @ R.T).astype(np.float32)
+            to = part.towards((tile @ R.T).astype(np.float32), at)
             cosines.append(np.clip(np.einsum("ij,ij->i", normal, to), 0, 1))
             farthest.append(float(depth[cosines[-1] > 0].max(initial=0)))
         return cls(rows, tuple(cosines), tuple(farthest))
@@ -211,10 +213,11 @@ class _Part:
         """Return the rows, from the first of the part, and columns of the pixels that see anything."""
         return np.nonzero(view.face[self.rows] >= 0)
 
-    def towards(self, tile: Array, at: _At) -> Array:
+    def towards(self, tile: _Tile, at: _At) -> _Tile:
         """Return the direction (N, 3) to a lamp's point for each of these pixels."""
         row = at[0] + self.rows.start
-        return np.asarray(tile[row % tile.shape[0], at[1] % tile.shape[1]])
+        found: _Tile = tile[row % tile.shape[0], at[1] % tile.shape[1]]
+        return found
 
 
 def blur_before(sensor: Sensor, camera: Camera, aperture: Aperture | None) -> float:

@@ -44,10 +44,6 @@ class Pinhole:
     camera_from_world: Rigid
     beside: Beside
 
-    def directions(self, rows: slice) -> Array:
-        """Return the unit directions (R, W, 3) of the pixels of some rows in its own frame."""
-        return direction(self.beside.points(rows))
-
 
 class ThinLens:
     """A camera with an opening, or None for a pinhole: gives the pinholes that make it up."""

@@ -184,7 +184,7 @@ def _run(command: list[str], *, quiet: bool) -> Said:
 
     if not quiet:
         say(f"$ {shlex.join(command)}")
-    arguments = parser().parse_args([*command[1:], "--json"])
+    arguments = parser(command[1]).parse_args([*command[1:], "--json"])
     said = io.StringIO()
     with working(f"cadcam {command[1]}"), redirect_stdout(said), redirect_stderr(io.StringIO()):
         arguments.run(arguments)

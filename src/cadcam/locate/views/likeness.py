@@ -196,13 +196,13 @@ def _shifts(p: Array, q: Array, step: float) -> list[Array]:
     cell -= cell.min(axis=1, keepdims=True)
     x, y, z = cell
     _, many_y, many_z = cell.max(axis=1) + 1
-    _, at, count = np.unique((x * many_y + y) * many_z + z, return_index=True, return_counts=True)
-    cell = cell.astype(np.int16)  # counted through many times
-    cells, out = cell[:, at], []
-    for _ in range(min(_SHIFTS, cells.shape[1])):
-        most = cells[:, int(np.argmax(count)), None]
-        out.append(np.asarray(step * by[:, np.abs(cell - most).max(axis=0) <= 1].mean(axis=1)))
-        count[np.abs(cells - most).max(axis=0) <= 2] = 0
+    keys, its, count = np.unique((x * many_y + y) * many_z + z, return_inverse=True, return_counts=True)
+    cells = np.stack([keys // many_z // many_y, keys // many_z % many_y, keys % many_z]).astype(np.int16)
+    votes, sums, out = count.copy(), np.stack([np.bincount(its, weights=along) for along in by]), []
+    for _ in range(min(_SHIFTS, len(keys))):
+        apart = np.abs(cells - cells[:, int(np.argmax(votes)), None]).max(axis=0)
+        out.append(np.asarray(step * sums[:, apart <= 1].sum(axis=1) / count[apart <= 1].sum()))
+        votes[apart <= 2] = 0
     return out
 
 
