@@ -10,7 +10,7 @@ import pytest
 from cadcam.cad.edges import FeatureEdges
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts.shape import circle
-from cadcam.cad.rims import rim_centers, rim_of_chains
+from cadcam.cad.rims import bore_of_chains, rim_centers, rim_of_chains
 from cadcam.render.view import Scene
 
 from .drawn_plate import HOLES, SIZE
@@ -68,3 +68,25 @@ def test_rims_of_holes_that_are_drawn_by_halves_have_middles() -> None:
     middles = rim_centers(scene.mesh, scene.edges)
     expected = {(x, y, z) for x, y, _ in HOLES.values() for z in (0.0, SIZE[2])}
     assert {tuple(p) for p in np.round(middles, 3).tolist()} == expected
+
+
+def test_all_rims_of_a_hole_are_one_bore() -> None:
+    """Four half rims each; what is no rim, and rims of other holes, have numbers of their own."""
+    scene = drawn()
+    bore = bore_of_chains(scene.mesh, scene.edges)
+    number, chains = np.unique(bore, return_counts=True)
+    assert sorted(chains.tolist())[-len(HOLES) :] == [4] * len(HOLES)
+    assert chains.sum() - 4 * len(HOLES) == len(number) - len(HOLES)
+    lines = scene.edges.polylines(scene.mesh)
+    for k in number[chains == 4]:
+        places = np.concatenate([lines[c] for c in np.flatnonzero(bore == k)])
+        middle = (places.min(axis=0) + places.max(axis=0)) / 2
+        assert min(np.hypot(*(middle[:2] - hole[:2])) for hole in HOLES.values()) < 1e-3
+        assert np.ptp(places[:, 2]) == pytest.approx(SIZE[2])
+
+
+def test_a_step_in_a_hole_makes_two_bores() -> None:
+    """Circles about one axis, of which one is a tenth larger; and two of one size side by side."""
+    rings = [circle((0.0, 0.0), 5.0, 32), circle((0.0, 0.0), 5.5, 32), circle((20.0, 0.0), 5.0, 32)]
+    mesh, edges = lines_of([np.vstack([ring, ring[:1]]) for ring in rings], [0, 0, 0])
+    assert bore_of_chains(mesh, edges).tolist() == [0, 1, 2]

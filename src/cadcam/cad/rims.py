@@ -6,6 +6,7 @@ STEP files have a hole as two half cylinders: its rim is two edges, of different
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -17,14 +18,12 @@ from cadcam.cad.topology import weld
 
 _LEAST = 8  # segments of a circle
 _ROUND = 0.02  # of its radius: how far its points may be off, which rounded coordinates and seams are
+_PARALLEL = np.cos(np.radians(0.5))  # axes of one bore
 
 
 def rim_centers(mesh: Mesh, edges: FeatureEdges) -> Array:
     """Return the middles (N, 3) mm of round holes and pins: the centre of each closed line that is a circle."""
-    points, number, lines = _smooth_lines(mesh, edges)
-    closed = (line for line in lines if (np.unique(number[line], return_counts=True)[1] == 2).all())
-    centres = [_centre(points[line].reshape(-1, 3)) for line in closed if len(line) >= _LEAST]
-    found = np.array([c for c in centres if c is not None]).reshape(-1, 3)
+    found = np.array([rim.centre for _, rim in _closed(mesh, edges)]).reshape(-1, 3)
     return found[np.unique(weld(found, np.zeros(len(found), np.int64)))] if len(found) else found
 
 
@@ -37,9 +36,36 @@ def rim_of_chains(mesh: Mesh, edges: FeatureEdges) -> Longs:
     points, _, lines = _smooth_lines(mesh, edges)
     for line in lines:
         chains = edges.chain[line]
-        if np.ptp(chains) and _centre(points[line].reshape(-1, 3)) is not None:
+        if np.ptp(chains) and _Circle.through(points[line].reshape(-1, 3)) is not None:
             rim[chains] = chains.min()
     return rim
+
+
+def bore_of_chains(mesh: Mesh, edges: FeatureEdges) -> Longs:
+    """Return the bore (C,) that each chain is a rim of: all rims of one hole or pin have the first one's number.
+
+    They are circles of one size about one axis, of one part. Every other chain has its own.
+    """
+    bore = rim_of_chains(mesh, edges)
+    kept: list[tuple[int, int, _Circle]] = []
+    for line, circle in _closed(mesh, edges):
+        part, chains = int(edges.part[line[0]]), np.unique(edges.chain[line])
+        own = next((of for of, its, other in kept if its == part and other.coaxial(circle)), None)
+        if own is None:
+            kept.append((int(bore[chains[0]]), part, circle))
+        else:
+            bore[chains] = own
+    return bore
+
+
+def _closed(mesh: Mesh, edges: FeatureEdges) -> Iterator[tuple[Longs, _Circle]]:
+    """Yield the segments of each closed line that is a circle, and that circle."""
+    points, number, lines = _smooth_lines(mesh, edges)
+    for line in lines:
+        if len(line) >= _LEAST and (np.unique(number[line], return_counts=True)[1] == 2).all():
+            circle = _Circle.through(points[line].reshape(-1, 3))
+            if circle is not None:
+                yield line, circle
 
 
 def _smooth_lines(mesh: Mesh, edges: FeatureEdges) -> tuple[Array, Longs, Iterator[Longs]]:
@@ -55,15 +81,30 @@ def _smooth_lines(mesh: Mesh, edges: FeatureEdges) -> tuple[Array, Longs, Iterat
     return ends, number, iter(np.split(order, breaks) if len(order) else ())
 
 
-def _centre(points: Array) -> Array | None:
-    """Return the centre (3,) of the circle through points (n, 3); None where they lie on none."""
-    middle = points.mean(axis=0)
-    p = points - middle
-    plane = np.linalg.svd(p, full_matrices=False)[2][:2]
-    q = p @ plane.T
-    found = np.linalg.lstsq(np.column_stack([2 * q, np.ones(len(q))]), np.sum(q * q, axis=1), rcond=None)[0]
-    radius = np.linalg.norm(q - found[:2], axis=1)
-    out_of_plane = np.linalg.norm(p - q @ plane, axis=1)
-    if max(np.ptp(radius), out_of_plane.max()) > _ROUND * radius.mean():
-        return None
-    return np.asarray(middle + found[:2] @ plane)
+@dataclass(frozen=True, slots=True, eq=False)
+class _Circle:
+    """A circle: centre (3,) mm, axis (3,), radius mm."""
+
+    centre: Array
+    axis: Array
+    radius: float
+
+    @classmethod
+    def through(cls, points: Array) -> _Circle | None:
+        """Return the circle through points (n, 3); None where they lie on none."""
+        middle = points.mean(axis=0)
+        p = points - middle
+        axes = np.linalg.svd(p, full_matrices=False)[2]
+        q = p @ axes[:2].T
+        found = np.linalg.lstsq(np.column_stack([2 * q, np.ones(len(q))]), np.sum(q * q, axis=1), rcond=None)[0]
+        radius = np.linalg.norm(q - found[:2], axis=1)
+        if max(np.ptp(radius), np.abs(p @ axes[2]).max()) > _ROUND * radius.mean():
+            return None
+        return cls(np.asarray(middle + found[:2] @ axes[:2]), axes[2], float(radius.mean()))
+
+    def coaxial(self, other: _Circle) -> bool:
+        """Return whether another circle has the same axis and size."""
+        if abs(self.axis @ other.axis) < _PARALLEL or abs(self.radius - other.radius) > _ROUND * self.radius:
+            return False
+        apart = other.centre - self.centre
+        return bool(np.linalg.norm(apart - (apart @ self.axis) * self.axis) < _ROUND * self.radius)

@@ -6,7 +6,7 @@ from functools import cached_property
 
 from cadcam.arrays import Array, Longs
 from cadcam.cad.mesh import Mesh
-from cadcam.cad.rims import rim_of_chains
+from cadcam.cad.rims import bore_of_chains, rim_of_chains
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect
 from cadcam.locate.views.aspects import Aspects
@@ -48,6 +48,11 @@ class Part:
     def rims(self) -> Longs:
         """The rim (C,) that each chain of its edges is of: arcs of one circle are one."""
         return rim_of_chains(self.scene.mesh, self.scene.edges)
+
+    @cached_property
+    def bores(self) -> Longs:
+        """The hole or pin (C,) that each chain of its edges is a rim of; of others the chain itself."""
+        return bore_of_chains(self.scene.mesh, self.scene.edges)
 
     @cached_property
     def aspects(self) -> Aspects:

@@ -125,7 +125,7 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: 
     times = min(max(_ARROW_SHARE * width / longest, 1.0), _MOST_TIMES) if longest > 0 else 1.0
     arrows = [(q, times * d) for _, q, d in moves if np.hypot(*d) * times > width / _LEAST_ARROW]
     distances = _distances(photo, seen, judgements)
-    out = [_dimension(*ends, width) for _, ends in distances] + [_arrow(q, d, width) for q, d in arrows]
+    out = [_dimension(ends, width) for _, ends in distances] + [_arrow(q, d, width) for q, d in arrows]
     labels = [_Label.of(q, d, _label_text(f, judgements), width) for f, q, d in moves]
     below = np.array([0.0, _BELOW * _LABEL_SHARE * width])
     labels += [
@@ -290,8 +290,9 @@ def _arrow(q: Array, d: Array, width: int) -> str:
     return _drawn([q, q + d], _barbs(q, d, width), width=width)
 
 
-def _dimension(one: Array, other: Array, width: int) -> str:
-    """Return a dimension line: arrowheads at both its ends."""
+def _dimension(ends: Array, width: int) -> str:
+    """Return a dimension line with arrowheads at both its ends (2, 2) px."""
+    one, other = ends
     heads = [_barbs(b, a - b, width) for a, b in ((one, other), (other, one))]
     return _drawn([one, other], *heads, width=width / 2)
 

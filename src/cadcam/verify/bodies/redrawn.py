@@ -40,6 +40,11 @@ class RedrawnPart(Part):
         """The rim (C,) that each chain of its edges is of: arcs of one circle are one."""
         return self._still.rims
 
+    @cached_property
+    def bores(self) -> Longs:
+        """The hole or pin (C,) that each chain of its edges is a rim of; of others the chain itself."""
+        return self._still.bores
+
 
 def redrawn(part: Part, by: Array) -> Part | None:
     """Return the part with each of its bodies moved by `by` (P, 3) mm; None where bodies share vertices."""

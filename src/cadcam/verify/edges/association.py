@@ -170,17 +170,18 @@ class _Search:
         """Return coarse offsets and shifts, those of larger rims set right, and by how many px (N,) rims are larger.
 
         A rim is an edge, or all arcs of a circle, that faces several ways; it may be larger by more than a displacement
-        of its body explains. Growth is along the normals, which point out of a rim or into it.
+        of its body explains. All rims of a bore are larger alike: which of the photo's edges is whose only all of them
+        tell. Growth is along the normals, which point out of a rim or into it.
         """
         lines, asked = self.lines, self.body >= 0
         coarse, shift, growth = coarse.copy(), shift.copy(), np.zeros(len(lines))
-        every = np.intersect1d(lines.rim[asked], rims(lines))
+        every = np.unique(lines.bore[asked & np.isin(lines.rim, rims(lines))])
         if not len(every):
             return coarse, shift, growth
-        free = np.where(_explained(lines, self.found, lines.rim, _IN_PLACE), np.nan, self.found)
+        free = np.where(_explained(lines, self.found, lines.bore, _IN_PLACE), np.nan, self.found)
         outward = lines.outward
-        for rim in every:
-            rows = np.flatnonzero((lines.rim == rim) & asked)
+        for bore in every:
+            rows = np.flatnonzero((lines.bore == bore) & asked)
             normal, out = lines.normal[rows], outward[rows]
             found, others, outward_normal = (v * out[:, None] for v in (self.found[rows], free[rows], normal))
             size, by = grown(found, others, outward_normal, shift[rows[0]], reach_px=self.reach_px)

@@ -33,7 +33,8 @@ class Sightlines:
     px/mm: derivative of the image, along its normal, by the place on the part; by_cause (N, r) px: by each of r
     independent unit errors of cameras and their poses; along (N,) px: position along its edge, 0 in the edge's middle;
     room (N,) px: distance to the next other line across it; edge (N,): number of its edge in its photo, from 0; rim
-    (N,): likewise, one for all arcs of a circle; part, kind, chain, photo (N,): to which it belongs.
+    (N,): likewise, one for all arcs of a circle; bore (N,): one for all rims of a hole or pin; part, kind, chain, photo
+    (N,): to which it belongs.
     """
 
     q: Array
@@ -45,6 +46,7 @@ class Sightlines:
     room: Array
     edge: Longs
     rim: Longs
+    bore: Longs
     part: Ids
     kind: Ids
     chain: Ids
@@ -145,6 +147,7 @@ def lines_in_view(
     joined = {f.name: np.concatenate([getattr(lines, f.name) for lines, _ in each]) for f in fields(Sightlines)}
     joined["edge"] = _numbered(joined["photo"], joined["chain"])
     joined["rim"] = _numbered(joined["photo"], joined["rim"])
+    joined["bore"] = _numbered(joined["photo"], joined["bore"])
     joined["along"] = _along(joined["q"], joined["edge"])
     return Sightlines(**joined), [samples for _, samples in each]
 
@@ -176,6 +179,7 @@ def _in_view(
         np.minimum(samples.below, samples.above),
         np.zeros(n, np.int64),
         np.concatenate([part.rims, contours])[chain],
+        np.concatenate([part.bores, contours])[chain],
         samples.part,
         wires.kind[samples.line],
         chain,

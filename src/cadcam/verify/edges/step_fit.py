@@ -212,7 +212,7 @@ def _shift(normal: Array, outward: Array, offset: Array) -> Array:
     outward (n,): the sign of the normals, out of the rim or into it.
     """
     X = np.column_stack([normal, outward])
-    shift, weight = np.zeros(3), np.ones(len(normal))
+    weight = np.ones(len(normal))
     for _ in range(_ROUNDS):
         shift = np.linalg.lstsq(X * weight[:, None], offset * weight, rcond=None)[0]
         weight = 1 / np.sqrt(np.maximum(np.abs(offset - X @ shift), _EXACT_PX))
