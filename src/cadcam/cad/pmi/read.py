@@ -210,8 +210,9 @@ class _Reader:
         keyword = next(k for k in (*_SIZES, *_DISTANCES) if k in entity)
         if keyword in _DISTANCES:
             kind, _, of, to = entity[keyword][:4]
-            limited = _named(kind) or "distance", nominal, limits, fit
-            return self._placed(of, StatedSize("", *self._faces(of), *limited, Stated("", *self._faces(to))))
+            other = Stated("", *self._faces(to))
+            stated = StatedSize("", *self._faces(of), _named(kind) or "distance", nominal, limits, fit, other)
+            return self._placed(of, stated)
         of = entity[keyword][-2:] if keyword.endswith("DATUM_FEATURE") else entity[keyword][:2]
         stated = StatedSize("", *self._faces(of[0]), _named(of[1]) or "size", nominal, limits, fit)
         return self._placed(of[0], stated)

@@ -53,10 +53,9 @@ def ends_of(distance: StatedSize) -> tuple[tuple[End, End], Array | None] | None
     """
     if distance.other is None or distance.nominal_mm is None:
         return None
-    ends = End.of(distance), End.of(distance.other)
-    if ends[0] is None or ends[1] is None:
+    one, other = End.of(distance), End.of(distance.other)
+    if one is None or other is None:
         return None
-    one, other = ends
     apart = one.at - other.at
     for way in _ways(one, other):
         # Straight from axis to axis is across them.
