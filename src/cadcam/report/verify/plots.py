@@ -20,19 +20,19 @@ CAUSE_COLORS = {"noise": "#56b4e9", "edges": "#e69f00", "pose": "#009e73", "cali
 
 
 def tolerance_bar(j: Judgement) -> str:
-    """Return a bar from -1.5 to 1.5 limits (0 to 1.5 for a distance): the limits, the deviation with its U."""
+    """Return a bar from -1.5 to 1.5 limits, of a displacement's length from 0: the limits, the deviation with its U."""
     if j.limit.quantity is Quantity.PRESENCE or not np.isfinite(j.deviation):
         return ""
-    distance = j.limit.quantity is Quantity.POSITION and j.limit.direction is None
-    low = 0.0 if distance else -1.5
+    length = j.limit.quantity is Quantity.POSITION and j.limit.direction is None
+    low = 0.0 if length else -1.5
     width, height = 180.0, 26.0
 
     def x(value: float) -> float:
         return float((np.clip(value / j.limit.value, low, 1.5) - low) / (1.5 - low) * (width - 14) + 7)
 
     color = COLORS[j.verdict]
-    limits = [1.0] if distance else [-1.0, 1.0]
-    left = x(0.0) if distance else x(-j.limit.value)
+    limits = [1.0] if length else [-1.0, 1.0]
+    left = x(0.0) if length else x(-j.limit.value)
     body = [f'<rect x="{left:.1f}" y="8" width="{x(j.limit.value) - left:.1f}" height="10" fill="#dcefe6"/>']
     body += [stroke(x(s * j.limit.value), 3, x(s * j.limit.value), 23, INK, 1.5) for s in limits]
     body.append(stroke(x(0.0), 6, x(0.0), 20, "#888888", 1))
