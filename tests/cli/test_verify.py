@@ -276,7 +276,8 @@ def test_an_example_in_the_guide_is_a_valid_file(tmp_path: Path) -> None:
     (example,) = re.findall(r"```yaml\n(.*?)```", guide.read_text(), flags=re.DOTALL)
     (tmp_path / "tolerances.yaml").write_text(example)
     found = read_tolerances(tmp_path / "tolerances.yaml")
-    assert [f.name for f in found.features] == ["stiffener", "bracket, across", "hole", "nose of the bracket"]
+    assert [f.name for f in found.features] == ["stiffener", "bracket, across", "hole", "nose of the bracket", "side"]
+    assert [(d.name, d.between) for d in found.distances] == [("hole to side", ("hole", "side"))]
 
 
 def test_a_verification_that_is_cut_off_leaves_the_last_report_whole(
