@@ -93,6 +93,14 @@ def test_across_its_line_a_displacement_lengthens_it_by_its_square() -> None:
     assert abs(j.deviation - (np.hypot(70, 4.0) - 70)) < 1.5 * j.U < 0.06
 
 
+def test_of_what_extends_along_its_direction_the_change_alone_is_told() -> None:
+    """The plate's left edge has no single place along y: by how much A is nearer to it, or farther, is known."""
+    _, found = judged(ABOVE, [apart("A", "left edge", along=X + Y)], A=(-0.5, 0.0, 0.0))
+    (j,) = found.values()
+    assert abs(j.deviation + 0.5 * np.sqrt(0.5)) < 1.5 * j.U < 0.1
+    assert re.match(r"0\.3\d+ mm shorter than in the CAD, along \(0\.71, 0\.71, 0\.00\)", j.reason)
+
+
 def test_pins_and_their_sizes_do_not_mislead_it() -> None:
     _, found = judged(OBLIQUE, [apart("pin", "peg", 0.3)], pin=(0.0, 0.0, 0.3), peg=(0.6, 0.0, 0.0))
     (j,) = found.values()
