@@ -46,15 +46,17 @@ def bore_of_chains(mesh: Mesh, edges: FeatureEdges) -> Longs:
 
     They are circles of one size about one axis, of one part. Every other chain has its own.
     """
-    bore = rim_of_chains(mesh, edges)
-    kept: list[tuple[int, int, _Circle]] = []
-    for line, circle in _closed(mesh, edges):
-        part, chains = int(edges.part[line[0]]), np.unique(edges.chain[line])
-        own = next((of for of, its, other in kept if its == part and other.coaxial(circle)), None)
-        if own is None:
-            kept.append((int(bore[chains[0]]), part, circle))
-        else:
-            bore[chains] = own
+    bore, found = rim_of_chains(mesh, edges), list(_closed(mesh, edges))
+    first = np.array([line[0] for line, _ in found], np.int64)
+    part, radius = edges.part[first], np.array([circle.radius for _, circle in found])
+    centre, axis = (np.array([getattr(c, name) for _, c in found]).reshape(-1, 3) for name in ("centre", "axis"))
+    for i, (line, circle) in enumerate(found):  # against all before it at once: plates have thousands of holes
+        apart = centre[:i] - circle.centre
+        across = np.linalg.norm(apart - np.outer(apart @ circle.axis, circle.axis), axis=1)
+        alike = np.maximum(across, np.abs(radius[:i] - circle.radius)) < _ROUND * circle.radius
+        same = alike & (np.abs(axis[:i] @ circle.axis) > _PARALLEL) & (part[:i] == part[i])
+        if same.any():
+            bore[edges.chain[line]] = bore[edges.chain[first[np.argmax(same)]]]
     return bore
 
 
@@ -101,10 +103,3 @@ class _Circle:
         if max(np.ptp(radius), np.abs(p @ axes[2]).max()) > _ROUND * radius.mean():
             return None
         return cls(np.asarray(middle + found[:2] @ axes[:2]), axes[2], float(radius.mean()))
-
-    def coaxial(self, other: _Circle) -> bool:
-        """Return whether another circle has the same axis and size."""
-        if abs(self.axis @ other.axis) < _PARALLEL or abs(self.radius - other.radius) > _ROUND * self.radius:
-            return False
-        apart = other.centre - self.centre
-        return bool(np.linalg.norm(apart - (apart @ self.axis) * self.axis) < _ROUND * self.radius)
