@@ -6,8 +6,10 @@ rules, so that the picture shows for the whole surface what the tables say of th
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from statistics import mode
+from typing import TypeVar
 
 import numpy as np
 from scipy.spatial import cKDTree
@@ -20,9 +22,11 @@ from cadcam.plan.assessment.asked import Asked
 from cadcam.plan.assessment.assess import assess
 from cadcam.plan.layout import Layout, Step, nothing
 from cadcam.plan.sight.places import Places
-from cadcam.plan.sight.visibility import Visibility, seen_from
+from cadcam.plan.sight.visibility import seen_from, sees
 from cadcam.plan.uncertainty.finding import Finder
 from cadcam.render.view import Scene
+
+_Told = TypeVar("_Told")  # by a camera
 
 _PIECE = 1 / 45  # longest side of a painted piece, as a share of the part's diagonal
 _MOST = 400_000  # most pieces
@@ -140,7 +144,7 @@ def _seen(layout: Layout, pose: Rigid, p: Array, normal: Array, step: Step) -> M
     """Return which camera sees which point (V, n) of the part."""
     out = []
     for i in _portions(len(p)):
-        out.append([w.seen[0] for w in _visibility(layout, pose, p[i], normal[i])])
+        out.append([seen[0] for seen in _by_each_camera(sees, layout, pose, Places.facing(p[i], normal[i]))])
         step()
     return np.concatenate(out, axis=1)
 
@@ -152,17 +156,17 @@ def _sigma(layout: Layout, pose: Rigid, p: Array, normal: Array, seen: Mask, whe
     one = rows[first]
     if len(one):
         places, asked = Places.facing(p[one], normal[one]), Asked.of_positions(len(one))
-        found = assess(layout.cameras, _visibility(layout, pose, p[one], normal[one]), places, [pose], asked)
+        found = assess(layout.cameras, _by_each_camera(seen_from, layout, pose, places), places, [pose], asked)
         out[rows] = found.sigma[0][of.reshape(-1)]
     return out
 
 
-def _visibility(layout: Layout, pose: Rigid, p: Array, normal: Array) -> list[Visibility]:
-    """Return what each chosen camera sees of points (n, 3) on surfaces with these normals."""
-    scene, places = layout.survey.scene, Places.facing(p, normal)
+def _by_each_camera(look: Callable[..., _Told], layout: Layout, pose: Rigid, places: Places) -> list[_Told]:
+    """Return what each chosen camera tells of places of the part, by `sees` or `seen_from`."""
+    scene = layout.survey.scene
     finder = scene.finder if scene.finder.sigma_px is not None else Finder(sigma_px=1.0)  # seen is seen by any
     return [
-        seen_from(c.viewpoint, c.optics, places, [pose], layout.survey.surroundings, finder=finder, seeing=scene.seeing)
+        look(c.viewpoint, c.optics, places, [pose], layout.survey.surroundings, finder=finder, seeing=scene.seeing)
         for c in layout.cameras
     ]
 

@@ -6,7 +6,7 @@ import numpy as np
 
 from cadcam.arrays import Array
 from cadcam.cad.mesh import Mesh, merge
-from cadcam.cad.parts.shape import between, box, circle, extruded, filled, joined, level, moved
+from cadcam.cad.parts.shape import between, box, circle, extruded, filled, joined, level, moved, named
 from cadcam.kinds import expect_known
 
 # Table 2.3: X, Y, Z in mm, eight targets at each of two distances; the camera stands near (8, 416, -210).
@@ -39,7 +39,12 @@ def calibration_bench(*, targets: str = "both", sides: int = 48) -> Mesh:
     """
     chosen = {"near": range(8), "far": range(8, 16), "both": range(16)}
     expect_known(targets, "targets", chosen)
-    parts = [part for k in chosen[targets] for part in _target(k, sides)]
+    target = _target(sides)
+    parts = [
+        named(moved(part, BENCH_POINTS[k]), f"target {k + 1} {what}")
+        for k in chosen[targets]
+        for what, part in target.items()
+    ]
     if targets != "far":
         parts += _near_frame()
     if targets != "near":
@@ -47,19 +52,17 @@ def calibration_bench(*, targets: str = "both", sides: int = 48) -> Mesh:
     return merge(parts)
 
 
-def _target(k: int, sides: int) -> list[Mesh]:
-    """Return dot, ring and disc of a target; dot and ring are sheets in its front, rim to rim with the disc."""
+def _target(sides: int) -> dict[str, Mesh]:
+    """Return dot, ring and disc of a target around the origin; dot and ring are sheets in its front, rim to rim."""
     dot, ring_in, ring_out, rim = (circle((0, 0), radius, sides) for radius in (DOT, RING_IN, RING_OUT, DISC))
     white = [level(filled(ring_in, [dot]), 0, 0), level(filled(rim, [ring_out]), 0, 0)]
     back = level(filled(rim), -THICK, 1, down=True)
     wall = between(_at(rim, -THICK), _at(rim, 0.0), 2)
-    name = f"target {k + 1}"
-    parts = [
-        joined([level(filled(dot), 0, 0)], name=f"{name} dot", color=BLACK),
-        joined([level(filled(ring_out, [ring_in]), 0, 0)], name=f"{name} ring", color=BLACK),
-        joined([*white, back, wall], name=f"{name} disc", color=WHITE),
-    ]
-    return [moved(part, BENCH_POINTS[k]) for part in parts]
+    return {
+        "dot": joined([level(filled(dot), 0, 0)], name="dot", color=BLACK),
+        "ring": joined([level(filled(ring_out, [ring_in]), 0, 0)], name="ring", color=BLACK),
+        "disc": joined([*white, back, wall], name="disc", color=WHITE),
+    }
 
 
 def _at(loop: Array, z: float) -> Array:

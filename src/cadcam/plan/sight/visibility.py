@@ -131,6 +131,21 @@ def seen_from(
     )
 
 
+def sees(
+    viewpoint: Viewpoint,
+    optics: Optics | None,
+    places: Places,
+    poses: Sequence[Rigid],
+    surroundings: Surroundings,
+    *,
+    finder: Finder,
+    seeing: Seeing,
+) -> Mask:
+    """Return which features (P, F) a camera sees, as `seen_from`, but not how well: a third of the time."""
+    view = _View(viewpoint, optics, places, poses, finder)
+    return np.asarray(_why(view, _share_seen(view, surroundings, seeing), seeing) == Why.SEEN)
+
+
 class _View:
     """The places of F features as one camera images them in P poses of the part.
 
