@@ -204,13 +204,16 @@ def rotation_of(a: float, b: float, c: float) -> Array:
     return np.asarray(Rz @ Ry @ Rx)
 
 
-def angles_of(R: Array) -> tuple[float, float, float]:
-    """Return (a, b, c) in rad with b in [-pi/2, pi/2]; at b = +-90 deg only a -+ c is defined and c is taken as 0."""
-    cos_b = np.hypot(R[0, 0], R[1, 0])
-    b = np.arctan2(R[2, 0], cos_b)
-    if cos_b < 1e-9:
-        return float(np.arctan2(R[1, 2], R[1, 1])), float(b), 0.0
-    return float(np.arctan2(-R[2, 1], R[2, 2])), float(b), float(np.arctan2(-R[1, 0], R[0, 0]))
+def angles_of(R: Array) -> Array:
+    """Return (a, b, c) (..., 3) in rad of rotations (..., 3, 3), b in [-pi/2, pi/2].
+
+    At b = +-90 deg only a -+ c is defined and c is taken as 0.
+    """
+    cos_b = np.hypot(R[..., 0, 0], R[..., 1, 0])
+    free = cos_b >= 1e-9
+    a = np.where(free, np.arctan2(-R[..., 2, 1], R[..., 2, 2]), np.arctan2(R[..., 1, 2], R[..., 1, 1]))
+    c = np.where(free, np.arctan2(-R[..., 1, 0], R[..., 0, 0]), 0.0)
+    return np.stack([a, np.arctan2(R[..., 2, 0], cos_b), c], axis=-1)
 
 
 def pixels_from_uv(UV: Floats) -> Array:

@@ -41,8 +41,9 @@ def project_local(F: Array, R: Array, internals: Array, lens: Lens, p_world: Arr
     q, dq_dp, dq_di = project_in_camera(internals, lens, in_camera)
     dq_dw = dq_dp @ R[..., None, :, :]  # by the world point
     J = np.zeros((*q.shape, 6 + dq_di.shape[-1]))
-    J[..., 0:3] = -dq_dw
-    J[..., 3:6] = np.cross(from_F[..., None, :], dq_dw)  # -row . hat(x) = (x cross row)
+    np.negative(dq_dw, out=J[..., 0:3])
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # -row . hat(x) = (x cross row); np.cross takes four times as long
+        J[..., 3 + i] = from_F[..., None, j] * dq_dw[..., k] - from_F[..., None, k] * dq_dw[..., j]
     J[..., 6:] = dq_di
     return q, J
 
@@ -91,13 +92,16 @@ def _in_pixels(dm: Array, xx: Array, xy: Array, yy: Array) -> Array:
 
 
 def rotation_by_angles(R: Array) -> Array:
-    """Return G (3, 3): the local rotation r = G d(a, b, c) of a change of the thesis' angles, at our rotation R.
+    """Return G (..., 3, 3): the local rotation r = G d(a, b, c) of a change of the thesis' angles, at our rotations R.
 
     From Rz(c) Ry(b) Rx(a) with Rx(a) = exp(-a e_x) and so on; det G = -cos b, singular at b = +-90 deg.
     """
-    a, b, _ = angles_of(OURS_FROM_THESIS.T @ R)
-    (sa, sb), (ca, cb) = np.sin([a, b]), np.cos([a, b])
-    return -np.array([[1.0, 0.0, sb], [0.0, ca, -sa * cb], [0.0, sa, ca * cb]])
+    angles = angles_of(OURS_FROM_THESIS.T @ R)[..., :2]
+    (sa, sb), (ca, cb) = np.moveaxis(np.sin(angles), -1, 0), np.moveaxis(np.cos(angles), -1, 0)
+    G = np.zeros(R.shape)
+    G[..., 0, 0], G[..., 1, 1], G[..., 2, 1] = -1.0, -ca, -sa
+    G[..., 0, 2], G[..., 1, 2], G[..., 2, 2] = -sb, sa * cb, -ca * cb
+    return G
 
 
 def twist_by_local(F: Array) -> Array:

@@ -12,7 +12,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs
 from cadcam.camera.camera import Camera
-from cadcam.camera.extended_pinhole import NAMES, OURS_FROM_THESIS, camera_of, internals_of
+from cadcam.camera.extended_pinhole import NAMES, OURS_FROM_THESIS, angles_of, camera_of, internals_of
 from cadcam.camera.lens import Lens
 from cadcam.camera.sensitivity import project_batch, project_local, rotation_by_angles
 from cadcam.geometry import rotation as so3
@@ -157,9 +157,7 @@ class CameraModel:
         return rotations_of(angles(R) + turn)
 
     def _rotation_by_angles(self, state: Array) -> Array:
-        if state.ndim > 1:
-            return np.stack([self._rotation_by_angles(s) for s in state])
-        return rotation_by_angles(state[_R].reshape(3, 3))
+        return rotation_by_angles(state[..., _R].reshape(*state.shape[:-1], 3, 3))
 
 
 def _possible(states: Array) -> Array:
@@ -171,9 +169,7 @@ def _possible(states: Array) -> Array:
 
 def angles(R: Array) -> Array:
     """Return the thesis' (a, b, c) (..., 3) rad of our rotations (..., 3, 3), b in [-pi/2, pi/2]."""
-    Q = OURS_FROM_THESIS.T @ R
-    b = np.arctan2(Q[..., 2, 0], np.hypot(Q[..., 0, 0], Q[..., 1, 0]))
-    return np.stack([np.arctan2(-Q[..., 2, 1], Q[..., 2, 2]), b, np.arctan2(-Q[..., 1, 0], Q[..., 0, 0])], axis=-1)
+    return angles_of(OURS_FROM_THESIS.T @ R)
 
 
 def rotations_of(abc: Array) -> Array:

@@ -23,6 +23,9 @@ from cadcam.fit.p3p import p3p
 from cadcam.geometry import rotation as so3
 
 
+_OTHERS = 50  # most iterations of a state that is descended after one that has reached its minimum
+
+
 @dataclass(frozen=True, slots=True)
 class Effort:
     """The effort of the search. The defaults find all optima of benchmarks/pose_global.py with a margin; see its table.
@@ -65,13 +68,16 @@ def minima(
 
 
 def polished(model: CameraModel, states: Array) -> list[Solution[Array]]:
-    """Return the different minima that states (S, k) lead to, the lowest first; `NotConverged` if there is none."""
+    """Return the different minima that states (S, k) lead to, the lowest first; `NotConverged` if there is none.
+
+    After the first, those that creep are left: nearly all of them end at the first one, at several times its cost.
+    """
     floor = Options(floor=1e-15 * float(np.abs(model.q).max(initial=0.0) + 1))
     found: list[Solution[Array]] = []
     failure = NotConverged("no pose found from which every point is imaged; are points and pixels in the same order?")
     for state in states:
         try:
-            found.append(minimise(model, state, floor))
+            found.append(minimise(model, state, replace(floor, max_iterations=_OTHERS) if found else floor))
         except NotConverged as error:  # no loss while another start converges
             failure = error
     if not found:

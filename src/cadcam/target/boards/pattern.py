@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from cadcam.arrays import Array, Floats, Ids, Mask
+from cadcam.arrays import Array, Floats, Ids, Longs, Mask
 from cadcam.errors import BadValue, UnknownName
 from cadcam.kinds import expect
 from cadcam.target.boards.board import Ink, Pattern, check_counts, check_length, grid, length_mm, length_text
@@ -44,9 +44,9 @@ class Chessboard(Pattern):
 
     def black(self, p: Floats) -> Mask:
         """Return whether p lies in a black square."""
-        index = np.floor(np.asarray(p, dtype=np.float64) / self.square_mm).astype(np.int64) + 1
-        inside = (index >= 0).all(axis=-1) & (index[..., 0] <= self.columns) & (index[..., 1] <= self.rows)
-        return np.asarray(inside & (index.sum(axis=-1) % 2 == 0))
+        column, row = _floors(np.asarray(p, dtype=np.float64) / self.square_mm)
+        inside = _within(column, -1, self.columns) & _within(row, -1, self.rows)
+        return np.asarray(inside & ((column + row) % 2 == 0))
 
     def color(self, cell: tuple[int, ...]) -> int:
         """Return whether the square above and left of the corner is white; each quarter turn inverts it."""
@@ -124,24 +124,28 @@ class Charuco(Pattern):
     def black(self, p: Floats) -> Mask:
         """Return whether p lies in a black square or on a black module of a marker."""
         place = np.asarray(p, dtype=np.float64) / self.square_mm + 1
-        square = np.floor(place).astype(np.int64)
-        inside = (square >= 0).all(axis=-1) & (square[..., 0] < self.columns) & (square[..., 1] < self.rows)
-        white = (square.sum(axis=-1) + self._white_first) % 2 == 1
-        return np.asarray(inside & np.where(white, self._marker_black(place - square, square, inside & white), True))
+        column, row = _floors(place)
+        inside = _within(column, 0, self.columns) & _within(row, 0, self.rows)
+        white = (column + row + self._white_first) % 2 == 1
+        ink = inside & ~white
+        there = inside & white
+        ink[there] = self._marker_black(place[there], column[there], row[there])
+        return np.asarray(ink)
 
-    def _marker_black(self, within: Array, square: npt.NDArray[np.int64], there: Mask) -> Mask:
-        """Return the ink of the markers at `within` (..., 2), in units of a square."""
+    def _marker_black(self, place: Array, column: Longs, row: Longs) -> Mask:
+        """Return the ink of the markers at places (N, 2), in units of a square, in white squares (N,)."""
         bits = self.marker_bits()
         number = np.zeros((self.rows, self.columns), dtype=np.int64)
         cells = self.marker_squares
         number[cells[:, 1], cells[:, 0]] = np.arange(len(cells))
-        modules = bits.shape[1]
-        side = self.marker_mm / self.square_mm
-        module = np.floor((within - (1 - side) / 2) / side * modules).astype(np.int64)
-        on = there & (module >= 0).all(axis=-1) & (module < modules).all(axis=-1)
-        square, module = np.where(on[..., None], square, 0), np.where(on[..., None], module, 0)
-        which = number[square[..., 1], square[..., 0]]
-        return np.asarray(on & bits[which, module[..., 1], module[..., 0]])
+        modules, side = bits.shape[1], self.marker_mm / self.square_mm
+        x, y = (
+            np.floor((place[:, i] - at - (1 - side) / 2) / side * modules).astype(np.int64)
+            for i, at in enumerate((column, row))
+        )
+        on = _within(x, 0, modules) & _within(y, 0, modules)
+        on[on] = bits[number[row[on], column[on]], y[on], x[on]]
+        return on
 
     def marker_bits(self) -> Mask:
         """Return the black modules (M, n, n) of the board's markers, their black frame included."""
@@ -222,11 +226,11 @@ class CircleGrid(Pattern):
         place = np.asarray(p, dtype=np.float64) / self.spacing_mm
         r = self.printed_diameter_mm / 2 / self.spacing_mm
         inked = np.zeros(place.shape[:-1], dtype=bool)
+        step = 2.0 if self.staggered else 1.0
         for shift in (0, 1) if self.staggered else (0,):
-            step = np.array([2.0, 2.0]) if self.staggered else np.ones(2)
-            count = np.array([self.columns, (self.rows + 1 - shift) // 2 if self.staggered else self.rows])
-            nearest = np.rint((place - shift) / step).clip(0, count - 1)
-            inked |= np.sum((place - shift - nearest * step) ** 2, axis=-1) < r * r
+            counts = self.columns, (self.rows + 1 - shift) // 2 if self.staggered else self.rows
+            x, y = (_off_nearest(place[..., i] - shift, step, count) for i, count in enumerate(counts))
+            inked |= x * x + y * y < r * r
         return inked
 
     def ink(self) -> Ink:
@@ -271,6 +275,21 @@ def parse_pattern(text: str) -> Pattern:
         return Charuco(columns, rows, square, marker, parts[3].upper().removeprefix("DICT_"), legacy)
     diameter = _millimetres(parts[2], text, kind) if len(parts) == 3 else None
     return CircleGrid(columns, rows, _millimetres(parts[1], text, kind), diameter, kind == "staggered-circles")
+
+
+def _floors(place: Array) -> tuple[Longs, Longs]:
+    """Return the column and the row (...) of places (..., 2) in units of a cell."""
+    column, row = (np.floor(place[..., i]).astype(np.int64) for i in (0, 1))
+    return column, row
+
+
+def _within(index: Longs, low: int, high: int) -> Mask:
+    return np.asarray((index >= low) & (index < high))
+
+
+def _off_nearest(x: Array, step: float, count: int) -> Array:
+    """Return how far each x is from the nearest of 0, step ... (count - 1) step."""
+    return np.asarray(x - np.rint(x / step).clip(0, count - 1) * step)
 
 
 def _counts(part: str, text: str, kind: str) -> tuple[int, int]:

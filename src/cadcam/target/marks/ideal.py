@@ -25,7 +25,7 @@ KindAt: TypeAlias = Callable[[Array], Kinds]
 
 _GROUND = 2
 _SAMPLES, _GENERATOR = 377, 233  # consecutive Fibonacci numbers, odd ones
-_TOGETHER = 4000  # pixels averaged at a time
+_TOGETHER = 500  # pixels averaged at a time
 
 
 class Printed(Protocol):
@@ -125,12 +125,14 @@ def _sharp(
     place = _hit(camera, camera_from_board, camera.pixel_grid())
     left, top, right, bottom = pattern.outline
     margin = pattern.cell_mm if margin_mm is None else margin_mm
-    low, high = np.array([left - margin, top - margin]), np.array([right + margin, bottom + margin])
+    left, top, right, bottom = left - margin, top - margin, right + margin, bottom + margin
 
     def kind(p: Array) -> Kinds:
-        sheet: Mask = np.asarray(np.isfinite(p).all(axis=-1) & (p >= low).all(axis=-1) & (p <= high).all(axis=-1))
-        p = np.where(sheet[..., None], p, low - 1.0)
-        return np.where(sheet, pattern.black(p), _GROUND).astype(np.int8)
+        x, y = p[..., 0], p[..., 1]
+        sheet: Mask = np.asarray((x >= left) & (x <= right) & (y >= top) & (y <= bottom))  # not where NaN
+        if not sheet.all():
+            p = np.where(sheet[..., None], p, [left - 1.0, top - 1.0])
+        return np.where(sheet, pattern.black(p), np.int8(_GROUND))
 
     of_kind = [np.array([*levels, ground]) for ground in grounds]
     middle, around = kind(place), _around(kind, corners)
