@@ -24,6 +24,7 @@ def seen(rng: np.random.Generator, *, stated: bool = False) -> Observations:
     return Observations(TRUTH.camera_from_world.inv @ in_camera, q, sigma_px=NOISE if stated else None)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stated", [False, True])
 def test_of_true_values_the_chance_is_even(rng: np.random.Generator, stated: bool) -> None:
     """Uniform from 0 to 1: mean and scatter of forty within 4.5 standard errors."""

@@ -130,6 +130,7 @@ def drawn(
     return tuple(np.array(v) for v in (z, square, length, chi2, dof))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("job", JOBS, ids=lambda j: j.__name__)
 def test_errors_are_as_large_as_their_covariance_says(job: Callable[..., Measurement]) -> None:
     draws = DRAWS

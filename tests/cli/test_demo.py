@@ -165,36 +165,25 @@ def test_the_report_shows_the_photo_and_needs_nothing_else(demo: Path) -> None:
     assert "inner longitudinal: missing" in page
 
 
-def test_its_commands_give_the_same_files_again(demo: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    from cadcam.cli.verbs.demo import _commands
-
-    commands = _commands(demo)
-    for command in (*commands[1:3], commands[8]):
-        output = Path(command[command.index("-o") + 1])
-        before = output.read_bytes()
-        output.unlink()
-        assert main(shlex.split(shlex.join(command))[1:]) == 0
-        assert output.read_bytes() == before
-    before = (demo / "report.json").read_text()
-    assert main(shlex.split(shlex.join(commands[9]))[1:]) == 1
-    again, first = (json.loads(text) for text in ((demo / "report.json").read_text(), before))
-    assert again["judgements"] == first["judgements"]
-    capsys.readouterr()
-
-
-def test_json_holds_all_that_was_found_and_what_is_true(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+def test_json_holds_all_that_was_found_and_what_is_true_and_the_files_are_the_same_again(
+    demo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("cadcam.cli.demo.as_built.SAMPLES", 2)  # quicker: what it shows is tested above
-    assert main(["demo", str(tmp_path / "json"), "--json"]) == 0
+    again = tmp_path / "json"
+    assert main(["demo", str(again), "--json"]) == 0
     told = capsys.readouterr()
     document = json.loads(told.out)
     assert told.err == ""
     assert document["verified"]["verdict"] == "FAIL"
     assert document["verified_truth"] == {"displaced": {DISPLACED: [0.0, 6.0, 0.0]}, "missing": [FORGOTTEN]}
     assert document["located"]["found"] is True
-    assert {Path(file).name for file in document["files"]} == {path.name for path in (tmp_path / "json").iterdir()}
-    assert [c.split()[1] for c in document["commands"]][-3:] == ["calibrate", "locate", "verify"]
+    assert {Path(file).name for file in document["files"]} == {path.name for path in again.iterdir()}
+    assert [shlex.split(command)[1] for command in document["commands"]][-3:] == ["calibrate", "locate", "verify"]
+    pictures = [path.name for path in demo.iterdir() if path.suffix in (".png", ".svg")]
+    assert len(pictures) >= 8
+    for name in pictures:
+        assert (again / name).read_bytes() == (demo / name).read_bytes()
+    first, second = (json.loads((folder / "report.json").read_text()) for folder in (demo, again))
+    assert first["judgements"] == second["judgements"]
 
 
 def test_there_is_a_snippet_for_each_job() -> None:

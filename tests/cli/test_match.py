@@ -67,7 +67,7 @@ def test_what_is_not_there_is_exit_3_and_a_sentence(cadcam: Callable[..., Ran], 
     assert cadcam("match", photo, job / "other.png", "--least-score", "0.8", "--json").json["peaks"] == []
 
 
-@pytest.mark.parametrize("dots", [0, 1])
+@pytest.mark.parametrize("dots", [pytest.param(0, marks=pytest.mark.slow), 1])
 def test_a_template_with_hardly_any_structure_is_told_how_much_it_has(
     cadcam: Callable[..., Ran], job: Path, dots: int
 ) -> None:

@@ -267,6 +267,7 @@ def test_a_robust_fit_s_covariance_and_noise_are_those_of_its_efficiency(rng, na
     assert np.sqrt([plain.variance, robust.variance]) == pytest.approx(0.01, rel=0.04)
 
 
+@pytest.mark.slow
 def test_answers_of_a_robust_fit_scatter_as_it_says(rng):
     """Of 250 draws the squared errors over their covariance are 2 in the mean, +-0.13; as it was, 1.6."""
     y, start = decays(rng, k=6, noise=0.0, rows=60)

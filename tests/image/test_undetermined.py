@@ -114,6 +114,7 @@ ABOUT_UPRIGHT = CorrelateOptions(angles=(-0.02, 0.02))
 DRAWS, WITHIN = 10 * len(NOISES), 0.1 + 3.5 / math.sqrt(20 * len(NOISES))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [ANY_ANGLE, ABOUT_UPRIGHT])
 @pytest.mark.parametrize("kind", ["edge", "line", "strip"])
 def test_across_an_edge_the_place_is_as_known_as_the_edge(
@@ -195,6 +196,7 @@ def test_what_pulls_at_a_peak_is_that_of_a_spline_summed_over_squares(side: int,
     assert shown == pytest.approx(J @ slopes.T / gain, rel=1e-3, abs=1e-3 * np.abs(shown).max())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["edge", "line"])
 def test_along_an_edge_of_any_scale_the_place_is_anywhere(kind: str, rng: np.random.Generator) -> None:
     """Noise mixes the shift along it with the growth: the one known, the range of the other would be taken for both."""

@@ -46,7 +46,7 @@ def test_another_round_body_that_shares_one_end_is_not_taken_for_it(rng: np.rand
         assert not answer.found
 
 
-@pytest.mark.parametrize("level", [3, 4, 5])
+@pytest.mark.parametrize("level", [3, *(pytest.param(level, marks=pytest.mark.slow) for level in (4, 5))])
 def test_where_a_ball_is_is_as_uncertain_as_its_facets_make_it(level: int, rng: np.random.Generator) -> None:
     """1280 facets and more, photos of the true ball, eight views: at 1280 its contour lies 0.2 px inside the true one.
 

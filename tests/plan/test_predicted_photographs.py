@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 import cadcam
 from cadcam.image.picture import to_gray
@@ -40,6 +41,7 @@ def disc_on_paper() -> cadcam.Scene:
     return cadcam.Scene.of(merge(meshes), colors=np.repeat([[INK], [PAPER]], 3, axis=1))
 
 
+@pytest.mark.slow
 def test_a_tilted_disc_out_of_focus_scatters_as_predicted_along_both_axes(rng: np.random.Generator) -> None:
     """The ellipse's long axis is found worse than the short one; blur, light and noise count as designed.
 

@@ -61,7 +61,9 @@ def growth(name: str, frames: int, *, warm: int) -> float:
 
 
 @needs_proc
-@pytest.mark.parametrize(("name", "frames", "warm"), [("raster", 1200, 100), ("gl", 240, 400)])
+@pytest.mark.parametrize(
+    ("name", "frames", "warm"), [("raster", 1200, 100), pytest.param("gl", 240, 400, marks=pytest.mark.slow)]
+)
 def test_memory_stays_flat_over_hundreds_of_frames(name: str, frames: int, warm: int) -> None:
     """A thread that lends a hand takes a megabyte and gives it back, as chance has it: medians of 15 renderers.
 

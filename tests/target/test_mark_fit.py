@@ -335,7 +335,7 @@ def test_a_mark_that_moves_is_known_for_it(turn: float, rng: np.random.Generator
     assert sigma.max() < 0.015
 
 
-@pytest.mark.parametrize("sharper", [-1.0, 1.0])
+@pytest.mark.parametrize("sharper", [pytest.param(-1.0, marks=pytest.mark.slow), 1.0])
 def test_a_slope_of_the_blur_does_not_draw_a_tilted_mark_to_its_sharper_side(sharper: float) -> None:
     """An opening blurs 1.5 px in the middle, a quarter less or more at the sides; one blur for all is 0.01 px off."""
     mark, pose = dot_and_ring(20.0, 40.0, 60.0), _pose(40.0, 0.0)

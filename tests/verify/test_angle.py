@@ -91,7 +91,7 @@ def test_a_body_that_tips_is_not_taken_for_one_that_turns(
     assert sigma < np.radians(sure)
 
 
-@pytest.mark.parametrize("places", [(FRONT,), (FRONT, LEFT, BACK)])
+@pytest.mark.parametrize("places", [(FRONT,), pytest.param((FRONT, LEFT, BACK), marks=pytest.mark.slow)])
 def test_a_body_that_sinks_and_turns_is_turned_as_much_as_is_said(places: Sequence[Rigid]) -> None:
     """Two ribs that tip, turn and sink by 1 mm, a rib and a block that turn on the plate: errors within 4 sigmas.
 
