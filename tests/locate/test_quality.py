@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from cadcam.cad.mesh import merge
 from cadcam.cad.parts import machined_bracket
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
@@ -13,9 +14,10 @@ from cadcam.locate.location import FOUND
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.absent import behind_border, body_gone
-from cadcam.locate.quality.support import SEARCHED, Support
+from cadcam.locate.quality.support import SEARCHED, Support, support_at
 from cadcam.locate.quality.worth import distinct_lines, further_arcs, worth_of_lines, worth_of_stretches
-from cadcam.locate.refine.refinement import refine_pose
+from cadcam.locate.refine.options import EDGES
+from cadcam.locate.refine.refinement import drawn, refine_pose
 from cadcam.locate.views.view_range import ViewRange
 
 from ..cad.solids import box
@@ -78,6 +80,19 @@ def test_the_fewer_motions_are_free_the_more_the_same_edges_prove(rng: np.random
     free = refine_pose(BOX, [Photo.of(picture, CAMERA)], pose)
     planar = refine_pose(BOX, [Photo.of(picture, CAMERA)], pose, freedom=Freedom.planar([0, 0, 1], frame="part"))
     assert planar.quality > free.quality
+
+
+@pytest.mark.parametrize(("ribs", "away", "why"), [(12, 20.0, "too close to others"), (1, 20.0, "so few edges")])
+def test_edges_too_close_to_be_told_apart_are_not_said_to_be_few(
+    ribs: int, away: float, why: str, rng: np.random.Generator
+) -> None:
+    """Ribs 3 px apart are many edges, of which none can be judged; one rib far away is few."""
+    part = Part.of(merge([box([8 * k, 0, 0], [8 * k + 4, 40, 30]) for k in range(ribs)]))
+    pose = view(part, CORNER, away=away)
+    sights = drawn(part, [photo(part, pose, rng)], pose, EDGES)
+    support = support_at(sights, pose, constraints=6 + SEARCHED, scatter=0.0)
+    assert (support.crowded > 0.5) == (ribs > 1)
+    assert why in str(support)
 
 
 def test_what_a_fit_meets_for_nothing_proves_nothing() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -39,6 +40,14 @@ class EdgeMatches(Brief):
 
     def __len__(self) -> int:
         return len(self.offset)
+
+    @property
+    def scatter_px(self) -> float:
+        """Return the root mean square of the offsets, as far as they are believed; inf without any."""
+        found = np.isfinite(self.offset) & (self.weight > 0)
+        if not found.any():
+            return math.inf
+        return math.sqrt(np.average(self.offset[found] ** 2, weights=self.weight[found]))
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

@@ -65,6 +65,7 @@ _WITHOUT = (0.1, 0.5)  # quality at which a body is left out
 # themselves, all of whose lines show but for their ends, have 0 to 0.02.
 _DETERMINED = 0.08
 _DETERMINED_AT_ALL = 0.02  # the same where the other lines are hidden by something that the photo shows
+_CROWDED = 0.5  # share of edges without room that is named as the reason where too few can be judged
 _MOST_FITTED, _UNPROVEN = 0.8, 0.45  # share of constraints fitted that still allows a proof; quality without one
 
 
@@ -80,8 +81,8 @@ class Support:
     its share of the samples, where it was left out of all this; faint: the share of samples left out because the light
     gives them no contrast, covered: because something before the part hides them, side: on which side of the part;
     determined: the least share, over the motions that were fitted, of what all lines tell of a motion that those shown
-    tell; judged: the samples on feature edges, with those of a body left out: of a wrong pose just that may be missing
-    which tells it.
+    tell; crowded: the share of the samples in view that are too close to other lines to be judged; judged: the samples
+    on feature edges, with those of a body left out: of a wrong pose just that may be missing which tells it.
     """
 
     samples: int
@@ -100,6 +101,7 @@ class Support:
     covered: float = 0.0
     side: str = ""
     determined: float = 1.0
+    crowded: float = 0.0
     judged: JudgedSamples = field(default_factory=JudgedSamples.none, repr=False)
 
     @property
@@ -134,6 +136,11 @@ class Support:
 
     def __str__(self) -> str:
         if self.samples < LEAST or self.fitted > _MOST_FITTED:
+            if self.crowded > _CROWDED:
+                few = (
+                    f"{self.crowded:.0%} of the part's edges in view lie too close to others to be told apart, and any"
+                )
+                return few + " place would fit the rest; nearer or by a longer lens more of them would stand apart"
             few = "so few edges of the part would be in the picture that any place would fit"
             return few + "; nearer, from another side or by a second camera more of them would be"
         free = f", {self.fitted:.0%} could be fitted anywhere" if self.fitted > 0.2 else ""
@@ -204,7 +211,9 @@ def support_at(
     """
     near = near_px(sights, scatter)
     most = ASKED // len(sights)
-    photos = [_in_photo(with_room(s, most), world_from_part, near, constraints) for s in sights]
+    roomy = [has_room(s) for s in sights]
+    apart = [_thinned(s, most, room) for s, room in zip(sights, roomy, strict=True)]
+    photos = [_in_photo(s, world_from_part, near, constraints) for s in apart]
     n = max(sum(p.samples for p in photos), 1)
     extent = max((p.extent for p in photos), default=0.0)
     gone, of_gone = body_gone([(p.body, p.here) for p in photos])
@@ -221,6 +230,7 @@ def support_at(
         gone=gone,
         without=of_gone,
         determined=1.0 if B is None else _determined([(p.row @ B, p.here) for p in photos]),
+        crowded=1.0 - float(np.concatenate(roomy).mean()) if any(map(len, roomy)) else 0.0,
         judged=JudgedSamples(place, number, seen),
     )
 
@@ -243,7 +253,16 @@ def _determined(told: Sequence[tuple[Array, Mask]]) -> float:
 
 def with_room(sight: Sight, most: int) -> Sight:
     """Return a sight with about `most` of those of its samples that are far enough from the next line to be judged."""
-    return sight.thinned(most, together=_TOGETHER, among=Strips.of(sight.samples).room >= ROOM_PX)
+    return _thinned(sight, most, has_room(sight))
+
+
+def has_room(sight: Sight) -> Mask:
+    """Return which samples of a sight (n,) are far enough from the next line to be judged."""
+    return Strips.of(sight.samples).room >= ROOM_PX
+
+
+def _thinned(sight: Sight, most: int, roomy: Mask) -> Sight:
+    return sight.thinned(most, together=_TOGETHER, among=roomy)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
