@@ -33,7 +33,7 @@ def spaced(measured: MeasuredEdges, ends: tuple[Mask, Mask], spacing: Spacing) -
     each = np.split(found.value, [motions[0].shape[1]])
     straight = measured.adjustment
     for end, own, value in zip(ends, motions, each, strict=True):
-        straight = measured.straightened(straight, end, own[:3] @ value)
+        straight = measured.straightened(straight, end, own @ value)
     found = straight.estimate(rows, design, pose, prior=1.0, enlarged=True, shared=True)
     ways = spacing.way[None] if spacing.across is None else np.stack([spacing.way, spacing.across])
     apart = found.along(np.column_stack([ways @ motions[0][:3], -ways @ motions[1][:3]]))

@@ -184,9 +184,11 @@ class _Search:
             rows = np.flatnonzero((lines.bore == bore) & asked)
             normal, out = lines.normal[rows], outward[rows]
             found, others, outward_normal = (v * out[:, None] for v in (self.found[rows], free[rows], normal))
-            size, by = grown(found, others, outward_normal, shift[rows[0]], reach_px=self.reach_px)
+            widening = lines.select(rows).widening
+            widening /= widening.max()
+            size, by = grown(found, others, outward_normal, widening, shift[rows[0]], reach_px=self.reach_px)
             if size:
-                growth[rows], shift[rows] = size * out, by
+                growth[rows], shift[rows] = size * widening * out, by
                 coarse[rows] = nearest(free[rows], normal @ by + growth[rows])
         return coarse, shift, growth
 
