@@ -226,6 +226,8 @@ class MeasuredEdges:
             motion = body.motions(basis, np.zeros((3, 0)), 1.0) @ found.value
             straight = self.straightened(self.adjustment, rows, motion)
             found, misfit = following(straight, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
+            bent = following(self.bent(straight, rows), rows, body, pose, basis=basis, prior_mm=mm, turns=turns)[0]
+            found = with_bends(found, bent)
         return found.along(np.eye(basis.shape[1], len(found.value))), misfit
 
     def straightened(self, adjustment: Adjustment, rows: Mask, motion: Array) -> Adjustment:
@@ -379,6 +381,13 @@ class MeasuredEdges:
         lines = self.lines.select(rows & (self.lines.kind != EdgeKind.CONTOUR))
         return _CELL_BENT * float(curvature(lines).sum()) / max(len(lines), 1)
 
+    def bent(self, adjustment: Adjustment, rows: Mask) -> Adjustment:
+        """Return offsets with the error, 1 sigma, of steps in cells in which these circles bend: all look too large."""
+        offset, lines = adjustment.offset.copy(), self.lines.select(rows)
+        out = np.sign(self.rims.select(rows).growth(lines.by_point))
+        offset[rows] += _CELL_BENT * curvature(lines) * out
+        return replace(adjustment, offset=offset)
+
     def axis(self, rows: Mask) -> Array:
         """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""
         if self.eye is not None:
@@ -414,6 +423,12 @@ class MeasuredEdges:
             value, sigma, _ = self.across(mine, pose=pose)
             out.append((float(self.lines.along[mine].mean()), value, sigma))
         return np.array(out).reshape(-1, 3)
+
+
+def with_bends(found: Estimate, bent: Estimate) -> Estimate:
+    """Return an estimate whose covariance holds the error by which one of offsets that are `bent` differs from it."""
+    off = bent.value - found.value
+    return replace(found, edges=found.edges + np.outer(off, off))
 
 
 def of_known_size(moved: Displacement | None) -> Displacement | None:
