@@ -185,7 +185,7 @@ class _Search:
             normal, out = lines.normal[rows], outward[rows]
             found, others, outward_normal = (v * out[:, None] for v in (self.found[rows], free[rows], normal))
             widening = lines.select(rows).widening
-            widening /= widening.max()
+            widening /= widening.mean()
             size, by = grown(found, others, outward_normal, widening, shift[rows[0]], reach_px=self.reach_px)
             if size:
                 growth[rows], shift[rows] = size * widening * out, by

@@ -67,7 +67,7 @@ def grown(
     """Return by how many px a rim is larger than drawn, and the shift (2,) px then; 0 and its body's if it is not.
 
     offset, free (n, K): its candidates, and those that no other line of the model explains; normal (n, 2): out of the
-    rim; widening (n,): how far they move along it for each px by which the rim is larger where it shows most; shift
+    rim; widening (n,): how far they move along it for each px by which the rim is larger on the average; shift
     (2,) px: of its body, which a larger rim may have led astray: the nominal place is tried as well. Of growths and
     shifts with nearly the same support the least is taken. The gain over the nominal size must be as large as for a
     shift, and all round: in most of each of its pieces, where no other line, such as a hole's other rim, is drawn in
