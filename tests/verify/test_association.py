@@ -11,6 +11,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.deviations.deviation import State
+from cadcam.verify.edges.association import _believed
+from cadcam.verify.edges.sightlines import pieces
 from cadcam.verify.edges.step_fit import ROOM_PX
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.inspection import inspect
@@ -97,3 +99,16 @@ def test_a_strip_of_a_body_at_the_picture_s_border_says_nothing_of_it(
         assert found.presence.expected == 0
         assert abs(found.presence.log_ratio) < 1e-9
         assert found.state is State.OUT_OF_VIEW
+
+
+def test_a_small_hole_whose_rims_show_in_part_is_believed_to_be_displaced() -> None:
+    """Nine places of one rim and two of the other: neither has two pieces of three, both together face two ways."""
+    angle = np.radians([33, 60, 79, 95, 112, 136, 175, 263, 278, 278, 261])
+    normal = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    shift, bore, ought = np.array([3.0, 1.5]), np.zeros(11, np.int64), np.ones(11, bool)
+    groups = pieces(np.repeat([0, 1], [9, 2]), normal), pieces(bore, normal)
+    found = (normal @ shift)[:, None]
+    assert _believed(found, normal, groups, shift, ought)
+    assert not _believed(found, normal, groups[:1], shift, ought)
+    straight = np.tile(normal[:1], (11, 1))
+    assert not _believed(np.full((11, 1), 3.0), straight, (pieces(bore, straight),) * 2, shift, ought)

@@ -30,6 +30,7 @@ from cadcam.verify.edges.survey import surveyed
 from cadcam.verify.inspection import Inspection, inspect
 from cadcam.verify.tolerances.tolerance import whole_parts
 
+from .drilled import HOLES, OBLIQUE, PINS, drilled, verified, within
 from .scene import CAMERA, POSE, displaced, part, photo, photographed, plate
 
 BLOCK = (70, -70, 12), (120, -10, 45)
@@ -255,3 +256,14 @@ def test_a_rim_whose_pieces_disagree_is_one_of_three_cases_however_far_they_do(a
     in_place, displaced = in_place_ratio(offset, np.full(4, 0.08), 0.3), np.log(1 / 2)
     assert in_place >= displaced
     assert told == pytest.approx(in_place + np.log(2 / 3), abs=1e-6)
+
+
+def test_edges_that_hold_a_hole_s_place_are_rarely_so_far_astray_that_it_would_be_in_place() -> None:
+    """C is 0.75 mm off, 3 px: were it in place, one of three other edges would be off by 0.2 to 1.4 px for sure."""
+    seen = verified(drilled(C=(0.0, -0.75, 0.0)), [within(0.3)], OBLIQUE, names=[*HOLES, *PINS]).inspection
+    assert seen is not None
+    assert seen.measured is not None
+    doubt = Doubt.of(seen.measured, seen.survey.names.index("C"))
+    off_px = [group.off_px for group in doubt.groups[doubt.own :]]
+    assert min(off_px) > 0.1
+    assert max(off_px) > 1.0

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.refinement import refine_pose
@@ -90,3 +93,20 @@ def test_an_axis_is_that_of_a_position_and_excludes_a_direction() -> None:
         Limit(Quantity.POSITION, 0.1, axis=Z, direction=Z)
     with pytest.raises(BadValue, match="a vector that is not zero"):
         Limit(Quantity.POSITION, 0.1, axis=np.zeros(3))
+
+
+def test_what_steps_err_by_where_small_rims_bend_is_in_the_uncertainty_of_their_place() -> None:
+    """They look too large; of one that shows in part that looks like a displacement, here by a sixth of a px."""
+    limit = within(0.3)
+    found = verified(drilled(), [limit], SIDE, names=["A", "C", "D"], camera=Camera.from_focal((1200, 900), 1100.0))
+    assert found.inspection is not None
+    measured = found.inspection.measured
+    assert measured is not None
+    rows = measured.members[0]
+    bent = replace(measured, adjustment=measured.bent(measured.adjustment, rows), found={})
+    one, other = (m.displacement(rows, along=limit.basis) for m in (measured, bent))
+    assert one is not None
+    assert other is not None
+    off = one.basis.T @ (other.vector - one.vector)
+    assert np.hypot(*off) > 0.05
+    assert off @ np.linalg.solve(one.estimate.covariance, off) < 1.1  # 1 sigma at most, but for what is not linear

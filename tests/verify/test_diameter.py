@@ -12,6 +12,7 @@ from cadcam.errors import BadValue, CadcamError
 from cadcam.geometry.rigid import Rigid
 from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.deviations.deviation import State
+from cadcam.verify.edges.rims import Rims
 from cadcam.verify.judge import Verification
 from cadcam.verify.reasons import failed_words
 from cadcam.verify.tolerances.circles import Circles
@@ -65,6 +66,38 @@ def test_a_hole_far_off_its_place_has_its_size() -> None:
     assert size.verdict is Verdict.PASS
     assert abs(position.deviation - 2.0) < 1.5 * position.U < 0.05
     assert abs(size.deviation) < 1.5 * size.U < 0.1
+
+
+@pytest.mark.parametrize(("place", "larger"), [(SIDE, 1.4), (SIDE, 1.8), (OBLIQUE, -1.8), (OBLIQUE, 1.0)])
+def test_an_oblique_hole_that_is_much_too_large_is_so_and_not_missing(place: Rigid, larger: float) -> None:
+    """By 4 to 8 px along its ellipse and 2 to 5 px across it: it was called missing, or nothing was said of it."""
+    found = verified(drilled(D=(0.0, 0.0, larger)), [within(0.3), SIZE], place, names=["D"])
+    position, size = found.judgements
+    assert found.inspection is not None
+    assert found.inspection.feature("D").state is State.IN_PLACE
+    assert position.verdict is Verdict.PASS
+    assert abs(size.deviation - 2 * larger) < 1.5 * size.U < 0.12
+
+
+def test_circles_that_are_displaced_and_larger_leave_their_tangents() -> None:
+    """Of a circle seen at 60 degrees: where its edges' normals meet the ellipse that it is seen as then."""
+    angle = np.radians(np.arange(0, 360, 15.0))
+    radial, along = (
+        np.column_stack([*v, 0 * angle]) for v in ((np.cos(angle), np.sin(angle)), (-np.sin(angle), np.cos(angle)))
+    )
+    flat, r, larger, moved = np.diag([4.0, 2.0]), 12.0, 1.5, np.array([0.7, -0.4, 0.0])  # px/mm
+    normal = radial[:, :2] @ np.linalg.inv(flat)
+    normal /= np.linalg.norm(normal, axis=1)[:, None]
+    across = normal @ np.linalg.inv(flat)  # in the circle's plane, of what is seen along the normal
+    lean = np.einsum("ni,ni->n", across, along[:, :2]) / np.einsum("ni,ni->n", across, radial[:, :2])
+    by_point = np.column_stack([normal @ flat, 0 * angle])
+    none = np.zeros(len(angle))
+    rims = Rims(radial, along, none + r, none, lean)
+    beyond = rims.beyond_tangents(by_point, moved, larger)
+    seen = np.einsum("ni,ni->n", by_point, radial * larger + moved) + beyond
+    on_it = r * radial[:, :2] + seen[:, None] * across
+    np.testing.assert_allclose(np.linalg.norm(on_it - moved[:2], axis=1), r + larger, rtol=1e-12)
+    assert np.abs(beyond).max() > 0.2
 
 
 def test_a_pin_too_thick_that_is_off_its_place_is_told_from_above() -> None:

@@ -10,6 +10,7 @@ from cadcam.verify.edges.shifts import _grid, all_round, best_shift, grown, supp
 from cadcam.verify.edges.sightlines import pieces
 
 NORMALS = np.stack([np.cos(t := np.arange(24) * 2 * np.pi / 24), np.sin(t)], axis=1)
+ROUND = np.ones(24)
 REACH = 8.0
 
 
@@ -25,34 +26,43 @@ def test_a_rim_that_is_larger_is_found_so(rng: np.random.Generator, size: float,
     """To the grid's step, of which half a shift's may be a part; a little more than half of it is enough."""
     n = NORMALS[shown]
     found = candidates(np.full(len(n), size), rng)
-    growth, by = grown(found, found, n, np.zeros(2), reach_px=REACH)
+    growth, by = grown(found, found, n, ROUND[shown], np.zeros(2), reach_px=REACH)
     assert np.abs(growth + n @ by - size).max() < 1.0
+
+
+@pytest.mark.parametrize("size", [-7.0, 5.0, 7.5])
+def test_an_oblique_rim_that_is_larger_is_so_most_along_its_length(rng: np.random.Generator, size: float) -> None:
+    """Half as much at its flat sides: by one value all round no more than a third of it would agree."""
+    widening = np.hypot(NORMALS[:, 0], 0.5 * NORMALS[:, 1])
+    found = candidates(size * widening, rng)
+    growth, by = grown(found, found, NORMALS, widening, np.zeros(2), reach_px=REACH)
+    assert np.abs((growth - size) * widening + NORMALS @ by).max() < 1.0
 
 
 def test_a_rim_that_is_displaced_is_not_larger(rng: np.random.Generator) -> None:
     found = candidates(NORMALS @ [3.0, -2.0], rng)
     by = best_shift(found, NORMALS, reach_px=REACH)
     assert np.hypot(*(by - [3.0, -2.0])) < 1.1
-    assert grown(found, found, NORMALS, by, reach_px=REACH)[0] == 0.0
+    assert grown(found, found, NORMALS, ROUND, by, reach_px=REACH)[0] == 0.0
 
 
 def test_neither_is_one_of_which_a_side_alone_is_off(rng: np.random.Generator) -> None:
     """A shadow's border beside it: the other side is in its place."""
     found = candidates(np.where(NORMALS[:, 0] > 0.3, 3.0, 0.0), rng)
-    assert grown(found, found, NORMALS, np.zeros(2), reach_px=REACH)[0] == 0.0
+    assert grown(found, found, NORMALS, ROUND, np.zeros(2), reach_px=REACH)[0] == 0.0
 
 
 def test_a_larger_rim_is_found_whose_body_is_taken_for_displaced(rng: np.random.Generator) -> None:
     """Half of its places agree with a shift by as much as it is larger."""
     found = candidates(np.full(24, 5.0), rng)
-    growth, by = grown(found, found, NORMALS, np.array([0.0, 5.0]), reach_px=REACH)
+    growth, by = grown(found, found, NORMALS, ROUND, np.array([0.0, 5.0]), reach_px=REACH)
     assert np.abs(growth + NORMALS @ by - 5.0).max() < 1.0
 
 
 def test_what_other_lines_explain_makes_no_rim_larger(rng: np.random.Generator) -> None:
     found = candidates(np.full(24, 3.0), rng)
     free = np.where(np.abs(found - 3.0) < 0.6, np.nan, found)
-    assert grown(found, free, NORMALS, np.zeros(2), reach_px=REACH)[0] == 0.0
+    assert grown(found, free, NORMALS, ROUND, np.zeros(2), reach_px=REACH)[0] == 0.0
 
 
 def test_only_what_faces_several_ways_tells_its_size() -> None:
@@ -97,6 +107,6 @@ def test_a_smaller_rim_may_lie_where_another_line_is_drawn() -> None:
     quarter = angle > np.radians(282)
     free, unseen = np.where(quarter[:, None], np.nan, offset), offset.copy()
     free[-1], unseen[quarter] = -4.5, np.nan
-    found = [grown(seen, free, normal, np.zeros(2), reach_px=8.0) for seen in (offset, unseen)]
+    found = [grown(seen, free, normal, np.ones(len(angle)), np.zeros(2), reach_px=8.0) for seen in (offset, unseen)]
     assert [size for size, _ in found] == [-4.5, 0.0]
     np.testing.assert_array_equal(found[0][1], [0, 0])

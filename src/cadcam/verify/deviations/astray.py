@@ -21,12 +21,13 @@ doubted along with its own: they may have led the pose astray.
 from __future__ import annotations
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
 from cadcam.arrays import Array, Mask
+from cadcam.errors import DegenerateGeometry
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
 from cadcam.verify.edges.sightlines import REACH_PX, Sightlines, pieces
@@ -97,9 +98,9 @@ class Doubt:
             return cls(tuple(EdgeGroup(_edges(measured, place)) for place in places), own)
         far, off_px = _off(measured, rows, places)
         left = np.argsort(far)[::-1][:_LOOKED_AT].tolist()
-        for place in _holding(measured, rows):  # their offsets are unknown: the pose depends on them
+        for place in _holding(measured, rows):
             left.append(len(places))
-            places, off_px = [*places, place], np.append(off_px, 0.0)
+            places, off_px = [*places, place], np.append(off_px, _off_instead(measured, rows, place))
         groups = [EdgeGroup(_edges(measured, place), float(px)) for place, px in zip(places, off_px, strict=True)]
         kept, apart, tried = rows, rows, list[Array]()
         rest: Displacement | None = moved
@@ -231,6 +232,20 @@ def _off(measured: MeasuredEdges, rows: Mask, places: Sequence[Mask]) -> tuple[A
         return np.zeros(len(places)), np.zeros(len(places))
     off, sigma = np.abs([measured.farthest_px(place, pose) for place in places]).T
     return off / sigma, np.maximum(off - _SURELY * sigma, 0.0)
+
+
+def _off_instead(measured: MeasuredEdges, rows: Mask, place: Mask) -> float:
+    """Return how far (px) an edge that holds a feature is surely off if not the feature is: by a pose fitted to that.
+
+    0 where the rest does not determine this pose.
+    """
+    datum = (measured.adjustment.datum & ~place) | rows
+    try:
+        pose = replace(measured.adjustment, datum=datum, known=None).pose()
+    except DegenerateGeometry:
+        return 0.0
+    off, sigma = measured.farthest_px(place, pose)
+    return max(abs(off) - _SURELY * sigma, 0.0)
 
 
 def _edges(measured: MeasuredEdges, rows: Mask) -> tuple[int, ...]:

@@ -223,17 +223,21 @@ class MeasuredEdges:
         turns = _TURNED_PX / UNSEEN_PX * mm / rim * np.eye(3) if rim > 0 else np.zeros((3, 0))
         found, misfit = following(self.adjustment, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
         if body.grows.any():
-            straight = self.straightened(self.adjustment, rows, basis @ found.value[: basis.shape[1]])
+            motion = body.motions(basis, np.zeros((3, 0)), 1.0) @ found.value
+            straight = self.straightened(self.adjustment, rows, motion)
             found, misfit = following(straight, rows, body, pose, basis=basis, prior_mm=mm, turns=turns)
+            bent = following(self.bent(straight, rows), rows, body, pose, basis=basis, prior_mm=mm, turns=turns)[0]
+            found = with_bends(found, bent)
         return found.along(np.eye(basis.shape[1], len(found.value))), misfit
 
-    def straightened(self, adjustment: Adjustment, rows: Mask, moved: Array) -> Adjustment:
-        """Return offsets as circles at these places, displaced by (3,) mm, would have them if they were their tangents.
+    def straightened(self, adjustment: Adjustment, rows: Mask, motion: Array) -> Adjustment:
+        """Return offsets as circles at these places would have them by a motion (6 + g,) if they were their tangents.
 
-        That is what the adjustment takes them for: a hole 6 px off otherwise looks too small.
+        That is what the adjustment takes them for: a hole 6 px off, or an oblique one too large, otherwise looks too
+        small.
         """
-        offset = adjustment.offset.copy()
-        offset[rows] -= self.rims.select(rows).beyond_tangents(self.lines.by_point[rows], moved)
+        offset, rims = adjustment.offset.copy(), self.rims.select(rows)
+        offset[rows] -= rims.beyond_tangents(self.lines.by_point[rows], motion[:3], float(motion[6:].sum()))
         return replace(adjustment, offset=offset)
 
     def body_lines(self, rows: Mask) -> BodyLines:
@@ -363,7 +367,7 @@ class MeasuredEdges:
         inside = self.rims.inside * self.rims.growth(self.lines.by_point)
         circles = replace(self.adjustment, offset=self.adjustment.offset - inside)
         found = turning(circles, rows, body, pose, motions=motions, upright=False, enlarged=True)
-        straight = self.straightened(circles, rows, motions[:3] @ found.value)
+        straight = self.straightened(circles, rows, motions @ found.value)
         found = turning(straight, rows, body, pose, motions=motions, upright=False, enlarged=True)
         by_motion = body.moved_by(motions, np.zeros(len(body.p), bool)) @ found.value
         left = straight.offset[rows] - self.adjustment.J[rows] @ pose.xi - by_motion
@@ -376,6 +380,13 @@ class MeasuredEdges:
         """Return the standard deviation (px) of steps in cells in which edges bend, on the average of these places."""
         lines = self.lines.select(rows & (self.lines.kind != EdgeKind.CONTOUR))
         return _CELL_BENT * float(curvature(lines).sum()) / max(len(lines), 1)
+
+    def bent(self, adjustment: Adjustment, rows: Mask) -> Adjustment:
+        """Return offsets with the error, 1 sigma, of steps in cells in which these circles bend: all look too large."""
+        offset, lines = adjustment.offset.copy(), self.lines.select(rows)
+        out = np.sign(self.rims.select(rows).growth(lines.by_point))
+        offset[rows] += _CELL_BENT * curvature(lines) * out
+        return replace(adjustment, offset=offset)
 
     def axis(self, rows: Mask) -> Array:
         """Return the mean line of sight (3,) of the places, away from the camera, in the part frame."""
@@ -412,6 +423,12 @@ class MeasuredEdges:
             value, sigma, _ = self.across(mine, pose=pose)
             out.append((float(self.lines.along[mine].mean()), value, sigma))
         return np.array(out).reshape(-1, 3)
+
+
+def with_bends(found: Estimate, bent: Estimate) -> Estimate:
+    """Return an estimate whose covariance holds the error by which one of offsets that are `bent` differs from it."""
+    off = bent.value - found.value
+    return replace(found, edges=found.edges + np.outer(off, off))
 
 
 def of_known_size(moved: Displacement | None) -> Displacement | None:

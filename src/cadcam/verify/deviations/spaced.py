@@ -9,7 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Mask
 from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.adjustment.following import BodyLines
-from cadcam.verify.deviations.measured import OPEN_PX, UNSEEN_PX, MeasuredEdges
+from cadcam.verify.deviations.measured import OPEN_PX, UNSEEN_PX, MeasuredEdges, with_bends
 from cadcam.verify.tolerances.spacing import Spacing
 
 _POSE_PX = 30.0  # sd, in px, of the part's place beside these edges: it has been found
@@ -33,8 +33,12 @@ def spaced(measured: MeasuredEdges, ends: tuple[Mask, Mask], spacing: Spacing) -
     each = np.split(found.value, [motions[0].shape[1]])
     straight = measured.adjustment
     for end, own, value in zip(ends, motions, each, strict=True):
-        straight = measured.straightened(straight, end, own[:3] @ value)
-    found = straight.estimate(rows, design, pose, prior=1.0, enlarged=True, shared=True)
+        straight = measured.straightened(straight, end, own @ value)
+    found, bent = (
+        offsets.estimate(rows, design, pose, prior=1.0, enlarged=True, shared=True)
+        for offsets in (straight, measured.bent(straight, rows))
+    )
+    found = with_bends(found, bent)
     ways = spacing.way[None] if spacing.across is None else np.stack([spacing.way, spacing.across])
     apart = found.along(np.column_stack([ways @ motions[0][:3], -ways @ motions[1][:3]]))
     return apart if spacing.across is None else _longer(apart, spacing.mm)

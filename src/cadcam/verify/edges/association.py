@@ -158,9 +158,9 @@ class _Search:
             for photo in np.unique(lines.photo[body == number]):
                 rows = np.flatnonzero((body == number) & (lines.photo == photo))
                 normal = lines.normal[rows]
-                edge = pieces(lines.edge[rows], normal)
+                groups = pieces(lines.edge[rows], normal), pieces(lines.bore[rows], normal)
                 s = best_shift(self.found[rows], normal, free=free[rows], reach_px=self.reach_px)
-                if np.hypot(*s) > NEAR_PX and not _believed(free[rows], normal, edge, s, self.ought[rows]):
+                if np.hypot(*s) > NEAR_PX and not _believed(free[rows], normal, groups, s, self.ought[rows]):
                     s = best_shift(self.found[rows], normal, reach_px=NEAR_PX)
                 shift[rows] = s
                 coarse[rows] = nearest(self.found[rows], normal @ s)
@@ -184,9 +184,11 @@ class _Search:
             rows = np.flatnonzero((lines.bore == bore) & asked)
             normal, out = lines.normal[rows], outward[rows]
             found, others, outward_normal = (v * out[:, None] for v in (self.found[rows], free[rows], normal))
-            size, by = grown(found, others, outward_normal, shift[rows[0]], reach_px=self.reach_px)
+            widening = lines.select(rows).widening
+            widening /= widening.mean()
+            size, by = grown(found, others, outward_normal, widening, shift[rows[0]], reach_px=self.reach_px)
             if size:
-                growth[rows], shift[rows] = size * out, by
+                growth[rows], shift[rows] = size * widening * out, by
                 coarse[rows] = nearest(free[rows], normal @ by + growth[rows])
         return coarse, shift, growth
 
@@ -242,17 +244,23 @@ def on_other_lines(
     return out
 
 
-def _believed(offset: Array, normal: Array, edge: Longs, shift: Array, ought: Mask) -> bool:
+def _believed(offset: Array, normal: Array, groups: Sequence[Longs], shift: Array, ought: Mask) -> bool:
     """Return whether a shift far from the nominal place is that of the feature, not of a line that happens to be there.
 
     At least two edges, or pieces of a bent one, must have moved so, and a good part of all places that ought (n,) to
-    show an edge.
+    show an edge. groups: numbers (n,) of edges' pieces, and of bores': of a small hole's rims, which show in part, each
+    may have too few places.
     """
     there = supported(offset, normal, shift)
-    at = np.unique(edge, return_inverse=True)[1].reshape(-1)
-    n, k = np.bincount(at), np.bincount(at, there)
     share = there[ought].mean() if ought.any() else there.mean()
-    return bool(((k >= n / 2) & (n >= _LEAST_SAMPLES)).sum() >= 2 and share >= _LEAST_SHARE)
+    return bool(share >= _LEAST_SHARE and any(_moved(of, there) >= 2 for of in groups))
+
+
+def _moved(group: Longs, there: Mask) -> int:
+    """Return of how many groups, numbers (n,), half of the places or more are `there` (n,), a few at least."""
+    at = np.unique(group, return_inverse=True)[1].reshape(-1)
+    n, k = np.bincount(at), np.bincount(at, there)
+    return int(((k >= n / 2) & (n >= _LEAST_SAMPLES)).sum())
 
 
 def strays(offset: Array, sigma: Array, edge: Longs, along: Array, asked: Mask, ought: Mask) -> Mask:

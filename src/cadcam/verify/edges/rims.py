@@ -62,16 +62,19 @@ class Rims:
         """Return how far (N,), px/mm, places move across their edges as the radius grows; by_point as in Sightlines."""
         return np.asarray(np.einsum("ni,ni->n", by_point, self.outward))
 
-    def beyond_tangents(self, by_point: Array, moved: Array) -> Array:
-        """Return how much farther (N,) px circles displaced by (3,) mm are seen to move than their tangents.
+    def beyond_tangents(self, by_point: Array, moved: Array, larger: float) -> Array:
+        """Return how much farther (N,) px circles are seen to move than their tangents.
 
-        In the plane of a circle of radius r, (s, s lean) mm from a place is on the displaced circle where
-        (s + r - outward)^2 + (s lean - along)^2 = r^2; its tangent is at s = outward.
+        They are displaced by (3,) mm, and their radius is larger by so many mm. In the plane of a circle of radius r,
+        (s, s lean) mm from a place is on it now where (s + r - outward)^2 + (s lean - along)^2 = (r + larger)^2; its
+        tangent is at s = outward + larger.
         """
         outward, along = self.outward @ moved, self.along @ moved
         r, k = self.radius, self.lean
-        a, b, c = 1 + k**2, r - outward - k * along, (outward - 2 * r) * outward + along**2
+        a, b = 1 + k**2, r - outward - k * along
+        c = (outward - 2 * r) * outward + along**2 - (2 * r + larger) * larger
         root = b**2 - a * c
         near = (root > 0) & (b > 0)  # else it is displaced by its own size
-        s = np.where(near, -c / np.where(near, b + np.sqrt(np.maximum(root, 0.0)), 1.0), outward)
-        return np.asarray((s - outward) * self.growth(by_point))
+        tangent = outward + larger
+        s = np.where(near, -c / np.where(near, b + np.sqrt(np.maximum(root, 0.0)), 1.0), tangent)
+        return np.asarray((s - tangent) * self.growth(by_point))

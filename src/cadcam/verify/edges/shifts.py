@@ -1,7 +1,7 @@
 """Where a feature is according to the photo's edges near its lines: the best supported shift, and a rim's growth.
 
 Each place has a few candidates, offsets along its normal. Candidates agree with a rigid shift s if they equal n . s,
-and with a rim that is larger all round if they are equal.
+and with a rim that is larger all round if they are to each other as the rim's widening has them.
 """
 
 from __future__ import annotations
@@ -61,25 +61,29 @@ def all_round(edge: Longs, normal: Array) -> Longs:
     return np.asarray(edges[ways >= _WAYS])
 
 
-def grown(offset: Array, free: Array, normal: Array, shift: Array, *, reach_px: float) -> tuple[float, Array]:
+def grown(
+    offset: Array, free: Array, normal: Array, widening: Array, shift: Array, *, reach_px: float
+) -> tuple[float, Array]:
     """Return by how many px a rim is larger than drawn, and the shift (2,) px then; 0 and its body's if it is not.
 
     offset, free (n, K): its candidates, and those that no other line of the model explains; normal (n, 2): out of the
-    rim; shift (2,) px: of its body, which a larger rim may have led astray: the nominal place is tried as well. Of
-    growths and shifts with nearly the same support the least is taken. The gain over the nominal size must be as large
-    as for a shift, and all round: in most of each of its pieces, where no other line, such as a hole's other rim, is
-    drawn in its place.
+    rim; widening (n,): how far they move along it for each px by which the rim is larger on the average; shift
+    (2,) px: of its body, which a larger rim may have led astray: the nominal place is tried as well. Of growths and
+    shifts with nearly the same support the least is taken. The gain over the nominal size must be as large as for a
+    shift, and all round: in most of each of its pieces, where no other line, such as a hole's other rim, is drawn in
+    its place.
     """
     piece = pieces(np.zeros(len(normal), np.int64), normal)
     near = np.unique(np.concatenate([shift + _grid(NEAR_PX), _grid(NEAR_PX)]), axis=0)
     nominal = float(support(offset, normal, near).max())
     sizes = np.arange(-int(reach_px / _GRID_PX), int(reach_px / _GRID_PX) + 1) * _GRID_PX
-    scores = np.array([support(free - g, normal, near) for g in sizes])
+    scores = np.array([support(free - g * widening[:, None], normal, near) for g in sizes])
     unlike = _PER_PX * len(offset) * (np.abs(sizes)[:, None] + np.hypot(*near.T))
     size, place = np.unravel_index(np.argmax(scores - unlike), scores.shape)
     if scores[size, place] - nominal <= max(_GAIN_SAMPLES, _GAIN_SHARE * len(offset)):
         return 0.0, shift
-    there, anyhow = (supported(found - sizes[size], normal, near[place]) for found in (free, offset))
+    by_size = sizes[size] * widening[:, None]
+    there, anyhow = (supported(found - by_size, normal, near[place]) for found in (free, offset))
     seen, asked = np.bincount(piece, there), np.bincount(piece, there | ~anyhow)
     if not ((seen > 0) & (2 * seen >= asked)).all():
         return 0.0, shift

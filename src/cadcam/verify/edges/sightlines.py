@@ -81,6 +81,19 @@ class Sightlines:
         return np.where(np.bincount(self.edge, out)[self.edge] < 0, -1.0, 1.0)
 
     @property
+    def widening(self) -> Array:
+        """Return how far (N,) px each place moves across its edge for each mm by which its flat rim is larger.
+
+        In the rim's plane a place that moves along its edge does not move across it: what is left is out of the rim.
+        """
+        count = np.maximum(np.bincount(self.rim), 1)
+        middle = np.stack([np.bincount(self.rim, x) / count for x in self.p.T], axis=1)
+        arm = self.p - middle[self.rim]
+        spread = np.stack([np.bincount(self.rim, x * y) for x in arm.T for y in arm.T], axis=1).reshape(-1, 3, 3)
+        upright = np.linalg.eigh(spread)[1][:, :, 0]
+        return np.asarray(np.linalg.norm(np.cross(self.by_point, upright[self.rim]), axis=1))
+
+    @property
     def direction(self) -> Array:
         """Return the unit direction (N, 3) in the part frame along which an offset along the normal is observed.
 

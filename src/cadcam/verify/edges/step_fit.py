@@ -187,15 +187,16 @@ def beside_guess(lines: Sightlines, offset: Array, guess: Array) -> Array:
     """Return about which values (N,) px an edge's offsets (N,) px, nan: unknown, lie on a straight line.
 
     The offsets of a bent edge that is displaced run up and down along it, as a guess (N,) px does: from a straight line
-    half of them would be strays. Of a rim that is larger, they do not. What shows all round is compared with the shift
-    that explains most of it, by least absolute deviations.
+    half of them would be strays. So do those of an oblique rim that is larger. What shows all round is compared with
+    the shift and growth that explain most of it, by least absolute deviations.
     """
-    out, outward, known = np.zeros(len(lines)), lines.outward, np.isfinite(offset)
+    out, known = np.zeros(len(lines)), np.isfinite(offset)
+    motions = np.column_stack([lines.normal, lines.outward * lines.widening])
     round_ = np.intersect1d(all_round(lines.rim[known], lines.normal[known]), rims(lines))
     for rim in round_:
         rows = lines.rim == rim
         have = rows & known
-        out[rows] = lines.normal[rows] @ _shift(lines.normal[have], outward[have], offset[have])
+        out[rows] = motions[rows] @ _explaining(motions[have], offset[have])
     for e in np.unique(lines.edge[known & ~np.isin(lines.rim, round_)]):
         rows = np.flatnonzero(lines.edge == e)
         have = rows[known[rows]]
@@ -206,17 +207,13 @@ def beside_guess(lines: Sightlines, offset: Array, guess: Array) -> Array:
     return out
 
 
-def _shift(normal: Array, outward: Array, offset: Array) -> Array:
-    """Return the shift (2,) px, beside a growth, that explains most offsets (n,) px along normals (n, 2).
-
-    outward (n,): the sign of the normals, out of the rim or into it.
-    """
-    X = np.column_stack([normal, outward])
-    weight = np.ones(len(normal))
+def _explaining(X: Array, offset: Array) -> Array:
+    """Return the motion (m,), in columns of X (n, m), that explains most offsets (n,) px."""
+    weight = np.ones(len(X))
     for _ in range(_ROUNDS):
-        shift = np.linalg.lstsq(X * weight[:, None], offset * weight, rcond=None)[0]
-        weight = 1 / np.sqrt(np.maximum(np.abs(offset - X @ shift), _EXACT_PX))
-    return np.asarray(shift[:2])
+        motion = np.linalg.lstsq(X * weight[:, None], offset * weight, rcond=None)[0]
+        weight = 1 / np.sqrt(np.maximum(np.abs(offset - X @ motion), _EXACT_PX))
+    return np.asarray(motion)
 
 
 def _off_line(t: Array, y: Array) -> float:
