@@ -20,6 +20,7 @@ import subprocess
 import sys
 import sysconfig
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -116,15 +117,18 @@ class NativeHook(BuildHookInterface):  # type: ignore[type-arg]  # its parameter
 
 
 def compile_core(compiler: list[str], folder: Path, library: Path) -> None:
-    """Compile every file, the hot ones for each instruction set, and link them."""
+    """Compile every file on all cores, the hot ones for each instruction set, and link them."""
     variants = VARIANTS if X86_64 else {"_baseline": []}
     jobs = [(name, "", []) for name in ONCE]
     jobs += [(name, suffix, [f"-DCC_VARIANT={suffix}", *flags]) for suffix, flags in variants.items() for name in HOT]
     with tempfile.TemporaryDirectory() as scratch:
-        objects = []
-        for source, suffix, flags in jobs:
-            objects.append(str(Path(scratch) / f"{source}{suffix}.o"))
-            run([*compiler, *FLAGS, *flags, "-c", str(folder / source), "-o", objects[-1]])
+        objects = [str(Path(scratch) / f"{source}{suffix}.o") for source, suffix, _ in jobs]
+        commands = [
+            [*compiler, *FLAGS, *flags, "-c", str(folder / source), "-o", made]
+            for (source, _, flags), made in zip(jobs, objects, strict=True)
+        ]
+        with ThreadPoolExecutor(os.cpu_count()) as pool:
+            list(pool.map(run, commands))
         made = Path(scratch) / library.name
         run([*compiler, "-shared", "-o", str(made), *objects, *([] if sys.platform == "win32" else ["-lm"])])
         shutil.copyfile(made, library)
