@@ -34,6 +34,7 @@ from .locating import CAMERA, MIDDLE, MODELS, POSE, make_photo_job, photo, seen,
 
 Cadcam = Callable[..., Ran]
 LOCATE = ("locate", "photo.png", str(MODELS / "bracket.stl"), "--camera", "camera.json")
+RANGE = ("--seen-from", "0.45,-0.73,0.51:15", "--roll", "20", "--distance", "270,330")  # a small one: quick to search
 
 
 @pytest.fixture
@@ -73,7 +74,7 @@ def test_a_declared_range_of_views_is_searched_and_what_that_took_is_kept(
     cadcam: Cadcam, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("CADCAM_CACHE", str(here / "kept"))
-    search = (*LOCATE, "--seen-from", "0.45,-0.73,0.51:15", "--roll", "20", "--distance", "270,330", "--json")
+    search = (*LOCATE, *RANGE, "--json")
     (here / "found.json").write_text(cadcam(*search).out)
     assert off_mm(read_part_pose("found.json")) < 0.3
     (kept,) = (here / "kept").glob("*.npz")
@@ -207,12 +208,12 @@ def test_photos_of_one_name_are_told_apart_by_their_folders(cadcam: Cadcam, here
         (here / "shots" / folder / "0008.png").symlink_to(here / "photo.png")
     photos = ["left/0008.png", "right/0008.png"]
     two = (*(f"shots/{p}" for p in photos), LOCATE[2], *(2 * ("--camera", "camera.json")))
-    ran = cadcam("locate", *two, "--pose-out", "pose.json")
+    ran = cadcam("locate", *two, *RANGE, "--pose-out", "pose.json")
     assert ran.code == 0, ran.err
     assert [c["name"] for c in json.loads(Path("pose.json").read_text())["cameras"]] == photos
     Path("shots/right/0008.png").unlink()
     write_picture("shots/right/0008.png", np.full((CAMERA.size[1], CAMERA.size[0]), 0.3))
-    assert "photo 'right/0008.png' is empty" in cadcam("locate", *two).err
+    assert "photo 'right/0008.png' is empty" in cadcam("locate", *two, *RANGE).err
 
 
 def test_photos_of_one_camera_share_its_errors(here: Path, rng: np.random.Generator) -> None:
@@ -389,7 +390,7 @@ def test_of_a_round_bar_free_to_turn_about_its_axis_nothing_is_said_to_be_known(
 
 
 def test_instances_are_numbered_in_table_picture_and_files(cadcam: Cadcam, here: Path) -> None:
-    ran = cadcam(*LOCATE, "--instances", "-o", "overlay.png", "--pose-out", "pose.json")
+    ran = cadcam(*LOCATE, *RANGE, "--instances", "-o", "overlay.png", "--pose-out", "pose.json")
     assert ran.code == 0, ran.err
     assert "Instances" in ran.out
     assert off_mm(read_part_pose("pose-1.json", camera_from_world=Rigid())) < 0.3
@@ -397,7 +398,7 @@ def test_instances_are_numbered_in_table_picture_and_files(cadcam: Cadcam, here:
     lines = read_picture("overlay.png") - np.repeat(read_picture("photo.png")[..., None], 3, axis=2)
     assert (lines[..., 1] - lines[..., 0] > 0.3).sum() > 200  # green
     Path("pose-2.json").write_text("{}")
-    again = cadcam(*LOCATE, "--instances", "1", "--pose-out", "pose.json", "--json")
+    again = cadcam(*LOCATE, *RANGE, "--instances", "1", "--pose-out", "pose.json", "--json")
     assert "pose-2.json and what follows it are of an earlier run" in again.err
     said = json.loads(again.out)
     assert said["format"] == "cadcam instances"
@@ -407,7 +408,7 @@ def test_instances_are_numbered_in_table_picture_and_files(cadcam: Cadcam, here:
 
 def test_without_any_instance_what_was_tried_is_told(cadcam: Cadcam, here: Path) -> None:
     write_picture("photo.png", np.random.default_rng(2).uniform(0.2, 0.8, (360, 480)))
-    ran = cadcam(*LOCATE, "--instances", "--json", "--pose-out", "pose.json")
+    ran = cadcam(*LOCATE, *RANGE, "--instances", "--json", "--pose-out", "pose.json")
     assert ran.code == 3
     said = json.loads(ran.out)
     assert (said["found"], said["instances"], said["pose"]) == (False, [], None)
