@@ -42,7 +42,7 @@ def project_local(F: Array, R: Array, internals: Array, lens: Lens, p_world: Arr
     dq_dw = dq_dp @ R[..., None, :, :]  # by the world point
     J = np.zeros((*q.shape, 6 + dq_di.shape[-1]))
     np.negative(dq_dw, out=J[..., 0:3])
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # -row . hat(x) = (x cross row); np.cross takes four times as long
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):  # -row . hat(x) = (x cross row); np.cross takes four times that
         J[..., 3 + i] = from_F[..., None, j] * dq_dw[..., k] - from_F[..., None, k] * dq_dw[..., j]
     J[..., 6:] = dq_di
     return q, J

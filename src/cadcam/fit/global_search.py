@@ -22,7 +22,6 @@ from cadcam.fit.multistart import descend
 from cadcam.fit.p3p import p3p
 from cadcam.geometry import rotation as so3
 
-
 _OTHERS = 50  # most iterations of a state that is descended after one that has reached its minimum
 
 
