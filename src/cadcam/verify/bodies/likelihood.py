@@ -158,22 +158,26 @@ def _shade(pixels: _WindowPixels, left: Array, surface: Longs, off: Array, sigma
     logarithm of the probability of such tones, and of the volume of the alternatives (an Occam factor).
     """
     n, counts = len(off), pixels.counts
-    its, own = surface[counts], left[counts]
-    count = np.maximum(np.bincount(its, minlength=n), 1)
-    across = [v - (np.bincount(its, v[counts], minlength=n) / count)[surface] for v in pixels.at]
+    count = np.maximum(np.bincount(surface[counts], minlength=n), 1)
+    across = [v - (np.bincount(surface[counts], v[counts], minlength=n) / count)[surface] for v in pixels.at]
     basis = np.stack([np.ones(len(left)), _FALL * across[0], _FALL * across[1]])
-    number = surface + n * np.arange(3)[:, None]  # of each pixel's tone and gradients
-    B, mine, weight = basis[:, counts], number[:, counts], np.full(len(own), 1 / sigma**2)
+    order = np.flatnonzero(counts)[np.argsort(surface[counts], kind="stable")]  # surface by surface: quick to sum
+    own, B = left[order], basis[:, order]
+    its, first, pixels_of = np.unique(surface[order], return_index=True, return_counts=True)
+    weight = np.full(len(own), 1 / sigma**2)
     known = np.eye(3 * n)
     known[:n, :n] = np.linalg.inv(off)
     found, N = np.zeros(3 * n), known
     for _ in range(_ROUNDS):
-        W = B * weight / _TOGETHER
-        N, b = known.copy(), np.concatenate([np.bincount(its, w * own, minlength=n) for w in W])
-        for i, j in np.ndindex(3, 3):
-            N[i * n + np.arange(n), j * n + np.arange(n)] += np.bincount(its, W[i] * B[j], minlength=n)
+        N, b, W = known.copy(), np.zeros(3 * n), B * (weight / _TOGETHER)
+        for i in range(3):
+            b[i * n + its] = np.add.reduceat(W[i] * own, first)
+            for j in range(i + 1):
+                N[i * n + its, j * n + its] += np.add.reduceat(W[i] * B[j], first)
+                N[j * n + its, i * n + its] = N[i * n + its, j * n + its]
         found = np.linalg.solve(N, b)
-        r = own - (found[mine] * B).sum(axis=0)
+        r = own - (np.repeat(found.reshape(3, n)[:, its], pixels_of, axis=1) * B).sum(axis=0)
         weight = np.minimum(1 / sigma**2, _WORST / np.maximum(r**2, 1e-12))
+    number = surface + n * np.arange(3)[:, None]  # of each pixel's tone and gradients
     shade = (found[number] * basis).sum(axis=0)
     return shade, float(found @ known @ found + np.linalg.slogdet(N)[1] - np.linalg.slogdet(known)[1])
