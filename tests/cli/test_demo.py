@@ -181,7 +181,8 @@ def test_json_holds_all_that_was_found_and_what_is_true_and_the_files_are_the_sa
     pictures = [path.name for path in demo.iterdir() if path.suffix in (".png", ".svg")]
     assert len(pictures) >= 8
     for name in pictures:
-        assert (again / name).read_bytes() == (demo / name).read_bytes()
+        made = (again / name).read_bytes().replace(str(again).encode(), str(demo).encode())  # a title names its photo
+        assert made == (demo / name).read_bytes()
     first, second = (json.loads((folder / "report.json").read_text()) for folder in (demo, again))
     assert first["judgements"] == second["judgements"]
 
