@@ -53,6 +53,8 @@ class FeatureEvidence:
         moved = self.measured.moved(number)
         near, rare = displaced_px(self.survey, number, moved) <= CAPTURE_PX, OF_DISPLACED * self.alarms
         state, why = state_of(self.presence[number], moved, alarm, enough, near=near, rare=rare)
+        if state is State.OUT_OF_VIEW and self.survey.in_view(number):
+            state, why = State.UNCLEAR, why_doubtful(self.presence[number])
         if state in (State.DISPLACED, State.IN_PLACE) and self._beyond_reach(number, moved):
             state, why = State.UNCLEAR, Unclear.FAR
         if state is State.IN_PLACE and self.doubts[number].gone:

@@ -28,6 +28,8 @@ from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
 _LEAST_GUESSED = 12  # fewest places from which a feature's own place is guessed
 _BESIDE_SHARE = 0.5  # share of an edge's places that show an edge beside it and none in place
+_LEAST_COVERED_PX = 100  # pixels of a body that a person would say is in the picture: 10 x 10
+_BORDER_PX = 6  # within it no profile across an edge fits (`searchable`)
 _BLIND = 0.05  # of the largest image motion: below it a displacement is along the line of sight
 
 
@@ -87,6 +89,16 @@ class Survey:
         if len(own) != 1 or (self.lines.part == own[0]).sum() != self.members[number].sum():
             return None
         return int(own[0])
+
+    def in_view(self, number: int) -> bool:
+        """Return whether a feature, a whole part, covers some of a photo, however short its edges, inside its border.
+
+        Along the border no profile across an edge fits.
+        """
+        part, inside = self.whole_part(number), slice(_BORDER_PX, -_BORDER_PX)
+        if part is None:
+            return False
+        return any(np.count_nonzero(seen.shows(part)[inside, inside]) >= _LEAST_COVERED_PX for seen in self.shown)
 
     def mm_per_px(self, number: int) -> float:
         """Return the median length in mm of one px at a feature's edges."""
