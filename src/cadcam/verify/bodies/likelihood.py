@@ -167,7 +167,8 @@ def _shade(pixels: _WindowPixels, left: Array, surface: Longs, off: Array, sigma
     weight = np.full(len(own), 1 / sigma**2)
     known = np.eye(3 * n)
     known[:n, :n] = np.linalg.inv(off)
-    found, N = np.zeros(3 * n), known
+    N = known
+    found: Array = np.zeros(3 * n)
     for _ in range(_ROUNDS):
         N, b, W = known.copy(), np.zeros(3 * n), B * (weight / _TOGETHER)
         for i in range(3):
@@ -175,7 +176,7 @@ def _shade(pixels: _WindowPixels, left: Array, surface: Longs, off: Array, sigma
             for j in range(i + 1):
                 N[i * n + its, j * n + its] += np.add.reduceat(W[i] * B[j], first)
                 N[j * n + its, i * n + its] = N[i * n + its, j * n + its]
-        found = np.linalg.solve(N, b)
+        found = np.asarray(np.linalg.solve(N, b), np.float64)
         r = own - (np.repeat(found.reshape(3, n)[:, its], pixels_of, axis=1) * B).sum(axis=0)
         weight = np.minimum(1 / sigma**2, _WORST / np.maximum(r**2, 1e-12))
     number = surface + n * np.arange(3)[:, None]  # of each pixel's tone and gradients
