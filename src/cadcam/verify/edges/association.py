@@ -20,6 +20,7 @@ from cadcam.verify.edges.shifts import CAPTURE_PX, NEAR_PX, best_shift, grown, s
 from cadcam.verify.edges.sightlines import STEP_PX, Sightlines, pieces
 from cadcam.verify.edges.step_fit import NEIGHBOURS, ON_LINE_PX, beside_guess, fitted_steps, median, rims, robust_line
 
+BORDER_PX = CANDIDATE_ROOM_PX + CAPTURE_PX  # along the picture's border, within which no profile across an edge fits
 _SEARCH_ROOM_PX = 1.5  # room beside other lines needed to search for an edge
 _MOST = 6  # candidates per place
 _COARSE_PX = 0.3  # approximate sigma of a candidate
@@ -70,7 +71,7 @@ def searchable(lines: Sightlines, cameras: Sequence[Camera]) -> Mask:
     along = np.stack([-lines.normal[:, 1], lines.normal[:, 0]], axis=1)
     for i, camera in enumerate(cameras):
         rows = np.flatnonzero((lines.photo == i) & out)
-        across, beside = (CANDIDATE_ROOM_PX + CAPTURE_PX) * lines.normal[rows], 0.5 * STEP_PX * along[rows]
+        across, beside = BORDER_PX * lines.normal[rows], 0.5 * STEP_PX * along[rows]
         corners = [lines.q[rows] + a * across + b * beside for a in (-1, 1) for b in (-1, 1)]
         out[rows] = camera.sees(np.array(corners)).all(axis=0)
     return np.asarray(out)

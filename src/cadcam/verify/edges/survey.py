@@ -14,7 +14,7 @@ from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
-from cadcam.verify.edges.association import Association, associated, nearby_edges, searchable
+from cadcam.verify.edges.association import BORDER_PX, Association, associated, nearby_edges, searchable
 from cadcam.verify.edges.feet import Feet
 from cadcam.verify.edges.limbs import limb_errors
 from cadcam.verify.edges.presence import LEAST_PLACES, Clutter, EdgeEvidence, Presence, clutter_of, presence
@@ -29,7 +29,6 @@ from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 _LEAST_GUESSED = 12  # fewest places from which a feature's own place is guessed
 _BESIDE_SHARE = 0.5  # share of an edge's places that show an edge beside it and none in place
 _LEAST_COVERED_PX = 100  # pixels of a body that a person would say is in the picture: 10 x 10
-_BORDER_PX = 6  # within it no profile across an edge fits (`searchable`)
 _BLIND = 0.05  # of the largest image motion: below it a displacement is along the line of sight
 
 
@@ -95,9 +94,10 @@ class Survey:
 
         Along the border no profile across an edge fits.
         """
-        part, inside = self.whole_part(number), slice(_BORDER_PX, -_BORDER_PX)
+        part, border = self.whole_part(number), int(np.ceil(BORDER_PX))
         if part is None:
             return False
+        inside = slice(border, -border)
         return any(np.count_nonzero(seen.shows(part)[inside, inside]) >= _LEAST_COVERED_PX for seen in self.shown)
 
     def mm_per_px(self, number: int) -> float:
