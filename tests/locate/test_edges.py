@@ -207,3 +207,17 @@ def test_a_straight_contour_is_one_arc_and_edges_are_their_own() -> None:
     assert np.array_equal(np.unique(rim.run, return_inverse=True)[1], np.unique(rim.arc, return_inverse=True)[1])
     assert not rim.bulge.any()
     assert samples.bulge[sides].min() > 0
+
+
+@pytest.mark.parametrize(("sides", "distance", "runs"), [(20, 1700.0, 1), (16, 2400.0, 1), (6, 2400.0, 6)])
+def test_the_short_sides_of_a_coarse_circle_are_one_run_and_those_of_a_nut_are_not(
+    sides: int, distance: float, runs: int
+) -> None:
+    """Looked upon from above; sides of 5, 4.4 and 11 px that turn by 18, 23 and 60 degrees."""
+    nut = Part.of(prism(sides, radius=30.0, height=30.0))
+    pose = Rigid.look_at((0.0, 0.0, 30.0 + distance), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
+    lines = nut.lines.draw(PLAIN, pose).visible
+    samples = sample_lines(lines, PLAIN, step_px=4.0, reach_px=10.0)
+    round_px = 900.0 / distance * sides * 60.0 * np.sin(np.pi / sides)
+    assert len(np.unique(samples.run)) == runs
+    assert len(samples) == pytest.approx(round_px / 4, abs=runs)

@@ -23,7 +23,7 @@ from cadcam.native.profiles import along_runs, camera_rows, clearance, edge_rows
 from cadcam.render.lines.wireframe import Polylines
 
 _CORNER = np.cos(np.radians(8.0))  # where a line turns by more, a new run begins
-_ROUND = np.cos(np.radians(30.0))  # the same where a contour turns, from one chord to the next
+_ROUND = np.cos(np.radians(30.0))  # the same between chords of a contour, and between short sides
 _GAP_PX = 3.0  # largest gap in a contour that a run bridges
 _ARC = np.radians(30.0)  # turn of the arcs that a contour is judged by
 _AROUND = 3  # samples to each side over which normals are averaged, to tell how far a contour turns
@@ -214,10 +214,13 @@ class _Paths:
 def _runs(paths: _Paths, reach_px: float) -> Ids:
     """Return the run (M,), counted from 0, that each segment belongs to.
 
-    A corner of a contour is found between chords `reach_px` long, before and behind it.
+    A corner of a contour is found between chords `reach_px` long, before and behind it. Sides hardly longer than that,
+    as of a coarse circle, are too short to be looked at one by one: where two of them meet is no corner so soon.
     """
     d = (paths.b - paths.a) / paths.length[:, None]
-    straight = np.append(False, np.einsum("ij,ij->i", d[1:], d[:-1]) >= _CORNER)[: len(d)]
+    short = np.maximum(paths.length[1:], paths.length[:-1]) < 2 * reach_px
+    straight = np.einsum("ij,ij->i", d[1:], d[:-1]) >= np.where(short, _ROUND, _CORNER)
+    straight = np.append(False, straight)[: len(d)]
     some = np.flatnonzero(paths.joined & paths.contour)
     if len(some):
         path = (np.cumsum(~paths.joined) - 1).astype(np.int32)
