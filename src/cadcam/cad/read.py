@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from cadcam.arrays import significant
+from cadcam.cad.formats.collada import read_collada
 from cadcam.cad.formats.gltf import read_gltf
 from cadcam.cad.formats.model import Model
 from cadcam.cad.formats.obj import read_obj
@@ -34,6 +35,7 @@ _READERS: dict[str, Callable[[Path, bytes], Model]] = {
     ".glb": read_gltf,
     ".gltf": read_gltf,
     ".3mf": read_3mf,
+    ".dae": read_collada,
 }
 _BREP_READERS = {".step": read_step, ".stp": read_step, ".iges": read_iges, ".igs": read_iges}
 SUFFIXES = tuple(sorted({*_READERS, *_BREP_READERS}))
@@ -88,11 +90,11 @@ def read_model(
     """Return the mesh of a CAD file in mm: welded, without empty or repeated faces, wound outwards, parts named.
 
     Formats by suffix: STL, OBJ, PLY, OFF (no unit: `unit` decides, mm if not given), GLB/glTF (metres by the
-    specification; `unit` overrides it, as many writers ignore it), 3MF, STEP (the file names its unit; another is
-    refused), IGES. STEP and IGES need the extra "step"; `chordal_tolerance_mm` bounds the distance of their triangles
-    from the true surface (default: 5e-5 of the size). Raises `UnreadableFile`, `DegenerateGeometry` when no face has an
-    area, `UnknownName` for a unit, `BadValue` for a unit against the file's own or a tolerance of given triangles,
-    `MissingExtra`.
+    specification; `unit` overrides it, as many writers ignore it), 3MF, COLLADA, STEP (the file names its
+    unit; another is refused), IGES. STEP and IGES need the extra "step"; `chordal_tolerance_mm` bounds the distance of
+    their triangles from the true surface (default: 5e-5 of the size). Raises `UnreadableFile`, `DegenerateGeometry`
+    when no face has an area, `UnknownName` for a unit, `BadValue` for a unit against the file's own or a tolerance of
+    given triangles, `MissingExtra`.
     """
     return read_model_with_report(path, unit=unit, chordal_tolerance_mm=chordal_tolerance_mm)[0]
 

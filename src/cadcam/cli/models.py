@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 def add_model_options(parser: argparse.ArgumentParser) -> None:
     """Add the model and the options for reading it."""
     parser.add_argument(
-        "model", metavar="MODEL", help="CAD file: STL, OBJ, PLY, OFF, GLB/glTF, 3MF; STEP and IGES with cadcam[step]"
+        "model",
+        metavar="MODEL",
+        help="CAD file: STL, OBJ, PLY, OFF, GLB/glTF, 3MF, COLLADA (.dae); STEP and IGES with cadcam[step]",
     )
     add_reading_options(parser)
 

@@ -17,6 +17,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array
 from cadcam.cad.formats.model import Model, assembled
+from cadcam.cad.formats.polygons import fan, strip
 from cadcam.cad.mesh import Mesh
 from cadcam.errors import UnreadableFile
 
@@ -338,9 +339,4 @@ def _placement(node: dict[str, Any]) -> Array:
 def _triangles(index: npt.NDArray[np.int64], mode: int) -> npt.NDArray[np.int64]:
     if mode == _TRIANGLES:
         return index[: len(index) // 3 * 3].reshape(-1, 3)
-    n = max(len(index) - 2, 0)
-    k = np.arange(n)
-    if mode == _FAN:
-        return np.column_stack([np.full(n, index[0] if n else 0), index[1 : 1 + n], index[2 : 2 + n]])
-    odd = k % 2
-    return np.column_stack([index[k], index[k + 1 + odd], index[k + 2 - odd]])
+    return fan(index) if mode == _FAN else strip(index)

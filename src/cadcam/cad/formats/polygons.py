@@ -34,6 +34,19 @@ def triangulated(vertices: Array, counts: Longs, corners: Longs) -> tuple[Longs,
     return np.concatenate(triangles)[order], owner[order]
 
 
+def fan(corners: Longs) -> Longs:
+    """Return the triangles (T, 3) of a fan: the first of n corners with every two that follow each other."""
+    k = np.arange(max(len(corners) - 2, 0))
+    return np.column_stack([np.full(len(k), corners[0] if len(k) else 0), corners[k + 1], corners[k + 2]])
+
+
+def strip(corners: Longs) -> Longs:
+    """Return the triangles (T, 3) of a strip: every three of n corners that follow each other, all wound alike."""
+    k = np.arange(max(len(corners) - 2, 0))
+    odd = k % 2
+    return np.column_stack([corners[k], corners[k + 1 + odd], corners[k + 2 - odd]])
+
+
 def _cut_quads(vertices: Array, quads: Longs) -> Longs:
     """Return two triangles (Q, 2, 3) for each quadrangle."""
     p = vertices[quads]
