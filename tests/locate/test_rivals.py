@@ -29,7 +29,7 @@ from cadcam.locate.rivals import Rivals, _Rival
 from cadcam.render import open_renderer
 from cadcam.render.view import Scene
 
-from ..cad.solids import box
+from ..cad.solids import box, prism
 
 CAMERA = Camera.from_focal((640, 480), 1000.0)
 BAY = 24.0
@@ -127,6 +127,20 @@ def test_of_two_poses_that_show_as_much_the_one_that_fits_far_closer_leads() -> 
     assert turned.quality > max(FOUND, right.quality - _AS_GOOD)
     assert _ranked([Trial(45.0, turned), Trial(38.0, right)])[0].location is right
     assert _ranked([Trial(45.0, right), Trial(38.0, turned)])[0].location is right
+
+
+def test_turns_that_no_line_in_view_tells_apart_are_alternatives() -> None:
+    """Of a plate of sixteen sides with a block beneath, seen from above: turned by quarters it looks the same."""
+    mesh = merge([prism(16, radius=60.0, height=40.0), box((20, -6, -14), (44, 6, 0))])
+    part, pose = Part.of(mesh), looking(mesh)
+    photo = photo_of(mesh, pose)
+    found = Rivals(part, [photo], FREE, EDGES, 0).checked(refine_pose(part, [photo], pose))
+    turns = [(pose.inv @ other.pose.world_from_part).log()[3:] for other in found.alternatives]
+    quarters = sorted(round(float(np.degrees(turn[2])) / 90) % 4 for turn in turns)
+    assert len(part.symmetries) == 1
+    assert quarters == [1, 2, 3]
+    sigma = np.sqrt(np.linalg.eigvalsh(found.pose.covariance[3:5, 3:5])[-1])
+    assert max(np.linalg.norm(turn[:2]) for turn in turns) < 5 * np.sqrt(2) * sigma
 
 
 def test_where_nothing_shows_which_way_round_the_part_is_the_other_way_is_an_alternative() -> None:

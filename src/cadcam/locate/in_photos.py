@@ -23,8 +23,7 @@ from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.refinement import Refinement
 from cadcam.locate.refine.retaken import at_their_sharpness
-from cadcam.locate.refine.solution import LOOSE_PX
-from cadcam.locate.rivals import Rivals
+from cadcam.locate.rivals import Rivals, far_looser
 from cadcam.locate.search.approach import REACH, Reach, approach
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.search.lying import Lying, met_by_search
@@ -34,7 +33,6 @@ from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 _RIVAL = 0.85  # share of the best hypothesis' score from which another one is refined as well
 _TRIED = (4, 10)  # most hypotheses that are refined: with a start, without one
 _AS_GOOD = 0.15  # difference of quality up to which an alternative is as good
-_CLOSER = 2.0  # ratio of their edges' scatter from which the closer of two poses as good is the better one
 _BY_SCORE = 0.3  # weight of the hypothesis' score, relative to the best, beside the quality
 _EQUAL, _ELSEWHERE = 0.9, 0.5  # a rival place: least share of the best score, least distance in radii
 # Least ratio of a pose's score to the best elsewhere: right poses have 1.14 to 1.8, mostly above 1.3, wrong ones 1.0 to
@@ -238,8 +236,7 @@ def _ranked(trials: Sequence[Trial]) -> list[Trial]:
     good = [trial.location for trial in ranked if trial.location.quality >= least]
     good = [location for location in good if not location.doubted] or good or [ranked[0].location]
     closest = min(good, key=lambda location: location.matches.scatter_px)
-    loose = good[0].matches.scatter_px > max(LOOSE_PX, _CLOSER * closest.matches.scatter_px)
-    first = closest if loose else good[0]
+    first = closest if far_looser(good[0], closest) else good[0]
     return _led_by(ranked, lambda location: location is first)
 
 

@@ -27,6 +27,7 @@ from cadcam.locate.quality.apart import OWN_PX, Apart, Reading, away, shown_less
 from cadcam.locate.quality.support import ASKED
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.refinement import Refinement, drawn
+from cadcam.locate.refine.solution import LOOSE_PX
 from cadcam.locate.views.likeness import Likeness
 from cadcam.render.lines.visible import edge_points
 
@@ -36,6 +37,7 @@ _EVERY = 2  # of the judged samples, which lie in rows of four, so many are aske
 _NEAR_PX = 2.0  # largest distance between lines and their steps, for a pose accurate to a pixel
 _DENSE_PX = 3.0  # between points of an edge: less than the distance at which lines are near each other
 _ROUNDS = 3  # how often a pose may be replaced by a rival
+_CLOSER = 2.0  # ratio of their edges' scatter from which the closer of two poses as good is the better one
 _REFINED, _AS_GOOD = 3, 0.1  # most rivals refined as alternatives; by how much less quality they may have
 # By how much more lines must show for a part of the other hand than for one that is turned. A part hardly unlike its
 # mirror image shows both all but alike: on a flange turned by a hole the mirror image has up to 0.04 more.
@@ -86,7 +88,8 @@ class Rivals:
         """Return the found pose, the rival that the photos show instead, or a refusal where they show the mirror image.
 
         A rival that takes its place is checked in turn. Rivals that nothing tells from the pose, though far fewer of
-        its own lines are shown than of those they have in common, are its alternatives if they fit as well. sights: the
+        its own lines are shown than of those they have in common or none of these is in view, are its alternatives if
+        they fit as well. sights: the
         part's lines as drawn near the pose, if available. Where photos do not distinguish the part from its mirror
         image, the reason says so.
         """
@@ -126,11 +129,16 @@ class Rivals:
         return [one for like, contested in likely if (one := self._rival(pose, like, own, contested)) is not None]
 
     def _as_good(self, found: Location, rivals: Sequence[_Rival]) -> list[Location]:
-        """Return what refining rivals that contest a found pose gives, where it is about as good as the pose."""
-        open_ = [one for one in rivals if one.contested and not one.like.mirrored and one.apart.open]
+        """Return what refining rivals that nothing tells from a found pose gives, where it is about as good as that.
+
+        Either the pose lacks lines that it alone has, or neither has lines in view that the other has not.
+        """
+        turned = [one for one in rivals if one.apart.open and not one.like.mirrored]
+        open_ = [one for one in turned if one.contested or one.apart.untold]
         open_ = sorted(open_, key=lambda one: one.apart.shown - one.apart.others_shown)[:_REFINED]
         refined = [self._refined(one)[0] for one in open_]
-        return [one for one in refined if one.quality >= max(FOUND, found.quality - _AS_GOOD)]
+        least = max(FOUND, found.quality - _AS_GOOD)
+        return [one for one in refined if one.quality >= least and not far_looser(one, found)]
 
     def _refined(self, rival: _Rival) -> tuple[Location, Sequence[Sight]]:
         """Return the location that refining a rival's pose gives, and its lines."""
@@ -187,6 +195,11 @@ class Rivals:
 
     def _sights(self, part: Part, pose: Rigid) -> list[Sight]:
         return drawn(part, self.photos, pose, self.options)
+
+
+def far_looser(one: Location, other: Location) -> bool:
+    """Return whether one pose's lines lie beside the photos' steps where the other's lie far closer to them."""
+    return one.matches.scatter_px > max(LOOSE_PX, _CLOSER * other.matches.scatter_px)
 
 
 def _mirrored(found: Location, apart: Apart) -> Location:

@@ -56,6 +56,11 @@ class Apart:
         return self.few or not abs(self.margin) > _CLEARLY
 
     @property
+    def untold(self) -> bool:
+        """Return whether both readings have the same lines but for so few samples that these tell nothing."""
+        return max(self.own, self.others) < LEAST
+
+    @property
     def margin(self) -> float:
         """Return by how much more of its own lines the other reading shows than this one.
 
