@@ -89,9 +89,8 @@ class Rivals:
 
         A rival that takes its place is checked in turn. Rivals that nothing tells from the pose, though far fewer of
         its own lines are shown than of those they have in common or none of these is in view, are its alternatives if
-        they fit as well. sights: the
-        part's lines as drawn near the pose, if available. Where photos do not distinguish the part from its mirror
-        image, the reason says so.
+        they fit as well. sights: the part's lines as drawn near the pose, if available. Where photos do not distinguish
+        the part from its mirror image, the reason says so.
         """
         rivals: list[_Rival] = []
         for _ in range(_ROUNDS):
