@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from functools import cached_property
 
-from cadcam.arrays import Array, Longs
+import numpy as np
+
+from cadcam.arrays import Array, Ids, Longs
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.rims import bore_of_chains, rim_of_chains
 from cadcam.geometry.rigid import Rigid
@@ -53,6 +55,12 @@ class Part:
     def bores(self) -> Longs:
         """The hole or pin (C,) that each chain of its edges is a rim of; of others the chain itself."""
         return bore_of_chains(self.scene.mesh, self.scene.edges)
+
+    @cached_property
+    def paints(self) -> Ids:
+        """The number (F,) of each face's colour, equal for equal colours."""
+        _, number = np.unique(np.round(self.scene.colors, 3), axis=0, return_inverse=True)
+        return np.asarray(number.reshape(-1)[self.scene.paint], np.int32)
 
     @cached_property
     def aspects(self) -> Aspects:

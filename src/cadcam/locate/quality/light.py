@@ -139,10 +139,4 @@ def _basis(normal: Array) -> Array:
 
 def colors_of(part: Part, face: Ids) -> Ids:
     """Return the number (H, W) of each pixel's colour, equal for equal colours; -1 where there is no face."""
-    return np.where(face >= 0, paints_of(part)[np.maximum(face, 0)], -1).astype(np.int32)
-
-
-def paints_of(part: Part) -> Ids:
-    """Return the number (F,) of each face's colour, equal for equal colours."""
-    _, number = np.unique(np.round(part.scene.colors, 3), axis=0, return_inverse=True)
-    return np.asarray(number.reshape(-1)[part.scene.paint], np.int32)
+    return np.where(face >= 0, part.paints[np.maximum(face, 0)], -1).astype(np.int32)

@@ -14,7 +14,7 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.quality.light import EVERY, FittedLight, light_of, paints_of, surfaces
+from cadcam.locate.quality.light import EVERY, FittedLight, light_of, surfaces
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 
@@ -70,7 +70,7 @@ class ShownFaces:
         faces = kept[which]
         mesh = part.scene.mesh
         normal = np.concatenate([np.zeros((1, 3)), _towards(mesh, faces, eye)])
-        color, of = (np.append(np.int32(-1), x[faces]).astype(np.int32) for x in (paints_of(part), mesh.part))
+        color, of = (np.append(np.int32(-1), x[faces]).astype(np.int32) for x in (part.paints, mesh.part))
         return cls(number[seen], normal, color, of, surfaces(normal, color))
 
     def shows(self, body: int) -> Mask:
