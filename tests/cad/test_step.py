@@ -161,6 +161,15 @@ def test_a_unit_against_the_one_in_the_file_is_refused(shared: Callable[[str], P
         read_model_with_report(shared("data/cad_nist_ctc/nist_ctc_03_asme1_ap203.stp"), unit="mm")
 
 
+def test_trimesh_is_not_loaded_for_it(
+    shared: Callable[[str], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where it is installed cascadio imports it, and with it half of SciPy, which takes longer than most parts."""
+    (tmp_path / "trimesh.py").write_text("raise RuntimeError('was loaded')")
+    monkeypatch.setenv("PYTHONPATH", str(tmp_path))
+    assert read_model_with_report(shared("data/cad_nist_ctc/nist_ctc_01_asme1_ap203.stp"))[0].n_faces
+
+
 def test_without_the_extra_the_remedy_is_named(shared: Callable[[str], Path], monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cadcam.cad.formats.step.find_spec", lambda name: None)
     with pytest.raises(MissingExtra, match=r'pip install "cadcam\[step\]", or cascadio by itself'):

@@ -108,6 +108,7 @@ def _converted(path: Path, kind: str, tolerance: float) -> bytes:
 
 _CONVERT = """
 import sys
+sys.modules["trimesh"] = None  # cascadio would load it, and half of SciPy, to teach it to read what is written here
 import cascadio
 source, target, kind, tolerance, angle = sys.argv[1:]
 data = cascadio.load(open(source, "rb").read(), file_type=kind, tol_linear=float(tolerance),
