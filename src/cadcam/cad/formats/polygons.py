@@ -84,15 +84,16 @@ def clip_ears(loop: Array) -> Longs:
     crosses itself has no proper ears at some point; it is then cut into a fan, as good as any other choice.
     """
     before, after = np.roll(np.arange(len(loop)), 1), np.roll(np.arange(len(loop)), -1)
-    left = np.ones(len(loop), bool)
+    left, within = np.ones(len(loop), bool), np.full(len(loop), -1)
     quality = _ear_quality(loop[before], loop, loop[after])
     triangles = []
     for _ in range(len(loop) - 3):
-        ear = _best_ear(loop, before, after, quality, left)
+        ear = _best_ear(loop, before, after, quality, left, within)
         a, b = int(before[ear]), int(after[ear])
         triangles.append([a, ear, b])
         left[ear], quality[ear] = False, -np.inf
         after[a], before[b] = b, a
+        within[[a, b]] = -1
         quality[[a, b]] = _ear_quality(loop[before[[a, b]]], loop[[a, b]], loop[after[[a, b]]])
     triangles.append(np.flatnonzero(left).tolist())
     return np.array(triangles, np.int64)
@@ -105,24 +106,36 @@ def _ear_quality(a: Array, b: Array, c: Array) -> Array:
     return np.asarray(area / np.maximum(longest, 1e-300))
 
 
-def _best_ear(loop: Array, before: Longs, after: Longs, quality: Array, left: Mask) -> int:
-    """Return the best corner that is an ear, else the best; the first of several as good."""
+def _best_ear(loop: Array, before: Longs, after: Longs, quality: Array, left: Mask, within: Longs) -> int:
+    """Return the best corner that is an ear, else the best; the first of several as good.
+
+    within (N,): for each corner another that was found in its triangle, or -1: as long as that is left, and the
+    triangle is the same, it is no ear. It is kept up to date.
+    """
     best = ear = int(np.argmax(quality))
     untried = quality
     while untried[ear] > 0:
-        corners = loop[[before[ear], ear, after[ear]]]
-        (left_x, low_y), (right_x, high_y) = corners.min(axis=0), corners.max(axis=0)
-        x, y = loop.T
-        at = loop[left & (x >= left_x) & (x <= right_x) & (y >= low_y) & (y <= high_y)]  # few of many
-        a, b, c = corners
-        inside = (_turn(a, b, at) >= 0) & (_turn(b, c, at) >= 0) & (_turn(c, a, at) >= 0)
-        corner = (at == a).all(axis=1) | (at == b).all(axis=1) | (at == c).all(axis=1)
-        if not (inside & ~corner).any():
-            return ear
+        if within[ear] < 0 or not left[within[ear]]:
+            within[ear] = _corner_within(loop, loop[[before[ear], ear, after[ear]]], left)
+            if within[ear] < 0:
+                return ear
         untried = untried.copy() if untried is quality else untried
         untried[ear] = -np.inf
         ear = int(np.argmax(untried))
     return best
+
+
+def _corner_within(loop: Array, triangle: Array, left: Mask) -> int:
+    """Return one of the corners (N, 2) left that lies in or on a triangle (3, 2), but at no corner of it; else -1."""
+    (left_x, low_y), (right_x, high_y) = triangle.min(axis=0), triangle.max(axis=0)
+    x, y = loop.T
+    near = np.flatnonzero(left & (x >= left_x) & (x <= right_x) & (y >= low_y) & (y <= high_y))  # few of many
+    at = loop[near]
+    a, b, c = triangle
+    inside = (_turn(a, b, at) >= 0) & (_turn(b, c, at) >= 0) & (_turn(c, a, at) >= 0)
+    corner = (at == a).all(axis=1) | (at == b).all(axis=1) | (at == c).all(axis=1)
+    found = near[inside & ~corner]
+    return int(found[0]) if len(found) else -1
 
 
 def _turn(a: Array, b: Array, c: Array) -> Array:
