@@ -132,7 +132,7 @@ def test_a_number_that_none_can_mean_is_refused_by_every_option(
     """Squares of 1e300 overflow, not a number spreads, a billion billion threads never start."""
     for value in ("nan", "inf", "-1e300", "1e300", "1e-300", "99999999999999999999", "a"):
         with pytest.raises(SystemExit) as stopped:
-            cli.parser().parse_args([*verb.split(), f"{option}={value}"])
+            cli.parser(verb.split()[0]).parse_args([*verb.split(), f"{option}={value}"])
         assert stopped.value.code == 2
         assert re.search(rf"argument (-\w/)?{option}: ", said := capsys.readouterr().err)
         assert f"'{value}' is " in said
@@ -145,7 +145,7 @@ def test_a_number_with_a_minus_is_a_value_however_it_is_written(
     """Without the parser's own rule for negative numbers -1e9 would count as an option left without its value."""
     for value in ("-1e9", "-1,0,0,5", "-.5e3"):
         with suppress(SystemExit):  # for what else the verb needs, or a value out of range
-            cli.parser().parse_args([*verb.split(), option, value])
+            cli.parser(verb.split()[0]).parse_args([*verb.split(), option, value])
         assert "expected one argument" not in capsys.readouterr().err
 
 
