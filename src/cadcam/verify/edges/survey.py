@@ -23,6 +23,7 @@ from cadcam.verify.edges.shifts import guessed_shifts
 from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
 from cadcam.verify.edges.surroundings import FAINT, edge_surroundings
+from cadcam.verify.edges.undrawn import room_beside
 from cadcam.verify.tolerances.circles import Circles
 from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
@@ -166,6 +167,7 @@ def surveyed(
     """
     by = np.zeros((len(part.scene.mesh.part_names), 3)) if by is None else by
     lines, sights = sightlines(part, photos, world_from_part)
+    lines = replace(lines, room=room_beside(part, sights, lines))
     in_place = replace(lines, p=lines.p - by[lines.part])  # features are chosen by their places in the CAD
     names, members = _members(part.scene, in_place, asked)
     body = _bodies(members)
