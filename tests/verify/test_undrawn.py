@@ -1,18 +1,22 @@
-"""Borders for which no line is drawn: where bodies cut each other."""
+"""Borders for which no line is drawn: where bodies cut each other, and where a shadow begins beside an edge."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from cadcam.arrays import Array
 from cadcam.cad.mesh import merge
 from cadcam.cad.parts.shape import box
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.edges.sightlines import sightlines
+from cadcam.verify.edges.survey import surveyed
 from cadcam.verify.edges.undrawn import room_beside
+from cadcam.verify.tolerances.tolerance import whole_parts
 
-from .scene import CAMERA, POSE, photo, plate
+from .scene import CAMERA, POSE, part, photo, plate
+from .test_astray import strip
 
 _SPACING = 0.75  # px, of the places at which it is asked what shows
 
@@ -37,3 +41,23 @@ def test_the_side_of_a_body_that_has_sunk_ends_where_no_line_is_drawn(rng: np.ra
             np.testing.assert_allclose(room[front][alone], (wide - 0.5 * _SPACING)[alone], atol=0.5 * _SPACING)
         else:
             np.testing.assert_array_equal(room, lines.room)
+
+
+def test_what_shows_at_an_edge_between_faces_lit_alike_is_the_border_of_a_shadow(rng: np.random.Generator) -> None:
+    """A clip in place was called displaced, at 18 sigma: a shadow began 1.3 px beside one of its edges."""
+    (x0, y1, z), x1 = (-120.0, -48.0, 52.0), 40.0  # of the first rib, before the plate's face
+
+    def back(of: Array) -> Array:
+        return np.asarray((np.abs(of[:, 1] - y1) < 1e-6) & (np.abs(of[:, 2] - z) < 1e-6))
+
+    gray = photo(plate(), rng).gray
+    beside = 2.5  # mm
+    shot = strip(gray, (np.array([x1 - 2, y1 + beside, z]), np.array([x0 + 2, y1 + beside, z])), 6.0, 0.4)
+    survey = surveyed(part(), [shot], Rigid(), whole_parts(part().scene), reach_px=8.0)
+    measured = survey.matched.measured
+    edge = measured & (survey.lines.part == 1) & back(survey.lines.p)
+    assert edge.sum() > 5
+    assert np.abs(np.median(survey.matched.offset[edge])) > 0.8
+    assert (survey.matched.common[edge] >= 0.5).all()
+    lit = measured & ~np.isin(survey.lines.edge, survey.lines.edge[edge])
+    assert (survey.matched.common[lit] < 0.2).mean() > 0.9
