@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE, surely_below, tail_probability
+from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.bodies.findings import DOUBTFUL, sure
 from cadcam.verify.bodies.snooping import OF_DISPLACED
 from cadcam.verify.deviations.astray import Doubt
@@ -19,6 +20,7 @@ from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.survey import Survey
 
 _CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
+_EVEN_SO = 4.0  # misfit from which edges disagree on any motion, a turn too
 _MAY_BE_ABSENT = (Unclear.SHORT_EDGES, Unclear.UNSEEN, Unclear.DOUBTFUL)  # what is measured may be something else
 
 
@@ -117,7 +119,7 @@ def state_of(
         return State.UNCLEAR, Unclear.ALONE  # others ought to be seen, or the body is far off
     if not alarm and believed(moved) is None:
         return State.UNCLEAR, None  # what cannot be measured is not known to be in place either
-    if alarm and moved.misfit > DISAGREE and _if_none(moved) > rare:
+    if alarm and moved.misfit > DISAGREE and _if_none(moved, _dof(moved.estimate)) > rare:
         return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no common displacement
     return (State.DISPLACED if alarm else State.IN_PLACE), None
 
@@ -138,6 +140,14 @@ def believed(moved: Displacement | None) -> Displacement | None:
     return None if _if_none(moved) < _CONTRADICTS else moved
 
 
-def _if_none(moved: Displacement) -> float:
-    """Return the probability of a displacement as large as this where there is none, given its own uncertainty."""
-    return tail_probability(moved.estimate.value, moved.estimate.covariance, np.inf)
+def _dof(told: Estimate) -> float:
+    """Return the degrees of freedom of an estimate's covariance: few where it follows from how its edges disagree."""
+    return told.dof if told.misfit > _EVEN_SO else np.inf
+
+
+def _if_none(moved: Displacement, dof: float = np.inf) -> float:
+    """Return the probability of a displacement as large as this where there is none, given its own uncertainty.
+
+    dof: degrees of freedom by which that is known.
+    """
+    return tail_probability(moved.estimate.value, moved.estimate.covariance, dof)
