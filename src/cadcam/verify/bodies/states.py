@@ -20,7 +20,7 @@ from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.survey import Survey
 
 _CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
-_EVEN_SO = 4.0  # misfit from which edges disagree on any motion, a turn too
+_DIFFER = 4.0  # misfit from which edges alarm only by what they say together
 _MAY_BE_ABSENT = (Unclear.SHORT_EDGES, Unclear.UNSEEN, Unclear.DOUBTFUL)  # what is measured may be something else
 
 
@@ -119,7 +119,7 @@ def state_of(
         return State.UNCLEAR, Unclear.ALONE  # others ought to be seen, or the body is far off
     if not alarm and believed(moved) is None:
         return State.UNCLEAR, None  # what cannot be measured is not known to be in place either
-    if alarm and moved.misfit > DISAGREE and _if_none(moved, _dof(moved.estimate)) > rare:
+    if alarm and moved.misfit > _DIFFER and _if_none(moved, _dof(moved.estimate)) > rare:
         return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no common displacement
     return (State.DISPLACED if alarm else State.IN_PLACE), None
 
@@ -142,7 +142,7 @@ def believed(moved: Displacement | None) -> Displacement | None:
 
 def _dof(told: Estimate) -> float:
     """Return the degrees of freedom of an estimate's covariance: few where it follows from how its edges disagree."""
-    return told.dof if told.misfit > _EVEN_SO else np.inf
+    return told.dof if told.misfit > _DIFFER else np.inf
 
 
 def _if_none(moved: Displacement, dof: float = np.inf) -> float:
