@@ -211,7 +211,7 @@ def test_edges_that_are_off_by_no_displacement_of_all_of_it_displace_nothing(rng
     every, few = np.inf, 3.0  # degrees of freedom
     for chance, misfit, dof in product((1e-12, rare / 2, 2 * rare, 1 / 30, 0.9), (alike, little, apart), (every, few)):
         m = len(value)
-        size2 = chi2.isf(chance, m) if dof == every or misfit == alike else m * fisher.isf(chance, m, dof)
+        size2 = chi2.isf(chance, m) if dof == every or misfit < apart else m * fisher.isf(chance, m, dof)
         share = np.sqrt(size2) / sigmas
         state = State.UNCLEAR if chance > rare and misfit > alike else State.DISPLACED
         told = replace(moved.displacement, value=share * value, misfit=misfit, dof=dof)

@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cadcam.verify.adjustment.alarms import AS_IN_PLACE, surely_below, tail_probability
-from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.bodies.findings import DOUBTFUL, sure
 from cadcam.verify.bodies.snooping import OF_DISPLACED
 from cadcam.verify.deviations.astray import Doubt
@@ -119,7 +118,7 @@ def state_of(
         return State.UNCLEAR, Unclear.ALONE  # others ought to be seen, or the body is far off
     if not alarm and believed(moved) is None:
         return State.UNCLEAR, None  # what cannot be measured is not known to be in place either
-    if alarm and moved.misfit > _DIFFER and _if_none(moved, _dof(moved.estimate)) > rare:
+    if alarm and moved.misfit > _DIFFER and _if_none(moved, _dof(moved)) > rare:
         return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no common displacement
     return (State.DISPLACED if alarm else State.IN_PLACE), None
 
@@ -140,9 +139,9 @@ def believed(moved: Displacement | None) -> Displacement | None:
     return None if _if_none(moved) < _CONTRADICTS else moved
 
 
-def _dof(told: Estimate) -> float:
-    """Return the degrees of freedom of an estimate's covariance: few where it follows from how its edges disagree."""
-    return told.dof if told.misfit > _DIFFER else np.inf
+def _dof(moved: Displacement) -> float:
+    """Return the degrees of freedom of a covariance: few where it follows from how edges contradict each other."""
+    return moved.estimate.dof if moved.misfit > DISAGREE and moved.estimate.misfit > _DIFFER else np.inf
 
 
 def _if_none(moved: Displacement, dof: float = np.inf) -> float:
