@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Brief, quantile
+from cadcam.arrays import Array, Brief, Mask, quantile
 from cadcam.cad.edges import EdgeKind
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.errors import BadValue, DegenerateGeometry
@@ -213,7 +214,8 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
 def _doubted(case: Case, look: Findings) -> tuple[MeasuredEdges, list[Doubt], list[float]]:
     """Return the measurement, each feature's doubt, and its p-value, once edges astray are allowed for.
 
-    Where a feature is in place but for edges astray, the measurement is without these, and no doubt is left.
+    Where a feature is in place but for edges astray, the measurement is without these, and no doubt is left: neither
+    the feature is measured by them, nor the pose fitted to them, unless it is as stated.
     """
     survey, measured = look.survey, look.measured
     every = range(len(measured.members))
@@ -221,14 +223,25 @@ def _doubted(case: Case, look: Findings) -> tuple[MeasuredEdges, list[Doubt], li
     doubted = each(every, "doubting edges", case.tell)
     doubts = [Doubt.of(measured, i, doubted=not _elsewhere(case, look, i, moved[i])) for i in doubted]
     often = chances(doubts, measured, lambda: uneven_edges(survey, case.photos), broken_edges(survey))
-    members, p_values = list(measured.members), []
+    members, p_values, gone = list(measured.members), [], np.zeros(len(measured.lines), bool)
     for i, (found, doubt, chance) in enumerate(zip(moved, doubts, often, strict=True)):
         p_values.append(float("nan") if found is None else doubt.p_value(found.p_value, chance))
         if found is not None and chance.any() and doubt.in_place(found):
+            gone |= members[i] & ~doubt.kept
             members[i], doubts[i], p_values[i] = doubt.kept, Doubt(doubt.groups, doubt.own), doubt.rest_p
         elif not chance.any():
             doubts[i] = Doubt(doubt.groups, doubt.own)
-    return replace(measured, members=tuple(members), found={}), doubts, p_values
+    told = replace(measured, members=tuple(members), found={})
+    return told if survey.stated else _not_fitted_to(told, gone), doubts, p_values
+
+
+def _not_fitted_to(measured: MeasuredEdges, places: Mask) -> MeasuredEdges:
+    """Return the measurement with the pose not fitted to places (n,); the same where the rest does not hold it."""
+    fitted = replace(measured.adjustment, datum=measured.adjustment.datum & ~places, known=None)
+    with suppress(DegenerateGeometry):
+        fitted.pose()
+        return replace(measured, adjustment=fitted)
+    return measured
 
 
 def _elsewhere(case: Case, look: Findings, number: int, moved: Displacement | None) -> bool:

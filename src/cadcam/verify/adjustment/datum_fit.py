@@ -35,7 +35,8 @@ class Estimate(Brief):
 
     noise: the photos', in these edges; edges: their common errors, and whatever else may have moved them; pose: noise
     and common errors of the datum's edges, through the pose; calibration: cameras and their poses, through these edges
-    and the pose together. misfit: chi-square over degrees of freedom of the edges as wholes, 1 where there are none.
+    and the pose together. misfit: chi-square over degrees of freedom, dof, of the edges as wholes, 1 where there are
+    none.
     """
 
     value: Array
@@ -44,6 +45,7 @@ class Estimate(Brief):
     pose: Array
     calibration: Array
     misfit: float = 1.0
+    dof: float = float("inf")
 
     @property
     def covariance(self) -> Array:
@@ -60,7 +62,7 @@ class Estimate(Brief):
         """Return the estimate of D @ value for D (k, m)."""
         D = np.atleast_2d(direction)
         noise, edges, pose, calibration = (D @ getattr(self, cause) @ D.T for cause in CAUSES)
-        return Estimate(D @ self.value, noise, edges, pose, calibration, self.misfit)
+        return Estimate(D @ self.value, noise, edges, pose, calibration, self.misfit, self.dof)
 
 
 def shares_of(variances: Sequence[float] | Array) -> dict[str, float]:
@@ -151,13 +153,13 @@ class Adjustment:
         value, noise = H @ self.offset[rows] - HJ @ pose.xi, (H * errors.sigma**2) @ H.T
         common = Q @ Q.T + (H * errors.apart**2) @ H.T
         left = self.offset[rows] - design @ value - self.J[rows] @ pose.xi
-        misfit = _misfit(errors, K, left, fitted=design.shape[1])
+        misfit, dof = _misfit(errors, K, left, fitted=design.shape[1])
         if enlarged:
             common = common + max(misfit - 1.0, 0.0) * (noise + common)
         if np.isfinite(prior):
             missed = prior * (np.eye(len(N)) - H @ design)
             common = common + missed @ missed.T
-        return Estimate(value, noise, common, HJ @ pose.covariance @ HJ.T, seen @ seen.T, misfit)
+        return Estimate(value, noise, common, HJ @ pose.covariance @ HJ.T, seen @ seen.T, misfit, dof)
 
     def mean(self, rows: Mask, design: Array, pose: FittedPose) -> tuple[Array, float]:
         """Return the variances (4,) of `CAUSES`, and the value, of one u in its design (n,): as `estimate`, but faster.
@@ -201,12 +203,12 @@ def _white(errors: EdgeNoise, K: Array, X: Array) -> Array:
     return np.asarray(WX - WK @ np.linalg.solve(np.eye(K.shape[1]) + K.T @ WK, K.T @ WX))
 
 
-def _misfit(errors: EdgeNoise, K: Array, left: Array, *, fitted: int) -> float:
-    """Return chi-square over degrees of freedom of edges as wholes, without the scatter along them; 1 for none."""
+def _misfit(errors: EdgeNoise, K: Array, left: Array, *, fitted: int) -> tuple[float, float]:
+    """Return chi-square over degrees of freedom of edges as wholes, without the scatter along them, 1 for none; dof."""
     total = float(left @ _white(errors, K, left[:, None])[:, 0])
     within, lines = errors.about_lines(left)
-    dof = lines - fitted
-    return (total - within) / dof if dof > 0 else 1.0
+    dof = float(lines - fitted)
+    return ((total - within) / dof, dof) if dof > 0 else (1.0, np.inf)
 
 
 def _inverse(N: Array, F: Array) -> Array:

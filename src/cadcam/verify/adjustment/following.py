@@ -313,4 +313,5 @@ def _mixed(weighed: Sequence[_Weighed]) -> Estimate:
         np.einsum("s,sij->ij", weight, np.array([getattr(e, cause) for e in found])) for cause in CAUSES
     )
     between = sum(w * np.outer(e.value - value, e.value - value) for w, e in zip(weight, found, strict=True))
-    return Estimate(value, noise, edges + between, pose, calibration, found[int(np.argmax(weight))].misfit)
+    likeliest = found[int(np.argmax(weight))]
+    return Estimate(value, noise, edges + between, pose, calibration, likeliest.misfit, likeliest.dof)

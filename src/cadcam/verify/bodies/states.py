@@ -19,6 +19,7 @@ from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.survey import Survey
 
 _CONTRADICTS = 0.01  # probability below which a displacement is not that of a feature in place
+_DIFFER = 4.0  # misfit from which edges alarm only by what they say together
 _MAY_BE_ABSENT = (Unclear.SHORT_EDGES, Unclear.UNSEEN, Unclear.DOUBTFUL)  # what is measured may be something else
 
 
@@ -117,7 +118,7 @@ def state_of(
         return State.UNCLEAR, Unclear.ALONE  # others ought to be seen, or the body is far off
     if not alarm and believed(moved) is None:
         return State.UNCLEAR, None  # what cannot be measured is not known to be in place either
-    if alarm and moved.misfit > DISAGREE and _if_none(moved) > rare:
+    if alarm and moved.misfit > _DIFFER and _if_none(moved, _dof(moved)) > rare:
         return State.UNCLEAR, Unclear.CONTRADICTS  # its edges are off, but by no common displacement
     return (State.DISPLACED if alarm else State.IN_PLACE), None
 
@@ -138,6 +139,14 @@ def believed(moved: Displacement | None) -> Displacement | None:
     return None if _if_none(moved) < _CONTRADICTS else moved
 
 
-def _if_none(moved: Displacement) -> float:
-    """Return the probability of a displacement as large as this where there is none, given its own uncertainty."""
-    return tail_probability(moved.estimate.value, moved.estimate.covariance, np.inf)
+def _dof(moved: Displacement) -> float:
+    """Return the degrees of freedom of a covariance: few where it follows from how edges contradict each other."""
+    return moved.estimate.dof if moved.misfit > DISAGREE and moved.estimate.misfit > _DIFFER else np.inf
+
+
+def _if_none(moved: Displacement, dof: float = np.inf) -> float:
+    """Return the probability of a displacement as large as this where there is none, given its own uncertainty.
+
+    dof: degrees of freedom by which that is known.
+    """
+    return tail_probability(moved.estimate.value, moved.estimate.covariance, dof)

@@ -25,7 +25,7 @@ UNSEEN_PX = 4.0  # prior sd, in px, of a displacement in directions not seen, an
 # expected, one that is seen but small looks less probable than a shift with edges that err.
 _TURNED_PX = 1.0
 OPEN_PX = 1e3  # the same of what is wholly unknown
-_USUAL_PX = 0.01  # common error of an edge in most photos
+_USUAL_PX = 0.01  # common error of an edge in most photos, and the least: long straight edges tell less, others have it
 DISAGREE = 9.0  # misfit from which edges contradict a common displacement
 _BLIND = 1e-9  # information on a rotation, relative to the largest, that counts as none
 # A step is measured in a straight cell, whose edge bends by half of this over its radius on the average; rims of 10 to
@@ -113,7 +113,7 @@ class MeasuredEdges:
         some = datum & ~whole[noise.edge]
         part = self.adjustment.sums_of(some, every=False) if some.any() else self.sums.of_none()
         taken = whole, np.unique(noise.edge[some]), part
-        tau = refits.common_error(*taken, usual=_USUAL_PX) if datum.any() else 0.0
+        tau = max(refits.common_error(*taken, usual=_USUAL_PX), _USUAL_PX) if datum.any() else 0.0
         noise = replace(noise, tau=np.hypot(noise.tau, tau))
         fitted = replace(self.adjustment, errors=noise, datum=datum, known=refits.fitted(*taken, tau))
         return replace(self, adjustment=fitted, tau_px=tau, found={})

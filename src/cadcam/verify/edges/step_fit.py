@@ -157,7 +157,8 @@ def _told_from_twins(lines: Sightlines, sights: Sequence[Sight], body: Longs, ex
             found = np.einsum("ni,ni->n", there[its] - there[mine], lines.normal[mine])
             certain[twin, side] = (its >= 0) & (body[mine] == body[its]) & (found / away[twin] > _TWIN_SHARE)
         twins = np.isfinite(sight.samples.twins[:, :, 0])
-        out[rows] = twins.any(axis=1) & certain.all(axis=1)
+        all_drawn = lines.room[rows] >= np.minimum(sight.samples.below, sight.samples.above)
+        out[rows] = twins.any(axis=1) & certain.all(axis=1) & all_drawn
     return out, beside
 
 

@@ -26,15 +26,16 @@ class EdgeSurroundings:
     """What lies beside N places.
 
     normal (N, 2, 3): of the surfaces before and after the place along its normal, in the part frame, zero where there
-    is no part; part, color (N, 2): the numbers of their body and paint, -1 for none; contrast (N,): least change of
-    brightness between them, given the uncertainty of the light; way (N,): its expected sign, 1 where it should rise
-    along the normal, -1 where it should fall, 0 where that is uncertain.
+    is no part; part, color (N, 2): the numbers of their body and paint, -1 for none; contrast, most (N,): least and
+    largest change of brightness between them, given the uncertainty of the light; way (N,): its expected sign, 1 where
+    it should rise along the normal, -1 where it should fall, 0 where that is uncertain.
     """
 
     normal: Array
     part: Ids
     color: Ids
     contrast: Array
+    most: Array
     way: Array
 
 
@@ -42,7 +43,7 @@ def edge_surroundings(photos: Sequence[Photo], shown: Sequence[ShownFaces], line
     """Return what lies beside each place, under the light of the photos; shown: what the part shows in each photo."""
     n = len(lines)
     normals = np.zeros((n, 2, 3))
-    contrast, way = np.zeros(n), np.zeros(n)
+    contrast, most, way = np.zeros(n), np.zeros(n), np.zeros(n)
     parts, colors = np.full((n, 2), -1, np.int32), np.full((n, 2), -1, np.int32)
     for i, (photo, seen) in enumerate(zip(photos, shown, strict=True)):
         light = seen.light(photo)
@@ -54,10 +55,10 @@ def edge_surroundings(photos: Sequence[Photo], shown: Sequence[ShownFaces], line
             normals[rows, side], colors[rows, side] = seen.normal[face], seen.color[face]
             parts[rows, side] = seen.part[face]
         change, sigma = light.contrast(normals[rows], colors[rows])
-        contrast[rows] = np.maximum(np.abs(change) - sigma, 0.0)
+        contrast[rows], most[rows] = np.maximum(np.abs(change) - sigma, 0.0), np.abs(change) + sigma
         known = (np.abs(change) > _SURE_WAY * np.hypot(sigma, light.scale)) & (colors[rows] >= 0).all(axis=1)
         way[rows] = np.where(known, np.sign(change), 0.0)
-    return EdgeSurroundings(normals, parts, colors, contrast, way)
+    return EdgeSurroundings(normals, parts, colors, contrast, most, way)
 
 
 def alike(normal: Array, color: Ids) -> Longs:

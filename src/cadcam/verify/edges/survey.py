@@ -19,10 +19,12 @@ from cadcam.verify.edges.feet import Feet
 from cadcam.verify.edges.limbs import limb_errors
 from cadcam.verify.edges.presence import LEAST_PLACES, Clutter, EdgeEvidence, Presence, clutter_of, presence
 from cadcam.verify.edges.rims import Rims
+from cadcam.verify.edges.shadows import shadow_errors
 from cadcam.verify.edges.shifts import guessed_shifts
 from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
 from cadcam.verify.edges.surroundings import FAINT, edge_surroundings
+from cadcam.verify.edges.undrawn import room_beside
 from cadcam.verify.tolerances.circles import Circles
 from cadcam.verify.tolerances.tolerance import Selection, Tolerances
 
@@ -166,6 +168,7 @@ def surveyed(
     """
     by = np.zeros((len(part.scene.mesh.part_names), 3)) if by is None else by
     lines, sights = sightlines(part, photos, world_from_part)
+    lines = replace(lines, room=room_beside(part, sights, lines))
     in_place = replace(lines, p=lines.p - by[lines.part])  # features are chosen by their places in the CAD
     names, members = _members(part.scene, in_place, asked)
     body = _bodies(members)
@@ -177,8 +180,9 @@ def surveyed(
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
     matched = _relative_to_cad(matched, lines, photos, world_from_part, by)
-    common, apart = limb_errors(lines, beside, matched.offset)
-    matched = replace(matched, common=np.hypot(matched.common, common), apart=apart)
+    limbs, apart = limb_errors(lines, beside, matched.offset)
+    shadows = shadow_errors(lines, beside, np.where(matched.measured, matched.step, np.nan))
+    matched = replace(matched, common=np.hypot(matched.common, np.maximum(limbs, shadows)), apart=apart)
     feet = Feet.of(lines, beside)
     return Survey(
         lines=lines,

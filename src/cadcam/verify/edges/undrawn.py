@@ -1,0 +1,49 @@
+"""Borders between bodies for which no line is drawn: where one sinks into another, as far as it hides its own edges.
+
+Such a border shows in the photo as edges do, and nearly parallel to some: the side of a nut that has sunk by half its
+height ends in no line of the model. Nearer to a line than other lines may be, it shifts the step that is measured
+there. So it takes away room like a line that is drawn.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from cadcam.arrays import Array, Longs
+from cadcam.cad.edge_kind import EdgeKind
+from cadcam.locate.lines.sight import Sight
+from cadcam.locate.part import Part
+from cadcam.verify.edges.sightlines import Sightlines
+
+_ASIDE = np.array([0.25, 0.75, 1.25, 1.75, 2.5, 3.25, 4.0])  # px from a line at which it is asked which body shows
+_ROUND = 1.0  # px from a contour, which facets follow no better, from which it is
+
+
+def room_beside(part: Part, sights: Sequence[Sight], lines: Sightlines) -> Array:
+    """Return the distance (N,) px across each place's line to the next other line or undrawn border of two bodies."""
+    room = lines.room.copy()
+    if len(part.scene.mesh.part_names) < 2:
+        return room
+    for i, sight in enumerate(sights):
+        rows = np.flatnonzero(lines.photo == i)
+        drawn = sight.samples.below, sight.samples.above
+        for beside, side in zip(drawn, (-1.0, 1.0), strict=True):
+            shown = _shown(part, sight, lines.q[rows] + _ASIDE[:, None, None] * side * lines.normal[rows])
+            away = np.broadcast_to(_ASIDE[:, None], shown.shape)
+            same = (shown[1:] == shown[:-1]) | (away[1:] >= beside)
+            same |= (lines.kind[rows] == EdgeKind.CONTOUR) & (away[:-1] < _ROUND)
+            first = np.argmin(same, axis=0)
+            room[rows] = np.minimum(room[rows], np.where(same.all(axis=0), np.inf, _ASIDE[first]))
+    return room
+
+
+def _shown(part: Part, sight: Sight, q: Array) -> Longs:
+    """Return the number of the body that shows at places (..., 2) px of a photo, -1 for none."""
+    camera_from_part, caster = sight.photo.camera_from_world @ sight.drawn, part.caster
+    eye, ray = camera_from_part.origin, sight.photo.camera.unproject(q.reshape(-1, 2)) @ camera_from_part.rotation
+    away = float(np.linalg.norm(eye - caster.center))
+    start = eye + max(away - 2 * caster.radius, 0.0) * ray
+    face = caster.first_hit(start, ray, np.full(len(ray), away + 4 * caster.radius))
+    return np.where(face >= 0, part.scene.mesh.part[face], -1).astype(np.int64).reshape(q.shape[:-1])
