@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from scipy.spatial import ConvexHull
 
+from cadcam.cad.mesh import Mesh
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import BrownConrady, Ideal, Lens
 from cadcam.geometry.rigid import Rigid
@@ -18,6 +20,11 @@ from .smooth import globe
 CAMERA = Camera.from_focal((640, 480), 900.0, fy=880.0, skew=2.0, lens=BrownConrady(k1=-0.15, k2=0.05, p1=1e-3))
 PLAIN = Camera.from_focal((640, 480), 900.0)
 POSE = Rigid.look_at((260.0, -330.0, 300.0), (0.0, 0.0, 20.0))
+
+
+def above(distance: float) -> Rigid:
+    """Return a camera straight above a body 30 mm high, so far from its top."""
+    return Rigid.look_at((0.0, 0.0, 30.0 + distance), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
 
 
 def test_samples_lie_on_the_drawn_lines_a_step_apart(part: Part) -> None:
@@ -209,15 +216,31 @@ def test_a_straight_contour_is_one_arc_and_edges_are_their_own() -> None:
     assert samples.bulge[sides].min() > 0
 
 
-@pytest.mark.parametrize(("sides", "distance", "runs"), [(20, 1700.0, 1), (16, 2400.0, 1), (6, 2400.0, 6)])
+@pytest.mark.parametrize(
+    ("sides", "distance", "runs"), [(20, 1700.0, 1), (16, 2400.0, 1), (6, 2400.0, 6), (6, 4000.0, 6)]
+)
 def test_the_short_sides_of_a_coarse_circle_are_one_run_and_those_of_a_nut_are_not(
     sides: int, distance: float, runs: int
 ) -> None:
-    """Looked upon from above; sides of 5, 4.4 and 11 px that turn by 18, 23 and 60 degrees."""
+    """Looked upon from above; sides of 5, 4.4, 11 and 7 px that turn by 18, 23, 60 and 60 degrees."""
     nut = Part.of(prism(sides, radius=30.0, height=30.0))
-    pose = Rigid.look_at((0.0, 0.0, 30.0 + distance), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
-    lines = nut.lines.draw(PLAIN, pose).visible
+    lines = nut.lines.draw(PLAIN, above(distance)).visible
     samples = sample_lines(lines, PLAIN, step_px=4.0, reach_px=10.0)
     round_px = 900.0 / distance * sides * 60.0 * np.sin(np.pi / sides)
     assert len(np.unique(samples.run)) == runs
     assert len(samples) == pytest.approx(round_px / 4, abs=runs)
+
+
+def test_a_coarse_circle_too_small_for_cells_is_left_out_and_coarse_fillets_are_cut_at_their_corners() -> None:
+    """A cell would bend by 46 degrees on the one; the others turn by 90 degrees in all, in sides of 6 px."""
+    small = Part.of(prism(16, radius=13.5, height=30.0))
+    assert not len(sample_lines(small.lines.draw(PLAIN, above(2400.0)).visible, PLAIN, step_px=4.0, reach_px=10.0))
+    turn = np.linspace(0, np.pi / 2, 5)
+    quarter = np.column_stack([45 + 15 * np.cos(turn), 25 + 15 * np.sin(turn)])
+    outline = np.concatenate([quarter * (x, y) for x in (-1, 1) for y in (-1, 1)])
+    hull = ConvexHull(np.concatenate([np.column_stack([outline, np.full(len(outline), z)]) for z in (0.0, 30.0)]))
+    a, b, c = np.moveaxis(hull.points[hull.simplices], 1, 0)
+    inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0
+    plate = Part.of(Mesh.single(hull.points, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)))
+    samples = sample_lines(plate.lines.draw(PLAIN, above(900.0)).visible, PLAIN, step_px=4.0, reach_px=10.0)
+    assert len(np.unique(samples.run)) == 4 + 4 * 4

@@ -101,6 +101,19 @@ def test_a_lattice_is_told_from_itself_one_bay_on(n: int) -> None:
     assert not asked.prefers(kept, kept)
 
 
+def test_a_pose_is_preferred_only_if_its_own_lines_with_room_are_shown(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Even where the steps that the fits have measured, of crowded lines most of all, say that it is the right one."""
+    part, pose = Part.of(comb()), looking(comb())
+    photo = photo_of(comb(), pose)
+    bay = pose @ Rigid(translation=np.array([BAY, 0.0, 0.0]))
+    kept, wrong = refine_pose(part, [photo], pose), refine_pose(part, [photo], bay)
+    monkeypatch.setattr(Rivals, "holds", lambda _, found, __: found is wrong)
+    asked = Rivals(part, [photo], FREE, EDGES, 0)
+    assert not asked.prefers(wrong, kept)
+    monkeypatch.setattr(Rivals, "holds", lambda _, found, __: found is kept)
+    assert asked.prefers(kept, wrong)
+
+
 @pytest.mark.parametrize(("mesh", "which"), [(comb(), 0), (comb(), 5), (comb(), 8), (hooked(), 0), (hooked(), 3)])
 def test_a_look_alike_is_told_from_the_part_however_well_it_fits(mesh: Mesh, which: int) -> None:
     """From a start turned over, or a bay off, a pose is found that nothing puts in doubt but its own missing lines."""

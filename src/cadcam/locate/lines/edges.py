@@ -23,7 +23,8 @@ from cadcam.native.profiles import along_runs, camera_rows, clearance, edge_rows
 from cadcam.render.lines.wireframe import Polylines
 
 _CORNER = np.cos(np.radians(8.0))  # where a line turns by more, a new run begins
-_ROUND = np.cos(np.radians(30.0))  # the same between chords of a contour, and between short sides
+_ROUND = np.cos(np.radians(30.0))  # the same where a contour turns, from one chord to the next
+_MOST_TURN, _CIRCLE = np.radians(30.0), np.radians(120.0)  # turns between sides of a coarse circle, and of all of them
 _GAP_PX = 3.0  # largest gap in a contour that a run bridges
 _ARC = np.radians(30.0)  # turn of the arcs that a contour is judged by
 _AROUND = 3  # samples to each side over which normals are averaged, to tell how far a contour turns
@@ -214,13 +215,12 @@ class _Paths:
 def _runs(paths: _Paths, reach_px: float) -> Ids:
     """Return the run (M,), counted from 0, that each segment belongs to.
 
-    A corner of a contour is found between chords `reach_px` long, before and behind it. Sides hardly longer than that,
-    as of a coarse circle, are too short to be looked at one by one: where two of them meet is no corner so soon.
+    A corner of a contour is found between chords `reach_px` long, before and behind it. The sides of a coarse circle
+    are too short to be looked at one by one: it is one line, as finer ones are.
     """
     d = (paths.b - paths.a) / paths.length[:, None]
-    short = np.maximum(paths.length[1:], paths.length[:-1]) < 2 * reach_px
-    straight = np.einsum("ij,ij->i", d[1:], d[:-1]) >= np.where(short, _ROUND, _CORNER)
-    straight = np.append(False, straight)[: len(d)]
+    straight = np.append(False, np.einsum("ij,ij->i", d[1:], d[:-1]) >= _CORNER)[: len(d)]
+    straight |= paths.joined & _coarse(d, paths.length, reach_px)
     some = np.flatnonzero(paths.joined & paths.contour)
     if len(some):
         path = (np.cumsum(~paths.joined) - 1).astype(np.int32)
@@ -230,6 +230,19 @@ def _runs(paths: _Paths, reach_px: float) -> Ids:
         long = np.hypot(*to.T) * np.hypot(*on.T)
         straight[some] = (to * on).sum(axis=1) >= _ROUND * long
     return (np.cumsum(~(paths.joined & straight)) - 1).astype(np.int32)
+
+
+def _coarse(d: Array, length: Array, reach_px: float) -> Mask:
+    """Return which of M segments, of directions d (M, 2), continue a coarse circle, or a third of one, of short sides.
+
+    What turns by less in all, as a fillet does, or by more within a reach, as a small circle does, is left cut at its
+    corners: a few steps measured on a bend would tell of a displacement along it.
+    """
+    turn = np.append(0.0, np.arctan2(_cross(d[:-1], d[1:]), _dot(d[:-1], d[1:])))[: len(d)]
+    one, other = (np.append(0.0, its)[: len(d)] / reach_px for its in (length[:-1], length[1:]))
+    on = (np.maximum(one, other) < 2) & (np.abs(turn) <= _MOST_TURN * np.minimum(0.5 * (one + other), 1.0))
+    row = np.cumsum(~on)
+    return np.asarray(on & (np.abs(np.bincount(row, turn * on))[row] > _CIRCLE))
 
 
 def _arcs(normal: Array, run: Ids, contour: Mask) -> Ids:
