@@ -22,7 +22,7 @@ RUNS: dict[str, tuple[list[str], list[str], str]] = {
     "overlay_on_photo.py": ([], ["overlay.png"], "median distance"),
     "make_dataset.py": ([], ["bracket_set/contact.png"], "key points reproject to 0.0000 px"),
     "photograph_a_part.py": (["shots", "2"], ["shots/photo_phone.jpg"], "sharp within 2 px"),
-    "part_in_robot_base.py": ([], [], "go to X 699.9"),
+    "part_in_robot_base.py": ([], [], "go to X 700.0"),
     "pose_of_a_flat_target.py": ([], [], "Two poses explain these points"),
     "measure_with_a_moved_camera.py": ([], ["measured.csv"], "motion to away"),
     "render_bench.py": ([], ["bench.png", "depth.npy"], "15 of 16 targets are in view"),
