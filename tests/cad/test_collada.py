@@ -166,10 +166,11 @@ def test_a_file_that_contradicts_itself_is_refused(tmp_path: Path, text: str, sa
     assert "\n" not in str(caught.value)
 
 
-def test_nodes_that_place_nodes_many_times_are_refused_before_they_fill_the_memory(tmp_path: Path) -> None:
+@pytest.mark.parametrize("last", [PLACED, ""])
+def test_nodes_that_place_nodes_many_times_are_refused_before_they_fill_the_memory(tmp_path: Path, last: str) -> None:
     levels = "".join(f'<node id="n{k}">' + f'<instance_node url="#n{k + 1}"/>' * 10 + "</node>" for k in range(9))
-    text = document(nodes=f'{levels}<node id="n9">{PLACED}</node>')
-    with pytest.raises(UnreadableFile, match="places more than 100000 geometries"):
+    text = document(nodes=f'{levels}<node id="n9">{last}</node>')
+    with pytest.raises(UnreadableFile, match="places more than 100000 nodes and geometries"):
         read(tmp_path, text)
 
 

@@ -13,6 +13,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.lines.edges import EdgeSamples, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.native.profiles import clearance
+from cadcam.render.lines.wireframe import Polylines
 
 from ..cad.solids import prism
 from .smooth import globe
@@ -244,3 +245,13 @@ def test_a_coarse_circle_too_small_for_cells_is_left_out_and_coarse_fillets_are_
     plate = Part.of(Mesh.single(hull.points, np.where(inward[:, None], hull.simplices[:, ::-1], hull.simplices)))
     samples = sample_lines(plate.lines.draw(PLAIN, above(900.0)).visible, PLAIN, step_px=4.0, reach_px=10.0)
     assert len(np.unique(samples.run)) == 4 + 4 * 4
+
+
+def test_two_fillets_that_follow_each_other_are_no_circle() -> None:
+    """Each turns by 90 degrees; that their polylines stand in a row does not join them."""
+    turn = np.linspace(0, np.pi / 2, 5)
+    bend = 15 * np.column_stack([np.cos(turn), np.sin(turn)])
+    q = np.concatenate([bend + 100, bend @ [[0, 1], [-1, 0]] + 300])  # the other goes on in the one's direction
+    none = np.full(2, -1, np.int32)
+    lines = Polylines(q, np.column_stack([q, q[:, 0]]), np.full(10, -1), np.array([0, 5, 10]), none + 1, none + 1, none)
+    assert len(np.unique(sample_lines(lines, PLAIN, step_px=4.0, reach_px=10.0).run)) == 8

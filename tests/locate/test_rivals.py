@@ -57,9 +57,9 @@ def grillage() -> Mesh:
 
 
 def hood() -> Mesh:
-    """Return a hood from a rectangle to a circle, 0.7 mm off its middle: nearly itself turned by a half."""
+    """Return a hood from a rectangle to a circle, 1.2 mm off its middle: nearly itself turned by a half."""
     t = np.arange(48) * 2 * np.pi / 48
-    opening = np.column_stack([0.6 + 45 * np.cos(t), 0.36 + 45 * np.sin(t), np.full(48, 90.0)])
+    opening = np.column_stack([1.0 + 45 * np.cos(t), 0.6 + 45 * np.sin(t), np.full(48, 90.0)])
     foot = np.array([[60.0, 50, 0], [-60, 50, 0], [-60, -50, 0], [60, -50, 0]])
     hull = ConvexHull(np.concatenate([opening, foot]))
     a, b, c = np.moveaxis(hull.points[hull.simplices], 1, 0)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -12,8 +14,8 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.verify.deviations.deviation import State
 from cadcam.verify.edges.association import _believed
-from cadcam.verify.edges.sightlines import pieces
-from cadcam.verify.edges.step_fit import ROOM_PX
+from cadcam.verify.edges.sightlines import pieces, sightlines
+from cadcam.verify.edges.step_fit import ROOM_PX, _told_from_twins
 from cadcam.verify.edges.survey import Survey, surveyed
 from cadcam.verify.inspection import inspect
 from cadcam.verify.tolerances.tolerance import whole_parts
@@ -40,6 +42,19 @@ def test_twins_of_one_body_are_measured_true_to_their_errors(rng: np.random.Gene
         of = twins & (seen.lines.edge == edge)
         sigma = np.hypot(seen.matched.sigma[of].mean() / np.sqrt(of.sum()), seen.matched.common[of].mean())
         assert abs(seen.matched.offset[of].mean()) < 5 * sigma
+
+
+def test_twins_with_a_border_between_them_for_which_no_line_is_drawn_are_not_measured(rng: np.random.Generator) -> None:
+    """What shows between them shifts their steps, and the fit does not know of it."""
+    sheet = box((-100, -95, 12), (60, -70, 15.5), name="sheet", color=COLOR)
+    mesh = merge([plate(), sheet])
+    whole, shot = Part.of(mesh), photo(mesh, rng)
+    lines, sights = sightlines(whole, [shot], Rigid())
+    seen, body = np.zeros(len(lines)), lines.part.astype(np.int64)
+    told, _ = _told_from_twins(lines, sights, body, seen)
+    assert (told & (lines.part == 5)).sum() > 20
+    between = replace(lines, room=np.minimum(lines.room, 0.5))
+    assert not _told_from_twins(between, sights, body, seen)[0][lines.room > 0.5].any()
 
 
 def test_twins_of_two_bodies_are_not_measured(rng: np.random.Generator) -> None:

@@ -39,6 +39,9 @@ def test_the_side_of_a_body_that_has_sunk_ends_where_no_line_is_drawn(rng: np.ra
             alone = lines.room[front] > wide + 1  # not so at the corners
             assert alone.mean() > 0.8
             np.testing.assert_allclose(room[front][alone], (wide - 0.5 * _SPACING)[alone], atol=0.5 * _SPACING)
+            survey = surveyed(sunk, [shot], Rigid(), whole_parts(sunk.scene), reach_px=8.0)
+            np.testing.assert_array_equal(survey.lines.room, room)
+            assert not survey.matched.measured[front][alone].any()
         else:
             np.testing.assert_array_equal(room, lines.room)
 

@@ -19,7 +19,7 @@ from cadcam.errors import UnreadableFile
 from cadcam.geometry.rigid import Rigid
 
 _AGAIN = "export it again"
-_DEEPEST, _MOST = 50, 100_000  # nodes in each other; placed geometries: more are a mistake, or meant to fill the memory
+_DEEPEST, _MOST = 50, 100_000  # nodes in each other; nodes and geometries placed: more are a mistake, or an attack
 _SAME = 1e-6  # share by which a unit's length may differ from that of the unit it is taken for
 
 
@@ -27,7 +27,8 @@ def read_collada(path: Path, data: bytes) -> Model:
     """Return what the scene places; each placed geometry is a part, lines are ignored. Axes are as in the file.
 
     Numbers are in the unit that the file names by its length; where it gives no length, metres by the rule of the
-    format. The colour of a face is its material's diffuse one; textures, skins and animations are ignored.
+    format. The colour of a face is its material's diffuse one; textures, skins and animations are ignored. Raises
+    `UnreadableFile`. Source: COLLADA 1.4.1 and 1.5.0 (Khronos).
     """
     try:
         root = ElementTree.fromstring(data)
@@ -88,6 +89,7 @@ class _Document:
         """Yield the geometries of a node and of those below it; world (4, 4): world_from_parent."""
         if len(names) > _DEEPEST:
             raise UnreadableFile(self.path, f"node {names[-1]!r} stands below itself", _AGAIN)
+        self._count()
         names = (*names, node.get("name") or node.get("id") or "")
         for child in node:
             kind = child.tag.rpartition("}")[2]
@@ -104,9 +106,7 @@ class _Document:
                 yield self._shape(self._target(child), colors, world, names)
 
     def _shape(self, geometry: Element, colors: dict[str, Array], world: Array, names: tuple[str, ...]) -> Shape:
-        self._placed += 1
-        if self._placed > _MOST:
-            raise UnreadableFile(self.path, f"places more than {_MOST} geometries", "is it meant to hold so many?")
+        self._count()
         key = id(geometry)  # the element's own: not all have a name
         if key not in self._read:
             self._read[key] = list(self._primitives(geometry))
@@ -116,6 +116,12 @@ class _Document:
             for material, p in self._read[key]
         ]
         return Shape(names, world, geometry.get("name", ""), primitives)
+
+    def _count(self) -> None:
+        self._placed += 1
+        if self._placed > _MOST:
+            what = f"places more than {_MOST} nodes and geometries"
+            raise UnreadableFile(self.path, what, "is it meant to hold so many?")
 
     def _primitives(self, geometry: Element) -> Iterator[tuple[str, Primitive]]:
         """Yield the surfaces of a geometry, each with the symbol of its material and without colours."""

@@ -220,7 +220,7 @@ def _runs(paths: _Paths, reach_px: float) -> Ids:
     """
     d = (paths.b - paths.a) / paths.length[:, None]
     straight = np.append(False, np.einsum("ij,ij->i", d[1:], d[:-1]) >= _CORNER)[: len(d)]
-    straight |= paths.joined & _coarse(d, paths.length, reach_px)
+    straight |= _coarse(d, paths.length, paths.joined, reach_px)
     some = np.flatnonzero(paths.joined & paths.contour)
     if len(some):
         path = (np.cumsum(~paths.joined) - 1).astype(np.int32)
@@ -232,7 +232,7 @@ def _runs(paths: _Paths, reach_px: float) -> Ids:
     return (np.cumsum(~(paths.joined & straight)) - 1).astype(np.int32)
 
 
-def _coarse(d: Array, length: Array, reach_px: float) -> Mask:
+def _coarse(d: Array, length: Array, joined: Mask, reach_px: float) -> Mask:
     """Return which of M segments, of directions d (M, 2), continue a coarse circle, or a third of one, of short sides.
 
     What turns by less in all, as a fillet does, or by more within a reach, as a small circle does, is left cut at its
@@ -240,7 +240,7 @@ def _coarse(d: Array, length: Array, reach_px: float) -> Mask:
     """
     turn = np.append(0.0, np.arctan2(_cross(d[:-1], d[1:]), _dot(d[:-1], d[1:])))[: len(d)]
     one, other = (np.append(0.0, its)[: len(d)] / reach_px for its in (length[:-1], length[1:]))
-    on = (np.maximum(one, other) < 2) & (np.abs(turn) <= _MOST_TURN * np.minimum(0.5 * (one + other), 1.0))
+    on = joined & (np.maximum(one, other) < 2) & (np.abs(turn) <= _MOST_TURN * np.minimum(0.5 * (one + other), 1.0))
     row = np.cumsum(~on)
     return np.asarray(on & (np.abs(np.bincount(row, turn * on))[row] > _CIRCLE))
 

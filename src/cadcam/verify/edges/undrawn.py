@@ -18,7 +18,7 @@ from cadcam.locate.part import Part
 from cadcam.verify.edges.sightlines import Sightlines
 
 _ASIDE = np.array([0.25, 0.75, 1.25, 1.75, 2.5, 3.25, 4.0])  # px from a line at which it is asked which body shows
-_ROUND = 1.0  # px from a contour, which facets follow no better, from which it is
+_ROUND = 1.0  # px beside a contour within which it says nothing: a line along facets is no nearer to their border
 
 
 def room_beside(part: Part, sights: Sequence[Sight], lines: Sightlines) -> Array:
