@@ -9,14 +9,17 @@ import numpy as np
 import pytest
 
 from cadcam.cad.edges import EdgeKind, edge_table, feature_edges
+from cadcam.cad.formats.polygons import turn
 from cadcam.cad.mend import mend
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.parts import BENCH_POINTS, calibration_bench, machined_bracket, ship_block
+from cadcam.cad.parts.shape import circle, filled
 from cadcam.cad.read import read_model
 from cadcam.errors import BadValue, UnknownName
 
 from .solids import outward
 
+EPS = np.finfo(float).eps
 ROOT = Path(__file__).resolve().parents[2]
 EYE = np.array([7.7, 416.0, -210.0])  # where the camera of Table 2.3 stands
 
@@ -158,6 +161,18 @@ def _centroid() -> float:
     """Return how far the centroid of a unit square less its quarter disc lies from the corner it keeps."""
     quarter = np.pi / 4
     return 1 - (0.5 - quarter * 4 / (3 * np.pi)) / (1 - quarter)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_a_plate_is_filled_but_for_its_holes(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    centres = np.stack(np.meshgrid((30, 90, 150), (20, 60, 100)), axis=-1).reshape(-1, 2) + rng.uniform(-8, 8, (9, 2))
+    holes = [circle(c, r, 40) for c, r in zip(centres, rng.uniform(2, 6, 9), strict=True)]
+    points, triangles = filled([(0, 0), (180, 0), (180, 120), (0, 120)], holes)
+    area = turn(*np.moveaxis(points[triangles], 1, 0)) / 2
+    open_ = sum(turn(c, hole, np.roll(hole, -1, axis=0)).sum() for c, hole in zip(centres, holes, strict=True)) / 2
+    assert area.min() > 0
+    assert area.sum() == pytest.approx(180 * 120 - open_, abs=400 * EPS * 180 * 120)
 
 
 def test_no_edge_of_the_bracket_is_a_tangent_seam_unless_asked_for() -> None:

@@ -101,7 +101,7 @@ def clip_ears(loop: Array) -> Longs:
 
 def _ear_quality(a: Array, b: Array, c: Array) -> Array:
     """Return twice the signed area over the longest side squared: 0.87 for equal sides, negative where concave."""
-    area = _turn(a, b, c)
+    area = turn(a, b, c)
     longest = np.max([((p - q) ** 2).sum(axis=-1) for p, q in ((a, b), (b, c), (c, a))], axis=0)
     return np.asarray(area / np.maximum(longest, 1e-300))
 
@@ -132,12 +132,13 @@ def _corner_within(loop: Array, triangle: Array, left: Mask) -> int:
     near = np.flatnonzero(left & (x >= left_x) & (x <= right_x) & (y >= low_y) & (y <= high_y))  # few of many
     at = loop[near]
     a, b, c = triangle
-    inside = (_turn(a, b, at) >= 0) & (_turn(b, c, at) >= 0) & (_turn(c, a, at) >= 0)
+    inside = (turn(a, b, at) >= 0) & (turn(b, c, at) >= 0) & (turn(c, a, at) >= 0)
     corner = (at == a).all(axis=1) | (at == b).all(axis=1) | (at == c).all(axis=1)
     found = near[inside & ~corner]
     return int(found[0]) if len(found) else -1
 
 
-def _turn(a: Array, b: Array, c: Array) -> Array:
+def turn(a: Array, b: Array, c: Array) -> Array:
+    """Return twice the signed areas (...) of triangles of points (..., 2): positive where a, b, c turn left."""
     ab, ac = b - a, c - a
     return np.asarray(ab[..., 0] * ac[..., 1] - ab[..., 1] * ac[..., 0])

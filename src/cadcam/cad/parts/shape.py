@@ -7,8 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs
-from cadcam.cad.formats.polygons import clip_ears
+from cadcam.arrays import Array, Longs, Mask
+from cadcam.cad.formats.polygons import clip_ears, turn
 from cadcam.cad.mend import mend
 from cadcam.cad.mesh import Mesh
 from cadcam.cad.topology import components
@@ -61,19 +61,22 @@ def _bridged(points: Array, path: Longs, hole: Longs) -> Longs:
     h = int(np.argmax(points[hole, 0]))
     start = points[hole[h]]
     order = np.argsort(np.linalg.norm(points[path] - start, axis=1), kind="stable")
-    ends = np.roll(path, -1)
+    starts, at, ends = (points[np.roll(path, k)] for k in (1, 0, -1))
+    inward = _inward(start, starts, at, ends)
     for i in order:
-        if points[path[i], 0] >= start[0] and _sees(start, points[path[i]], points[path], points[ends]):
+        if at[i, 0] >= start[0] and inward[i] and _sees(start, at[i], at, ends):
             return np.concatenate([path[: i + 1], hole[h:], hole[: h + 1], path[i:]])
     raise AssertionError("a hole outside its outline")  # an error in this package, not of a caller
 
 
+def _inward(p: Array, before: Array, at: Array, after: Array) -> Mask:
+    """Return which corners (n,) of a path see p between their sides: of those met twice, at the ends of cuts, one."""
+    left_of_both = (turn(before, at, p) >= 0, turn(at, after, p) >= 0)
+    return np.where(turn(before, at, after) >= 0, np.logical_and(*left_of_both), np.logical_or(*left_of_both))
+
+
 def _sees(a: Array, b: Array, p: Array, q: Array) -> bool:
     """Return whether no side p-q crosses the open segment a-b."""
-
-    def turn(u: Array, v: Array, w: Array) -> Array:
-        return np.asarray((v - u)[..., 0] * (w - u)[..., 1] - (v - u)[..., 1] * (w - u)[..., 0])
-
     apart = (turn(a, b, p) * turn(a, b, q) < 0) & (turn(p, q, a) * turn(p, q, b) < 0)
     return not bool(apart.any())
 
