@@ -21,6 +21,7 @@ from cadcam.verify.bodies.findings import (
     DOUBTFUL,
     _anywhere,
     _likelier,
+    _Pixels,
     _standing,
     _Suspect,
     _with_pixels,
@@ -136,12 +137,12 @@ def test_tones_do_not_miss_a_body_whose_edges_are_seen(
     monkeypatch.setattr(findings, "_by_its_edges", seen)
     monkeypatch.setattr(findings.Tones, "log_ratio", lambda *_, **__: -6.85)
     monkeypatch.setattr(findings, "_uncovered", lambda *_: 0.0)
-    monkeypatch.setattr(findings, "_by_pixels", lambda *_: 0.0)
+    monkeypatch.setattr(findings, "_by_pixels", lambda *_: _Pixels())
     assert findings_of(case, part(), survey).presence[number].log_ratio == told
 
 
-def by_pixels(name: str, taken: Photo, *, drawn_at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> float:
-    """Return what all pixels of a photo say for a body of the plate that is drawn somewhere."""
+def by_pixels(name: str, taken: Photo, *, drawn_at: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> _Pixels:
+    """Return what all pixels of a photo say of a body of the plate that is drawn somewhere."""
     case = Case(part(), [taken], Rigid(), whole_parts(part().scene), np.eye(6), 8.0, 0.01)
     survey = surveyed(part(), [taken], Rigid(), case.asked, reach_px=8.0)
     body = survey.whole_part(survey.names.index(name))
@@ -158,24 +159,29 @@ def by_pixels(name: str, taken: Photo, *, drawn_at: tuple[float, float, float] =
 def test_all_pixels_tell_a_body_that_is_there_from_one_that_is_not(name: str, rng: np.random.Generator) -> None:
     """Where it is drawn elsewhere they say nothing: it was searched for until they liked it."""
     there, gone = photo(plate(), rng), photo(displaced(name, None), rng)
-    assert by_pixels(name, there) > 10 * _BY_CHANCE
-    assert by_pixels(name, gone) < -_BY_CHANCE
-    assert by_pixels(name, there, drawn_at=(3.0, 0.0, 0.0)) == 0
+    assert by_pixels(name, there).there > 10 * _BY_CHANCE
+    assert by_pixels(name, gone).there < -_BY_CHANCE
+    assert by_pixels(name, gone).gone > _BY_CHANCE > 0 > by_pixels(name, there).gone
+    assert by_pixels(name, there, drawn_at=(3.0, 0.0, 0.0)) == _Pixels()
 
 
 def test_a_patch_of_paint_of_a_bodys_shape_is_not_the_body(rng: np.random.Generator) -> None:
     """Of two surfaces that a rib has and two that it hides neither are so dark: something is before them."""
     its = open_renderer(part().scene).render(CAMERA, POSE, channels=Channel.PART).part == 2
     painted = np.where(its, 0.1 + rng.normal(0, NOISE, its.shape), photographed(plate(), rng))
-    assert by_pixels("rib 2", Photo.of(np.clip(painted, 0, 1).astype(np.float32), CAMERA, POSE)) < -_BY_CHANCE
+    told = by_pixels("rib 2", Photo.of(np.clip(painted, 0, 1).astype(np.float32), CAMERA, POSE))
+    assert max(told.there, told.gone) < -_BY_CHANCE
 
 
 def test_pixels_stand_in_for_tones_where_they_are_for_a_body() -> None:
-    """By at most 3.5; against it they are not heard."""
-    assert _with_pixels(-3.4, 0.5, 93.0) == 4.0
-    assert _with_pixels(-3.4, 0.5, _BY_CHANCE + 1.0) == 1.5
-    assert _with_pixels(1.9, -4.0, 93.0) == 1.9  # edges that are missed all the same
-    assert _with_pixels(-6.9, -1.3, -300.0) == _with_pixels(-6.9, -1.3, _BY_CHANCE) == -6.9
+    """By at most 3.5. Against it they are not heard; and where what it would hide does not show, it is in doubt."""
+    assert _with_pixels(-3.4, 0.5, _Pixels(93.0, -93.0)) == 4.0
+    assert _with_pixels(-3.4, 0.5, _Pixels(_BY_CHANCE + 1.0, -15.0)) == 1.5
+    assert _with_pixels(1.9, -4.0, _Pixels(93.0, -93.0)) == 1.9  # edges that are missed all the same
+    assert (
+        _with_pixels(-6.9, -1.3, _Pixels(-300.0, 290.0)) == _with_pixels(-6.9, -1.3, _Pixels(_BY_CHANCE, 0.0)) == -6.9
+    )
+    assert _with_pixels(-6.9, -1.3, _Pixels(-300.0, -20.0)) == -DOUBTFUL
 
 
 def test_a_doubtful_body_is_there_if_its_pixels_say_so(

@@ -17,6 +17,7 @@ from cadcam.locate.quality.light import fitted_light
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
 from cadcam.verify.bodies.likelihood import log_likelihoods
+from cadcam.verify.bodies.openness import Sky
 from cadcam.verify.bodies.redrawn import redrawn
 from cadcam.verify.bodies.tones import Tones, _SurfacePixels
 from cadcam.verify.deviations.deviation import State
@@ -65,7 +66,8 @@ def test_the_pieces_of_one_surface_are_off_their_tone_together() -> None:
     """What lies before and behind cuts a face into pieces: light that is not as fitted changes all of them alike."""
     normal, color = np.tile([0.0, 0.0, 1.0], (90, 1)), np.zeros(90, np.int32)
     surface = np.zeros(90, np.int64)
-    pixels = _SurfacePixels(normal, color, surface)
+    beside = Sky.of(part(), photo(plate(), np.random.default_rng(0)), Rigid(), (slice(0, 5), slice(0, 5)))
+    pixels = _SurfacePixels(normal, color, surface, np.zeros((90, 2)), beside)  # where there is nothing of the part
     light = fitted_light(
         np.full((40, 40), 0.5, np.float32), np.tile([0.0, 0.0, 1.0], (40, 40, 1)), np.zeros((40, 40), np.int32)
     )

@@ -150,12 +150,15 @@ def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
     """Judge whether a required feature is there."""
     p = found.presence
     said = f"{p.seen} of {p.expected} edges that should show are seen"
+    if not p.expected:
+        said = "its surfaces are seen" if p.log_ratio > 0 else "what is behind it is seen"
     if found.state is State.MISSING:
         return Judgement(name, limit, _NAN, _NAN, Verdict.FAIL, f"missing: {said}")
     if p.log_ratio >= seen.passable:
         return Judgement(name, limit, _NAN, _NAN, Verdict.PASS, said)
     if p.expected == 0:
-        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "not in view", IN_VIEW)
+        reason, remedy = (found.why.value, found.why.remedy) if found.why else ("not in view", IN_VIEW)
+        return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, reason, remedy)
     remedy = found.why.remedy if found.why else ANOTHER_VIEW
     too_few = f"too few to be sure that these are its own: {remedy}"
     why = f"{said}: {Unclear.BEHIND.value if found.why is Unclear.BEHIND else too_few}"

@@ -289,7 +289,9 @@ def sure(presence: Sequence[Presence], alarms: float) -> float:
 
     Bonferroni over the visible bodies.
     """
-    return float(np.log(max(sum(p.expected > 0 for p in presence), 1) / ((1 - OF_DISPLACED) * alarms)))
+    return float(
+        np.log(max(sum(p.expected > 0 or p.log_ratio != 0 for p in presence), 1) / ((1 - OF_DISPLACED) * alarms))
+    )
 
 
 def surely_elsewhere(presence: Sequence[Presence], alarms: float) -> float:
@@ -301,54 +303,75 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
     """Return the evidence for each feature, corrected for the number of places searched.
 
     For whole parts that are not clearly present, tones are evaluated too, and for those that then seem missing, the
-    edges that they would hide.
+    edges that they would hide; at last all pixels, which alone tell of those whose edges are too short.
     """
     out = [_by_its_edges(survey, i) for i in range(len(survey.names))]
     tones = Tones(drawn, case.photos, case.world_from_part, survey.shown)
     for i in each(range(len(out)), "looking for bodies", case.tell):
-        found = out[i]
-        body = survey.whole_part(i) if found.expected and found.log_ratio < DOUBTFUL else None
-        if body is None:
+        found, body = out[i], survey.whole_part(i)
+        if body is None or found.log_ratio >= DOUBTFUL:
+            continue
+        if not found.expected:
+            told = _by_pixels(case, drawn, survey, body).beyond_chance if survey.in_view(i) else 0.0
+            out[i] = replace(found, log_ratio=told)
             continue
         by_tones = tones.log_ratio(body, edges=found.log_ratio, any_light=found.in_any_light)
         if min(found.log_ratio, by_tones) < _RATHER_NOT and by_tones < DOUBTFUL:
             by_tones += _uncovered(case, drawn, survey, body)
-        told = _unless_seen(by_tones, found.log_ratio)
+        told = _unless_seen(by_tones, found)
         if told < DOUBTFUL:
             told = _with_pixels(told, found.log_ratio, _by_pixels(case, drawn, survey, body))
         out[i] = replace(found, log_ratio=told)
     return out
 
 
-def _unless_seen(by_tones: float, by_edges: float) -> float:
+def _unless_seen(by_tones: float, by_edges: Presence) -> float:
     """Return the log likelihood ratio by edges and tones: not clearly negative where the edges alone are for the body.
 
     Then one of the two is wrong, and tones are the rather: a bar in the open is twice as bright as the light says that
-    is fitted to the corner below it. It is in doubt.
+    is fitted to the corner below it. It is in doubt. Nor is it clearly positive where none of its edges is seen: a hole
+    is as dark as a screw of some other paint.
     """
-    return max(by_tones, -DOUBTFUL) if by_edges > 0 else by_tones
+    if by_edges.seen == 0:
+        return min(by_tones, DOUBTFUL)
+    return max(by_tones, -DOUBTFUL) if by_edges.log_ratio > 0 else by_tones
 
 
-def _by_pixels(case: Case, drawn: Part, survey: Survey, body: int) -> float:
-    """Return the log likelihood ratio of the photos with a body in its place to those without it, or with it hidden.
+@dataclass(frozen=True, slots=True)
+class _Pixels:
+    """Log likelihood ratios by all pixels: of a body in its place, and of what it would hide, to anything else."""
+
+    there: float = 0.0
+    gone: float = 0.0
+
+    @property
+    def beyond_chance(self) -> float:
+        """The log likelihood ratio of "present" to "absent" beyond what light and paint alone may make."""
+        return max(self.there - _BY_CHANCE, 0.0) - max(self.gone - _BY_CHANCE, 0.0)
+
+
+def _by_pixels(case: Case, drawn: Part, survey: Survey, body: int) -> _Pixels:
+    """Return what all pixels say of a body: in its place, gone, or hidden by something of any tone.
 
     Nothing is said of a body drawn elsewhere: that place was searched for until it resembled the photos.
     """
     if survey.by[body].any():
-        return 0.0
+        return _Pixels()
     (there,), without, hidden = log_likelihoods(case.photos, case.world_from_part, [drawn], body, survey.shown)
-    return float(there - max(without, hidden))
+    return _Pixels(float(there - max(without, hidden)), float(without - max(there, hidden)))
 
 
-def _with_pixels(told: float, by_edges: float, by_pixels: float) -> float:
+def _with_pixels(told: float, by_edges: float, by_pixels: _Pixels) -> float:
     """Return the log likelihood ratio of a doubtful body by edges and tones, and by all its pixels.
 
     Tones are as good as the light they are predicted by; where each surface may have a tone of its own, only their
     borders and gradients tell. These say too much, but seldom for a body that is not there: its shape would have to be
-    in the photo all the same. So for a body they stand in for tones. Against bodies that are there they speak as
-    loudly, of one in seven that are doubtful, and are not heard.
+    in the photo all the same. So for a body they stand in for tones. And where they show neither it nor what it would
+    hide, as of a screw that is blacker than in the CAD, it is in doubt.
     """
-    return max(told, by_edges + min(by_pixels - _BY_CHANCE, _THERE)) if by_pixels > _BY_CHANCE else told
+    if by_pixels.there > _BY_CHANCE:
+        return max(told, by_edges + min(by_pixels.there - _BY_CHANCE, _THERE))
+    return max(told, -DOUBTFUL) if by_pixels.gone < -_BY_CHANCE else told
 
 
 def _uncovered(case: Case, drawn: Part, survey: Survey, body: int) -> float:

@@ -16,13 +16,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import FittedLight
-from cadcam.verify.edges.shown import ShownFaces, Window
+from cadcam.verify.bodies.openness import Sky, dimming
+from cadcam.verify.edges.shown import ShownFaces, Window, in_window
 
 _RIM_PX = 4  # px around a body's picture that are included
 _BLUR_PX, _BLURRED_PX = 0.7, 3  # approximate blur of the photo; its extent
@@ -31,6 +32,9 @@ _TOGETHER = 12.0  # correlated pixels that count as one observation
 _OWN_PX = 3 * _TOGETHER  # least size of a surface with a tone of its own: that and its two gradients
 _FALL = 5e-4  # sd of the gradient of brightness along a surface, per px
 _ROUNDS = 3
+_MOST_PATCHES = 200  # with a tone of their own
+_CAVE = 0.5  # openness below which small patches share a tone of their own
+_UNEVEN = 0.006  # sd of brightness between patches of one surface
 
 
 def log_likelihoods(
@@ -85,30 +89,35 @@ def _in_photo(
     where = np.zeros(photo.gray.shape, bool)
     where[window] = binary_dilation(covered, iterations=_RIM_PX)
     light, noise = first.light(photo, without=where), noise_of(photo.gray)
-    pixels = _WindowPixels.of(photo.gray[window].astype(np.float64), where[window])
-    return np.array([_log_likelihood(s, pixels, light, noise) for s in shown])
+    pixels = _WindowPixels.of(photo.gray[window].astype(np.float64), where[window], in_window(window)[:2])
+    skies = [Sky.of(part, photo, world_from_part, window) for part in guesses]
+    skies += [replace(skies[0], without=body), skies[0]]
+    return np.array([_log_likelihood(s, pixels, light, noise, sky) for s, sky in zip(shown, skies, strict=True)])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _WindowPixels:
     """The pixels of a window that count, and the n pixels that blur mixes into them.
 
-    shape: of the window; at (2, n): row and column; counts (n,): whether a pixel counts itself; gray (n,).
+    shape: of the window; at (2, n): row and column in it, q (n, 2): place in the photo; counts (n,): whether a pixel
+    counts itself; gray (n,).
     """
 
     shape: tuple[int, int]
     at: Longs
+    q: Array
     counts: Mask
     gray: Array
 
     @classmethod
-    def of(cls, gray: Array, where: Mask) -> _WindowPixels:
-        """Return the pixels `where` (h, w) of a window that count, and those around them."""
+    def of(cls, gray: Array, where: Mask, corner: tuple[int, int]) -> _WindowPixels:
+        """Return the pixels `where` (h, w) of a window that count, and those around them; corner: left and top."""
         from scipy.ndimage import maximum_filter
 
         near = maximum_filter(where, 2 * _BLURRED_PX + 1)
         at = np.array(np.nonzero(near))
-        return cls((where.shape[0], where.shape[1]), at, where[near], gray[near])
+        q = (at[::-1].T + corner).astype(np.float64)
+        return cls((where.shape[0], where.shape[1]), at, q, where[near], gray[near])
 
     def blurred(self, value: Array) -> Array:
         """Return values (n,) blurred as in the photo, for the pixels that count."""
@@ -120,34 +129,74 @@ class _WindowPixels:
         return np.asarray(out[tuple(self.at)][self.counts])
 
 
-def _log_likelihood(shown: ShownFaces, pixels: _WindowPixels, light: FittedLight, noise: float) -> float:
+def _log_likelihood(shown: ShownFaces, pixels: _WindowPixels, light: FittedLight, noise: float, sky: Sky) -> float:
     """Return the log likelihood of the pixels that count, up to a constant, marginalised over the tones."""
-    kind_of_face, tone, V = _predicted_tones(shown, light)
-    kind = kind_of_face[shown.face[tuple(pixels.at)]]
-    large = np.bincount(kind[pixels.counts], minlength=len(tone)) >= _OWN_PX
-    k = int(large.sum())
-    surface = np.where(large, np.cumsum(large) - 1, k)  # small surfaces share a tone
-    off = np.diag(np.full(k + 1, light.spread**2))
-    off[:k, :k] = V[np.ix_(large, large)]
+    patches = _Patches.of(shown, pixels, sky)
+    tone, off = patches.tones(light)
     sigma = float(np.hypot(noise, light.scale))
-    shade, costs = _shade(pixels, pixels.gray - tone[kind], surface[kind], off, sigma)
-    expected = pixels.blurred(tone[kind] + shade)
-    loss = np.minimum(((pixels.gray[pixels.counts] - expected) / sigma) ** 2, _WORST).sum() / _TOGETHER
-    return float(-0.5 * (loss + costs))
+    shade, costs = _shade(pixels, pixels.gray - tone, patches.surface, off, sigma)
+    loss = np.minimum(((pixels.gray[pixels.counts] - pixels.blurred(tone + shade)) / sigma) ** 2, _WORST).sum()
+    return float(-0.5 * (loss / _TOGETHER + costs))
 
 
-def _predicted_tones(shown: ShownFaces, light: FittedLight) -> tuple[Longs, Array, Array]:
-    """Return the kind (F,) of each face, one per surface and part, and the kinds' tones (K,) with covariance (K, K)."""
-    label = shown.surface * (int(shown.part.max(initial=0)) + 2) + shown.part
-    seen = np.flatnonzero(np.bincount(shown.face.ravel(), minlength=len(label)))
-    _, first, kind = np.unique(label[seen], return_index=True, return_inverse=True)
-    tone, V = light.brightness(shown.normal[seen[first]], shown.color[seen[first]])
-    nothing = shown.color[seen[first]] < 0
-    tone[nothing], V[nothing], V[:, nothing] = light.nothing, 0.0, 0.0
-    V[nothing, nothing] = light.spread**2
-    kind_of_face = np.zeros(len(label), np.int64)
-    kind_of_face[seen] = kind.reshape(-1)
-    return kind_of_face, tone, V
+@dataclass(frozen=True, slots=True, eq=False)
+class _Patches:
+    """The connected patches that the n pixels of a window show, each facing roughly one way; of many, by surface.
+
+    Parallel faces that are not connected are two: a screw's head may shine, and its socket be dark. patch (n,): of each
+    pixel; of each patch (k,), normal (k, 3), color, open: see `Sky`, large: whether it has a tone of its own. Of
+    each surface (s,): own_normal (s, 3), own_color; own (n,): of each pixel.
+    """
+
+    patch: Longs
+    normal: Array
+    color: Ids
+    open: Array
+    large: Mask
+    own: Longs
+    own_normal: Array
+    own_color: Ids
+
+    @classmethod
+    def of(cls, shown: ShownFaces, pixels: _WindowPixels, sky: Sky) -> _Patches:
+        """Return the patches that a part shows in the pixels of a window."""
+        face = shown.face[tuple(pixels.at)]
+        by_surface = shown.surface * (int(shown.part.max(initial=0)) + 2) + shown.part
+        for label in (shown.patch, by_surface):
+            its, patch = _first_of_each(label[face], face)
+            large = np.bincount(patch[pixels.counts], minlength=len(its)) >= _OWN_PX
+            if large.sum() <= _MOST_PATCHES:
+                break
+        asked = pixels.counts & (shown.color[its] >= 0)[patch]
+        open_ = sky.of_groups(pixels.q, np.where(asked, patch, -1), len(its))
+        of, own = _first_of_each(shown.surface[face], face)
+        return cls(patch, shown.normal[its], shown.color[its], open_, large, own, shown.normal[of], shown.color[of])
+
+    @property
+    def surface(self) -> Longs:
+        """The number (n,) of each pixel's surface with a tone: a large patch, all small ones, or those in cavities."""
+        rest = int(self.large.sum()) + (self.open < _CAVE)
+        return np.asarray(np.where(self.large, np.cumsum(self.large) - 1, rest)[self.patch], np.int64)
+
+    def tones(self, light: FittedLight) -> tuple[Array, Array]:
+        """Return the brightness (n,) that the light predicts, and the covariance (s, s) of the surfaces' tones."""
+        by_surface = light.brightness(self.own_normal, self.own_color)[0]
+        by_surface[self.own_color < 0] = light.nothing
+        tone, V = light.brightness(self.normal[self.large], self.color[self.large])
+        open_ = self.open[self.large]
+        kept, variance = dimming(tone, open_)
+        off = np.diag(np.full(len(tone) + 2, light.spread**2))
+        off[:-2, :-2] = V * np.outer(kept, kept) + np.diag(variance + _UNEVEN**2)
+        nothing = np.flatnonzero(self.color[self.large] < 0)
+        off[nothing], off[:, nothing] = 0.0, 0.0
+        off[nothing, nothing] = light.spread**2
+        return by_surface[self.own] * dimming(by_surface[self.own], self.open[self.patch])[0], off
+
+
+def _first_of_each(label: Longs, face: Ids) -> tuple[Ids, Longs]:
+    """Return a face of each label (k,), and the number (n,) of each pixel's label."""
+    _, first, number = np.unique(label, return_index=True, return_inverse=True)
+    return face[first], np.asarray(number.reshape(-1), np.int64)
 
 
 def _shade(pixels: _WindowPixels, left: Array, surface: Longs, off: Array, sigma: float) -> tuple[Array, float]:

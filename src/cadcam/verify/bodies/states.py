@@ -105,10 +105,10 @@ def state_of(
     missing. near: whether it is displaced by no more than edges are captured from. rare: accepted share of false alarms
     of displacements; where edges disagree, their joint evidence has to meet it.
     """
-    if presence.expected == 0 and moved is None:
-        return State.OUT_OF_VIEW, None
     if presence.log_ratio <= -enough:
         return State.MISSING, None
+    if presence.expected == 0 and moved is None:
+        return State.OUT_OF_VIEW, None
     if presence.log_ratio < (0.0 if alarm else DOUBTFUL):  # what is measured may be something else
         return State.UNCLEAR, why_doubtful(presence)
     if moved is None:

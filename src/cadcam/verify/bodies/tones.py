@@ -21,12 +21,14 @@ from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import FittedLight, surfaces
-from cadcam.verify.edges.shown import ShownFaces, window_around
+from cadcam.verify.bodies.openness import Sky, dimming
+from cadcam.verify.edges.shown import ShownFaces, in_window, window_around
 
 _RIM_PX = 3  # margin of the body's picture, which is blurred, or another body's if that one is off
 _LEAST_PX = 60  # least size of a piece that counts: small ones are borders and corners
 _LAPSE = 0.02  # probability that the light differs from the fitted one
 _ONE_SHADOW = 0.05  # share of these cases in which a body looks like what it hides
+_CAVE = 0.5  # openness below which a surface lies in a cavity
 _UNEVEN = 0.006  # sd of brightness between pieces of one surface
 _BESIDE_PX = 14  # range beside a body, and inside it, in which what it hides is compared with it
 _ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # prior brightness of what is no part, and of the light as a whole
@@ -37,17 +39,22 @@ _ROUND_STEPS = 1.0  # quantisation of normals, steps per unit, within which the 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _SurfacePixels:
-    """Some pixels: normal (n, 3) and colour (n,) of what they show, and the number (n,) of that surface."""
+    """Some pixels: normal (n, 3) and colour (n,) of what they show, and the number (n,) of that surface.
+
+    q (n, 2) px: their places in the photo; sky: over the part as it shows in them.
+    """
 
     normal: Array
     color: Ids
     surface: Longs
+    q: Array
+    sky: Sky
 
     @classmethod
-    def of(cls, shown: ShownFaces, where: Mask) -> _SurfacePixels:
-        """Return the pixels `where` (h, w)."""
-        face = shown.face[where]
-        return cls(shown.normal[face], shown.color[face], shown.surface[face])
+    def of(cls, shown: ShownFaces, where: Mask, corner: Array, sky: Sky) -> _SurfacePixels:
+        """Return the pixels `where` (h, w) of a window whose left top `corner` is (2,) px."""
+        face, q = shown.face[where], np.argwhere(where)[:, ::-1] + corner
+        return cls(shown.normal[face], shown.color[face], shown.surface[face], q, sky)
 
     def log_density(self, light: FittedLight, tones: Array, pieces: Sequence[Longs]) -> float:
         """Return the log probability density of tones (r,), each the mean of a piece: a subset of the n pixels."""
@@ -59,19 +66,39 @@ class _SurfacePixels:
         share = np.zeros((len(pieces), len(first)))
         np.add.at(share, (of, kind.reshape(-1)), 1.0)
         share /= share.sum(axis=1, keepdims=True)
-        each, V = self._brightness(light, at[first])
+        each, V, open_ = self._brightness(light, at, first, kind.reshape(-1))
         mean = share @ each
         turned = np.maximum(share @ each**2 - mean**2, 0.0)  # a round piece has no single brightness
         mostly = np.argmax(share, axis=1)  # pieces of one surface are correlated, as are the strips of a round one
-        return _log_normal(tones - mean, V[np.ix_(mostly, mostly)] + np.diag(_UNEVEN**2 + turned))
+        told = _log_normal(tones - mean, V[np.ix_(mostly, mostly)] + np.diag(_UNEVEN**2 + turned))
+        if (open_[mostly] >= _CAVE).any():
+            return told
+        # Or all of a cavity is as dark as the rest of it, and looks like one surface before it.
+        one = np.full((len(mean), len(mean)), np.diag(V)[mostly].mean())
+        alike = _log_normal(tones - mean.mean(), one + _UNEVEN**2 * np.eye(len(mean)))
+        return float(np.logaddexp(told, alike) - np.log(2))
 
-    def _brightness(self, light: FittedLight, at: Longs) -> tuple[Array, Array]:
-        """Return the predicted brightness (r,) of what the pixels `at` (r,) show, and its covariance (r, r)."""
-        mean, V = light.brightness(self.normal[at], self.color[at])
-        nothing = self.color[at] < 0
+    def in_any_paint(self, light: FittedLight, tones: Array, pieces: Sequence[Longs]) -> float:
+        """Return the log probability density of tones (r,) if each surface may have any, all its pieces the same."""
+        its = np.array([np.bincount(np.unique(self.surface[p], return_inverse=True)[1]).argmax() for p in pieces])
+        surface = np.array([np.unique(self.surface[p])[i] for p, i in zip(pieces, its, strict=True)])
+        V = np.where(surface[:, None] == surface, light.spread**2 + _ANY_SPREAD**2, 0.0)
+        return _log_normal(tones - light.mean, V + _UNEVEN**2 * np.eye(len(tones)))
+
+    def _brightness(self, light: FittedLight, at: Longs, first: Longs, kind: Longs) -> tuple[Array, Array, Array]:
+        """Return the brightness (r,) predicted of the surfaces of pixels `at` (m,), its covariance, and openness.
+
+        first (r,): one of these of each surface; kind (m,): the surface of each; covariance (r, r); openness (r,).
+        """
+        normal, color = self.normal[at[first]], self.color[at[first]]
+        mean, V = light.brightness(normal, color)
+        nothing = color < 0
+        open_ = self.sky.of_groups(self.q[at], np.where(nothing[kind], -1, kind), len(first))
+        kept, variance = dimming(mean, open_)
+        mean, V = mean * kept, V * np.outer(kept, kept) + np.diag(variance)
         mean[nothing], V[nothing], V[:, nothing] = _ANY_MEAN, 0.0, 0.0
         V[nothing, nothing] = _ANY_SPREAD**2
-        return mean, V
+        return mean, V, open_
 
 
 @dataclass(frozen=True)
@@ -91,27 +118,27 @@ class Tones:
         fitted light.
         """
         densities = [self._in_photo(photo, shown, body) for photo, shown in zip(self.photos, self.shown, strict=True)]
-        there, not_there, other = np.sum(densities, axis=0)
+        there, not_there, other, painted = np.sum(densities, axis=0)
         if not np.any(densities):
             return edges
-        lapsed = max(edges, 0.0) + other
+        lapsed = max(edges, 0.0) + float(np.logaddexp(other, painted) - np.log(2))
         if any_light > 0:
             dim = np.logaddexp(np.log1p(-_ONE_SHADOW) + other, np.log(_ONE_SHADOW) + not_there)
             lapsed = max(edges, any_light) + float(dim)
         return _lapsing(edges + there, lapsed) - _lapsing(not_there, other)
 
-    def _in_photo(self, photo: Photo, whole: ShownFaces, body: int) -> tuple[float, float, float]:
-        """Return the log densities of the tones with the body, without it, and under any other light.
+    def _in_photo(self, photo: Photo, whole: ShownFaces, body: int) -> tuple[float, float, float, float]:
+        """Return the log densities of the tones with the body, without it, under any other light, and in other paint.
 
         All are 0 where the photo shows too little of the body to be evidence.
         """
         covered = _Covered.of(self.part, photo, self.world_from_part, whole, body)
         if covered is None:
-            return 0.0, 0.0, 0.0
+            return 0.0, 0.0, 0.0, 0.0
         own, behind = covered.surfaces()
         pieces = _pieces(own, behind)
         if not pieces:
-            return 0.0, 0.0, 0.0
+            return 0.0, 0.0, 0.0, 0.0
         light = whole.light(photo, without=whole.shows(body))
         gray = covered.gray[covered.inside]
         tones = np.array([np.median(gray[piece]) for piece in pieces])
@@ -123,7 +150,7 @@ class Tones:
         rest = [p for p, beside in zip(pieces, known, strict=True) if not beside]
         not_there = behind.log_density(light, tones[~known], rest)
         not_there += _log_normal(near[known, 0], np.diag(near[known, 1] ** 2))
-        return own.log_density(light, tones, pieces), not_there, other
+        return own.log_density(light, tones, pieces), not_there, other, own.in_any_paint(light, tones, pieces)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,7 +158,7 @@ class _Covered:
     """The window of a photo around a body's picture, with what the part shows there with the body and without it.
 
     gray (h, w); shown, hidden: with the body, and without it; its, inside (h, w): the pixels of the body, and those of
-    them that are not near its border.
+    them that are not near its border; corner (2,) px: the window's left top; behind: the sky without the body.
     """
 
     gray: Array
@@ -139,6 +166,8 @@ class _Covered:
     hidden: ShownFaces
     its: Mask
     inside: Mask
+    corner: Array
+    behind: Sky
 
     @classmethod
     def of(cls, part: Part, photo: Photo, world_from_part: Rigid, whole: ShownFaces, body: int) -> _Covered | None:
@@ -154,11 +183,14 @@ class _Covered:
         if inside.sum() < _LEAST_PX:
             return None
         hidden = ShownFaces.of(part, photo, world_from_part, without=body, window=window)
-        return cls(photo.gray[window].astype(np.float64), shown, hidden, its, inside)
+        corner = np.array(in_window(window)[:2], np.float64)
+        behind = replace(Sky.of(part, photo, world_from_part, window), without=body)
+        return cls(photo.gray[window].astype(np.float64), shown, hidden, its, inside, corner, behind)
 
     def surfaces(self) -> tuple[_SurfacePixels, _SurfacePixels]:
         """Return what the n pixels inside of the body show, and what they would show without it."""
-        return _SurfacePixels.of(self.shown, self.inside), _SurfacePixels.of(self.hidden, self.inside)
+        own = _SurfacePixels.of(self.shown, self.inside, self.corner, replace(self.behind, without=-1))
+        return own, _SurfacePixels.of(self.hidden, self.inside, self.corner, self.behind)
 
     def from_beside(self, numbers: Longs, noise: float) -> tuple[float, float]:
         """Return how much brighter a piece is than what it would hide is beside it, and how uneven that is.

@@ -27,6 +27,7 @@ class Unclear(Enum):
 
     UNSEEN = "none of its edges that should show is seen: give more light, or light from another side"
     SHORT_EDGES = "its edges in view are too short to tell whether it is there: go closer, or take another view"
+    SHOWN = "its surfaces show that it is there, but its edges are too short to tell where: go closer, or another view"
     DOUBTFUL = "too few of its edges that should show are seen to be sure that it is there: more light, or another view"
     CROWDED = "its edges lie within a few pixels of other lines: go closer, or take another view"
     FAINT = "its edges are too faint to be measured: give more light, or light from another side"

@@ -15,9 +15,9 @@ _OF_CAUSE = {"pose": Unclear.POSE, "calibration": Unclear.CALIBRATION}  # other 
 
 
 def why_doubtful(presence: Presence) -> Unclear:
-    """Return why it is uncertain whether a feature is there at all."""
+    """Return why it is uncertain whether a feature is there at all, or where, if its surfaces alone show it."""
     if presence.expected == 0:
-        return Unclear.SHORT_EDGES
+        return Unclear.SHOWN if presence.log_ratio > 0 else Unclear.SHORT_EDGES
     return Unclear.UNSEEN if presence.seen == 0 else Unclear.DOUBTFUL
 
 

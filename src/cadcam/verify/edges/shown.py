@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -10,6 +10,7 @@ import numpy as np
 from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.edges import NO_EDGES
 from cadcam.cad.mesh import Mesh
+from cadcam.cad.topology import components
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
@@ -19,6 +20,7 @@ from cadcam.render import open_renderer
 from cadcam.render.view import Channel, Scene
 
 Window = tuple[slice, slice]
+_ROUND_STEPS = 1.0  # quantisation of normals, steps per unit, within which a round surface is one patch
 
 
 @dataclass(frozen=True, eq=False)
@@ -27,7 +29,8 @@ class ShownFaces:
 
     face (h, w): index of the face among the n visible ones, 0 where the part is not seen. For these: normal (n, 3) in
     the part frame, turned to the camera; color and part (n,); surface (n,): equal for faces of one colour and similar
-    normal. Entry 0: normal zero, colour and part -1.
+    normal; patch (n,): equal for connected ones of a part that face roughly one way. Entry 0: normal zero, colour and
+    part -1.
     """
 
     face: Ids
@@ -35,6 +38,7 @@ class ShownFaces:
     color: Ids
     part: Ids
     surface: Longs
+    patch: Longs
 
     @classmethod
     def of(
@@ -71,7 +75,8 @@ class ShownFaces:
         mesh = part.scene.mesh
         normal = np.concatenate([np.zeros((1, 3)), _towards(mesh, faces, eye)])
         color, of = (np.append(np.int32(-1), x[faces]).astype(np.int32) for x in (part.paints, mesh.part))
-        return cls(number[seen], normal, color, of, surfaces(normal, color))
+        patch = np.append(-1, _patches(mesh.faces[faces], surfaces(normal, color, steps=_ROUND_STEPS)[1:], of[1:]))
+        return cls(number[seen], normal, color, of, surfaces(normal, color), patch)
 
     def shows(self, body: int) -> Mask:
         """Return which pixels (h, w) show part number `body`."""
@@ -120,8 +125,9 @@ class ShownFaces:
         """Return it with what another shows in a window in place of its own, `where` (h, w) that is asked for."""
         face = self.face.copy()
         face[window] = np.where(where, len(self.part) + other.face, face[window])
-        of_faces = ("normal", "color", "part", "surface")
-        return ShownFaces(face, *(np.concatenate([getattr(self, k), getattr(other, k)]) for k in of_faces))
+        of_faces = ("normal", "color", "part", "surface", "patch")
+        apart = replace(other, patch=other.patch + len(self.part) + 1)
+        return ShownFaces(face, *(np.concatenate([getattr(self, k), getattr(apart, k)]) for k in of_faces))
 
     def light(self, photo: Photo, *, without: Mask | None = None) -> FittedLight:
         """Return the light that explains a whole photo; without (H, W): pixels left out."""
@@ -172,6 +178,15 @@ def may_show(mesh: Mesh, camera: Camera, camera_from_part: Rigid) -> Mask:
     code = np.packbits(beyond, axis=1).ravel()  # of a vertex, a bit for each plane
     a, b, c = mesh.faces.T
     return np.asarray(code[a] & code[b] & code[c] == 0)
+
+
+def _patches(corners: Ids, surface: Longs, part: Ids) -> Longs:
+    """Return the patch (n,) of each of some faces, by their corners (n, 3): those of one surface that share corners."""
+    _, which = np.unique(surface * (int(part.max(initial=0)) + 1) + part, return_inverse=True)
+    place = which.reshape(-1, 1) * (int(corners.max(initial=0)) + 1) + corners  # a corner on two surfaces is two
+    node = np.unique(place, return_inverse=True)[1].reshape(-1, 3)
+    patch = components(node[:, [0, 1, 0, 2]].reshape(-1, 2), int(node.max(initial=-1)) + 1)
+    return np.asarray(patch[node[:, 0]], np.int64)
 
 
 def _towards(mesh: Mesh, faces: Longs, eye: Array) -> Array:
