@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import pkgutil
 import re
+from functools import cache
 from itertools import pairwise
 from pathlib import Path
 
@@ -86,10 +87,8 @@ def exists(name: str) -> bool:
 def test_names_in_docstrings_are_names_of_the_code() -> None:
     """Of those with an underscore, which no other word has; not in `files/foreign`, where others' names are."""
     code, said = set(), []
-    for file in sorted(PACKAGE.rglob("*.py")):
-        tree = ast.parse(file.read_text())
-        documents = [d for n in ast.walk(tree) if isinstance(n, DOCUMENTED) and (d := ast.get_docstring(n))]
-        code |= {file.stem, *identifiers(tree)}
+    for file, documents, names in modules():
+        code |= {file.stem, *names}
         if "foreign" not in file.parts:
             said += [(file.stem, name) for d in documents for name in re.findall(r"`(\w*[a-z]_\w+)`", d)]
     assert len(said) > 100
@@ -98,13 +97,8 @@ def test_names_in_docstrings_are_names_of_the_code() -> None:
 
 def test_no_line_of_a_docstring_is_left_beside_the_one_that_replaces_it() -> None:
     """Of two such lines the beginnings are the same, or the ends."""
-    twice = []
-    for file in sorted(PACKAGE.rglob("*.py")):
-        documented = (n for n in ast.walk(ast.parse(file.read_text())) if isinstance(n, DOCUMENTED))
-        for line, after in (two for n in documented for two in pairwise((ast.get_docstring(n) or "").splitlines())):
-            if left_beside(line, after):
-                twice.append(f"{file.relative_to(ROOT)}: {after}")
-    assert not twice
+    lines = ((file, two) for file, documents, _ in modules() for d in documents for two in pairwise(d.splitlines()))
+    assert not [f"{file.relative_to(ROOT)}: {after}" for file, (line, after) in lines if left_beside(line, after)]
 
 
 def left_beside(line: str, after: str) -> bool:
@@ -122,10 +116,27 @@ def test_a_line_left_twice_is_recognised() -> None:
     )
 
 
-def identifiers(tree: ast.AST) -> set[str]:
-    """Return all names of the code, and strings that are names: keywords of files, attributes asked for by name."""
-    values = (value for node in ast.walk(tree) for _, value in ast.iter_fields(node))
-    return {value for value in values if isinstance(value, str) and value.isidentifier()}
+@cache
+def modules() -> list[tuple[Path, list[str], set[str]]]:
+    """Return each module of the package with its docstrings and names, read once for all tests."""
+    return [(file, *docstrings_and_names(ast.parse(file.read_text()))) for file in sorted(PACKAGE.rglob("*.py"))]
+
+
+def docstrings_and_names(tree: ast.AST) -> tuple[list[str], set[str]]:
+    """Return all docstrings, and all names of the code with strings that are names: keywords, attributes by name."""
+    documents, names = [], set()
+    for node in ast.walk(tree):
+        if isinstance(node, DOCUMENTED) and (document := ast.get_docstring(node)):
+            documents.append(document)
+        names.update(value for _, value in ast.iter_fields(node) if isinstance(value, str) and value.isidentifier())
+    return documents, names
+
+
+def test_every_docstring_and_name_of_a_module_is_seen() -> None:
+    text = '"M."\nclass A:\n "a"\n if b:\n  def c(d: int = e.f):\n   "C."\n   g["h", "not one"] = lambda i: {**j}'
+    documents, names = docstrings_and_names(ast.parse(text))
+    assert sorted(documents) == ["C.", "M.", "a"]
+    assert names == {*"Aabcdefghij", "int"}
 
 
 def test_a_dotted_name_may_lead_nowhere() -> None:

@@ -8,7 +8,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Longs, Mask
 from cadcam.cad.mesh import Mesh
 
-_LEAF = 4
+_LEAF = 2
 _BLOCK = 40_000  # points searched together: bounds the memory of the search
 _CROWD = 16  # points that are first tested as one box
 
@@ -57,14 +57,15 @@ class TriangleTree:
 
     def _descended(self, low: Array, high: Array, own: Longs) -> tuple[Longs, Longs]:
         """Return pairs (query, leaf) where a box meets a leaf that holds a triangle of another body than its own."""
-        query, node = np.arange(len(low)), np.zeros(len(low), np.int64)
+        low, high = np.ascontiguousarray(low.T), np.ascontiguousarray(high.T)  # gathered along one axis at a time
+        query, node = np.arange(low.shape[1]), np.zeros(low.shape[1], np.int64)
         for depth, (node_low, node_high) in enumerate(self.levels):
             if depth:
                 query, node = np.repeat(query, 2), (2 * node[:, None] + np.arange(2)).ravel()
             meets = self.owners[depth][node] != own[query]
             for axis in range(3):
                 query, node = query[meets], node[meets]
-                meets = (low[query, axis] <= node_high[node, axis]) & (high[query, axis] >= node_low[node, axis])
+                meets = (low[axis][query] <= node_high[axis][node]) & (high[axis][query] >= node_low[axis][node])
             query, node = query[meets], node[meets]
         return query, node
 
@@ -86,14 +87,14 @@ def _padded(values: npt.NDArray[np.generic], n: int, fill: float) -> npt.NDArray
 
 
 def _levels(low: npt.NDArray[np.generic], high: npt.NDArray[np.generic]) -> list[tuple[Array, Array]]:
-    """Return the boxes of each level, the root first; the last level holds leaves."""
+    """Return the boxes (3, n) of each level, the root first; the last level holds leaves."""
     lowest: Array = np.asarray(low, float).reshape(-1, _LEAF, 3).min(axis=1)
     highest: Array = np.asarray(high, float).reshape(-1, _LEAF, 3).max(axis=1)
     levels = [(lowest, highest)]
     while len(lowest) > 1:
         lowest, highest = lowest.reshape(-1, 2, 3).min(axis=1), highest.reshape(-1, 2, 3).max(axis=1)
         levels.insert(0, (lowest, highest))
-    return levels
+    return [(np.ascontiguousarray(least.T), np.ascontiguousarray(most.T)) for least, most in levels]
 
 
 def _owners(body: npt.NDArray[np.generic], depth: int) -> list[Longs]:
