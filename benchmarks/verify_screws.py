@@ -60,10 +60,10 @@ SOCKET = {"countersunk": (0.5, 0.5), "counterbored": (0.58, 0.55), "head": (0.5,
 
 @dataclass(frozen=True)
 class Fastener:
-    """A screw or pin in the plate: kind, place (2,) mm, radius mm."""
+    """A screw or pin in the plate: kind, place and radius mm."""
 
     kind: str
-    at: Array
+    at: tuple[float, float]
     radius: float
 
     def rings(self, profile: Sequence[tuple[float, float | None]]) -> list[Array]:
@@ -103,8 +103,8 @@ def drawn(rng: np.random.Generator) -> Mesh:
     rng.shuffle(kinds)
     screws = []
     for k, kind in enumerate(kinds):
-        at = np.array([30 + k % 3 * 60, 20 + k // 3 * 40]) + rng.uniform(-1, 1, 2) * [9, 6]
-        screws.append(Fastener(kind, at, rng.uniform(2.5, 4.5) if kind == "pin" else rng.uniform(3.2, 6.5)))
+        x, y = (np.array([30 + k % 3 * 60, 20 + k // 3 * 40]) + rng.uniform(-1, 1, 2) * [9, 6]).tolist()
+        screws.append(Fastener(kind, (x, y), rng.uniform(2.5, 4.5) if kind == "pin" else rng.uniform(3.2, 6.5)))
     steel = (0.6, 0.6, 0.6)
     dark = (0.2, 0.2, 0.2) if rng.random() < 0.5 else steel
     parts = [s.mesh(f"{s.kind} {k}", dark) for k, s in enumerate(screws)]
