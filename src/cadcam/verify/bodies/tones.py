@@ -5,7 +5,8 @@ rest of the photo (`cadcam.locate.quality.light`), predicts the brightness of ea
 uncertainty; pieces of one surface have correlated errors. In either case the light may differ from the fitted one,
 because of a shadow for instance, with a probability that no surface can outweigh: then the tones are any that the photo
 has elsewhere, and edges that ought to be seen need not be; edges seen where none ought to be may then also belong to
-what the body hides, as both lie in one shadow.
+what the body hides, as both lie in one shadow. Or the body has another paint than in the CAD. What lies in a cavity
+may be dark, all of it as dark as the rest (`cadcam.verify.bodies.openness`).
 """
 
 from __future__ import annotations
@@ -80,8 +81,7 @@ class _SurfacePixels:
 
     def in_any_paint(self, light: FittedLight, tones: Array, pieces: Sequence[Longs]) -> float:
         """Return the log probability density of tones (r,) if each surface may have any, all its pieces the same."""
-        its = np.array([np.bincount(np.unique(self.surface[p], return_inverse=True)[1]).argmax() for p in pieces])
-        surface = np.array([np.unique(self.surface[p])[i] for p, i in zip(pieces, its, strict=True)])
+        surface = np.array([self.surface[piece[0]] for piece in pieces])  # of a round body's strips, one of several
         V = np.where(surface[:, None] == surface, light.spread**2 + _ANY_SPREAD**2, 0.0)
         return _log_normal(tones - light.mean, V + _UNEVEN**2 * np.eye(len(tones)))
 
