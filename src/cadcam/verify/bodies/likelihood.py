@@ -22,7 +22,7 @@ from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import FittedLight
-from cadcam.verify.bodies.openness import Sky, dimming
+from cadcam.verify.bodies.openness import CAVE, Sky, dimming
 from cadcam.verify.edges.shown import ShownFaces, Window, in_window
 
 _RIM_PX = 4  # px around a body's picture that are included
@@ -33,7 +33,6 @@ _OWN_PX = 3 * _TOGETHER  # least size of a surface with a tone of its own: that 
 _FALL = 5e-4  # sd of the gradient of brightness along a surface, per px
 _ROUNDS = 3
 _MOST_PATCHES = 200  # with a tone of their own
-_CAVE = 0.5  # openness below which small patches share a tone of their own
 _UNEVEN = 0.006  # sd of brightness between patches of one surface
 
 
@@ -175,7 +174,7 @@ class _Patches:
     @property
     def surface(self) -> Longs:
         """The number (n,) of each pixel's surface with a tone: a large patch, all small ones, or those in cavities."""
-        rest = int(self.large.sum()) + (self.open < _CAVE)
+        rest = int(self.large.sum()) + (self.open < CAVE)
         return np.asarray(np.where(self.large, np.cumsum(self.large) - 1, rest)[self.patch], np.int64)
 
     def tones(self, light: FittedLight) -> tuple[Array, Array]:

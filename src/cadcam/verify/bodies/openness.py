@@ -2,7 +2,8 @@
 
 The light of a photo is fitted to its surfaces by their normals (`cadcam.locate.quality.light`), as if each saw the
 whole sky. A cavity sees little of it. How much of the rest its walls give back depends on their paint and on where the
-lamps are: that may be nothing, or all.
+lamps are: that may be nothing, or all. What is asked of a place is one less its ambient occlusion (S. Zhukov, A. Iones
+and G. Kronin, "An ambient light illumination model", Rendering Techniques, 1998).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from cadcam.locate.photo import Photo
 from cadcam.render.caster import Caster
 from cadcam.verify.edges.shown import Window, in_window, may_show
 
+CAVE = 0.5  # openness below which a surface lies in a cavity
 _PLACES, _RAYS = 6, 48  # of a group of pixels that are asked, and directions from each
 _OPEN = 0.5  # share of the sky, by cosine, from which a surface is open: in a corner of two walls it sees half
 _OFF = 1e-5  # of the model's radius: rays start that far from their surface
@@ -60,11 +62,8 @@ class Sky:
         asked = np.flatnonzero(size >= _PLACES)
         among = (np.arange(_PLACES) + 0.5) * size[asked, None] / _PLACES
         out = np.ones(n)
-        out[asked] = (
-            self.openness(q[order[start[asked, None] + among.astype(int)]].reshape(-1, 2))
-            .reshape(-1, _PLACES)
-            .mean(axis=1)
-        )
+        places = order[start[asked, None] + among.astype(int)]
+        out[asked] = self.openness(q[places.ravel()]).reshape(-1, _PLACES).mean(axis=1)
         return out
 
     def openness(self, q: Array) -> Array:

@@ -22,14 +22,13 @@ from cadcam.image.profile import noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import FittedLight, surfaces
-from cadcam.verify.bodies.openness import Sky, dimming
+from cadcam.verify.bodies.openness import CAVE, Sky, dimming
 from cadcam.verify.edges.shown import ShownFaces, in_window, window_around
 
 _RIM_PX = 3  # margin of the body's picture, which is blurred, or another body's if that one is off
 _LEAST_PX = 60  # least size of a piece that counts: small ones are borders and corners
 _LAPSE = 0.02  # probability that the light differs from the fitted one
 _ONE_SHADOW = 0.05  # share of these cases in which a body looks like what it hides
-_CAVE = 0.5  # openness below which a surface lies in a cavity
 _UNEVEN = 0.006  # sd of brightness between pieces of one surface
 _BESIDE_PX = 14  # range beside a body, and inside it, in which what it hides is compared with it
 _ANY_MEAN, _ANY_SPREAD = 0.5, 0.3  # prior brightness of what is no part, and of the light as a whole
@@ -72,7 +71,7 @@ class _SurfacePixels:
         turned = np.maximum(share @ each**2 - mean**2, 0.0)  # a round piece has no single brightness
         mostly = np.argmax(share, axis=1)  # pieces of one surface are correlated, as are the strips of a round one
         told = _log_normal(tones - mean, V[np.ix_(mostly, mostly)] + np.diag(_UNEVEN**2 + turned))
-        if (open_[mostly] >= _CAVE).any():
+        if (open_[mostly] >= CAVE).any():
             return told
         # Or all of a cavity is as dark as the rest of it, and looks like one surface before it.
         one = np.full((len(mean), len(mean)), np.diag(V)[mostly].mean())
