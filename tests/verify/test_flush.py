@@ -139,6 +139,17 @@ def test_a_black_screw_is_not_taken_for_its_hole(rng: np.random.Generator) -> No
     assert all(found.feature(name).presence.log_ratio > -1 for name in SCREWS)
 
 
+@pytest.mark.parametrize("tone", [0.05, 0.3, 0.75])
+def test_a_screw_under_a_patch_of_one_tone_is_neither_there_nor_gone(tone: float, rng: np.random.Generator) -> None:
+    """Whatever that tone: a dark one resembles a hole, a light one a head, but neither as much as a patch."""
+    photo, body = taken(screwed(), rng), screwed().part_names.index("screw 2")
+    patch = ShownFaces.of(part(), photo, Rigid()).shows(body)
+    covered = np.where(patch, tone + rng.normal(0, 0.01, patch.shape), photo.gray).astype(np.float32)
+    found = inspect(part(), [Photo.of(np.clip(covered, 0, 1), CAMERA, POSE)], Rigid()).feature("screw 2")
+    assert found.presence.log_ratio == 0
+    assert (found.state, found.why) == (State.UNCLEAR, Unclear.SHORT_EDGES)
+
+
 @pytest.mark.parametrize("name", list(SCREWS))
 def test_the_ground_of_a_hole_sees_little_of_the_sky(name: str) -> None:
     """Of the middle of a disc of radius r at depth d r^2 / (r^2 + d^2) of the light, by cosine, comes through."""

@@ -165,6 +165,14 @@ def test_all_pixels_tell_a_body_that_is_there_from_one_that_is_not(name: str, rn
     assert by_pixels(name, there, drawn_at=(3.0, 0.0, 0.0)) == _Pixels()
 
 
+def test_pixels_speak_for_what_explains_them_better_than_both_others(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Not for the absence of a body that something of one tone explains better than its absence does."""
+    monkeypatch.setattr(findings, "log_likelihoods", lambda *_: (np.array([-50.0]), -20.0, -5.0))
+    assert by_pixels("block", photo(plate(), rng)) == _Pixels(there=-45.0, gone=-15.0)
+
+
 def test_a_patch_of_paint_of_a_bodys_shape_is_not_the_body(rng: np.random.Generator) -> None:
     """Of two surfaces that a rib has and two that it hides neither are so dark: something is before them."""
     its = open_renderer(part().scene).render(CAMERA, POSE, channels=Channel.PART).part == 2
