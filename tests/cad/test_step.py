@@ -29,6 +29,7 @@ SIZES = {
     4: (500.0, 780.0, 130.6),
     5: (527.1, 558.8, 482.6),
 }
+NUMBERS = [pytest.param(number, marks=[pytest.mark.slow] * (number in (2, 4))) for number in SIZES]
 PROTOCOLS = ("ap203", "ap242")
 
 
@@ -42,7 +43,7 @@ def nist(shared: Callable[[str], Path], number: int, protocol: str) -> tuple[Mes
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@pytest.mark.parametrize("number", SIZES)
+@pytest.mark.parametrize("number", NUMBERS)
 def test_a_nist_part_has_the_size_of_its_solid_and_is_closed(
     shared: Callable[[str], Path], number: int, protocol: str
 ) -> None:
@@ -56,7 +57,7 @@ def test_a_nist_part_has_the_size_of_its_solid_and_is_closed(
     assert (mesh.surface >= 0).all()
 
 
-@pytest.mark.parametrize("number", SIZES)
+@pytest.mark.parametrize("number", NUMBERS)
 def test_both_protocols_describe_the_same_solid(shared: Callable[[str], Path], number: int) -> None:
     one, other = (nist(shared, number, protocol)[0] for protocol in PROTOCOLS)
     assert np.allclose(one.size_mm, other.size_mm, atol=0.1)
@@ -70,7 +71,7 @@ def test_names_of_products_are_kept(shared: Callable[[str], Path]) -> None:
 
 
 @pytest.mark.parametrize("protocol", PROTOCOLS)
-@pytest.mark.parametrize("number", SIZES)
+@pytest.mark.parametrize("number", NUMBERS)
 def test_the_wireframe_is_made_of_sharp_edges_between_surfaces_only(
     shared: Callable[[str], Path], number: int, protocol: str
 ) -> None:

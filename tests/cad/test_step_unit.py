@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from cadcam.cad.formats.step_unit import LengthUnit, declared_unit
-from cadcam.cad.read import read_model_with_report
+from cadcam.cad.read import LoadReport, read_model_with_report
 from cadcam.errors import UnreadableFile
 
 MILLI, METRE = ".MILLI.,.METRE.", "$,.METRE."
@@ -82,6 +83,11 @@ def test_a_unit_that_the_geometry_is_not_in_does_not_count() -> None:
     assert declared_unit(b"#9=(LENGTH_UNIT()NAMED_UNIT(*)SI_UNIT($,.METRE.));") == LengthUnit("mm", 1.0)
 
 
+@cache
+def usual_report(path: Path) -> LoadReport:
+    return read_model_with_report(path)[1]
+
+
 @pytest.mark.parametrize(
     ("name", "factor", "unit", "note"),
     [
@@ -96,7 +102,7 @@ def test_a_model_is_as_large_as_the_factor_says_and_as_fine_as_in_any_unit(
     """A unit that passes for millimetres would have a tolerance of another size: 3 times the triangles, or 100."""
     pytest.importorskip("cascadio", reason='reading STEP needs the extra "step"')
     written = shared("data/cad_nist_ctc/nist_ctc_03_asme1_ap203.stp").read_bytes()
-    usual = read_model_with_report(shared("data/cad_nist_ctc/nist_ctc_03_asme1_ap203.stp"))[1]
+    usual = usual_report(shared("data/cad_nist_ctc/nist_ctc_03_asme1_ap203.stp"))
     other = written.replace(b"UNIT('INCH'", f"UNIT('{name}'".encode()).replace(b"(25.4)", f"({factor})".encode())
     (tmp_path / "part.stp").write_bytes(other)
     report = read_model_with_report(tmp_path / "part.stp")[1]

@@ -34,7 +34,9 @@ def shares(scene, calibrations, seed):
     return list(result.counts), counts
 
 
-@pytest.mark.parametrize(("scene", "calibrations"), [(SCENES[0], 10), (SCENES[3], 30)])
+@pytest.mark.parametrize(
+    ("scene", "calibrations"), [pytest.param(SCENES[0], 10, marks=pytest.mark.slow), (SCENES[3], 30)]
+)
 def test_the_intervals_of_a_few_calibrations_hold_the_truth(scene, calibrations):
     names, counts = shares(scene, calibrations, 31)
     error = np.sqrt(0.95 * 0.05 / calibrations)

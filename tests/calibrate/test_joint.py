@@ -32,8 +32,14 @@ LENSES = [
 ]
 
 
-@pytest.mark.parametrize(("lens", "terms"), LENSES, ids=[lens.name for lens, _ in LENSES])
-@pytest.mark.parametrize("kind", ["flat", "deep", "mixed"])
+@pytest.mark.parametrize(
+    ("kind", "lens", "terms"),
+    [
+        pytest.param(kind, lens, terms, marks=[pytest.mark.slow] * (kind == "deep" and k > 1), id=f"{kind}-{lens.name}")
+        for kind in ("flat", "deep", "mixed")
+        for k, (lens, terms) in enumerate(LENSES)
+    ],
+)
 def test_exact_views_give_back_camera_and_poses_without_a_guess(rng, lens, terms, kind):
     """To 1e-7 of the values: the pixels carry 1e-13, the internals see them through a condition of some thousands."""
     flat, deep = [board() for _ in range(5)], [box(rng, n) for n in (12, 40, 25)]

@@ -144,6 +144,7 @@ def test_errors_are_as_large_as_their_covariance_says(job: Callable[..., Measure
         assert chi2.mean() == pytest.approx(dof[0], abs=4 * np.sqrt(4 * dof[0] / draws))
 
 
+@pytest.mark.slow
 def test_intervals_of_estimated_noise_hold_where_gauss_would_not() -> None:
     """Eight targets leave 5 degrees of freedom: 1.96 sigma holds 89 %, Student's 2.57 the 95 % asked for.
 

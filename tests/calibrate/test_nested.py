@@ -44,9 +44,11 @@ def test_parameters_with_a_prior_are_asked_about_as_well(rng):
     views = scene(rng, PLAIN, [board()] * 8).seen(rng, 0.2, stated=True)
     options = {"lens": BrownConrady(), "free_lens": ("k1",)}
     plain, near, far = (
-        asked(nested_advice(fit_jointly(views, SIZE, priors=priors, **options)), "skew")
+        ask(fit_jointly(views, SIZE, priors=priors, **options), ("skew",))
         for priors in (None, {"skew": (0.0, 1e-4)}, {"skew": (np.radians(1.0), 1e-4)})
     )
+    advised = asked(nested_advice(fit_jointly(views, SIZE, priors={"skew": (0.0, 1e-4)}, **options)), "skew")
+    assert (advised.values, advised.sigmas, advised.chance) == (near.values, near.sigmas, near.chance)
     assert near.sigmas[0] < 1e-4 < plain.sigmas[0]
     assert near.chance > 0.01
     assert far.chance < 1e-12

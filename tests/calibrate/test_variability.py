@@ -104,7 +104,14 @@ def test_noise_of_the_world_points_adds_its_part(estimate, method):
     assert_agree(monte_carlo_variability(estimate, rng=generator(), **kwargs), first, slack=0.01)
 
 
-@pytest.mark.parametrize("fixed", [{"skew": 0.0002, "aspect": 1.007}, {"a": PINHOLE.a, "X": 7.7}, {"b": PINHOLE.b}])
+@pytest.mark.parametrize(
+    "fixed",
+    [
+        {"skew": 0.0002, "aspect": 1.007},
+        {"a": PINHOLE.a, "X": 7.7},
+        pytest.param({"b": PINHOLE.b}, marks=pytest.mark.slow),
+    ],
+)
 def test_fixed_parameters_stay_out_of_it(fixed):
     held = calibrate_camera(bench(), SIZE, fixed=fixed)
     first = first_order_variability(held)

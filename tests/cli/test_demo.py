@@ -5,13 +5,17 @@ The Python of README, python.md and inspect.md runs as printed on these files.
 
 from __future__ import annotations
 
+import io
 import json
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -28,6 +32,7 @@ from cadcam.cli.demo.as_built import (
 )
 from cadcam.cli.demo.inputs import BENCH_UV, PRINTED, TRUE_CAMERA, TRUE_POSE
 from cadcam.cli.main import main
+from cadcam.cli.verbs import demo as verb
 from cadcam.files.camera import read_camera
 from cadcam.files.jsontext import parsed
 from cadcam.files.pose_estimate import pose_estimate_at
@@ -43,19 +48,38 @@ SNIPPETS = {page: re.findall(r"```python\n(.*?)```", (ROOT / page).read_text(), 
 WITHIN = 4.0  # sigmas, beyond which a figure shown is not one of its covariance: one in 16 000
 
 
+@dataclass(frozen=True)
+class Once:
+    """One demo with --json: its folder, what it printed, and what each of its commands told it."""
+
+    folder: Path
+    out: str
+    err: str
+    told: tuple[dict[str, Any], ...]
+
+
 @pytest.fixture(scope="module")
-def demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the folder that one demo has filled."""
+def once(tmp_path_factory: pytest.TempPathFactory) -> Once:
+    """Return one run, which all tests share."""
     folder = tmp_path_factory.mktemp("demo") / "new" / "folder"
-    with pytest.MonkeyPatch.context() as patch:
-        said: list[str] = []
-        patch.setattr(
-            "cadcam.cli.verbs.demo.print_tables",
-            lambda tables: said.extend(line for table in tables for line in table.lines()),
-        )
-        assert main(["demo", str(folder)]) == 0
-    (folder.parent / "said.txt").write_text("\n".join(said))
-    return folder
+    told: list[dict[str, Any]] = []
+    run = verb._run
+
+    def noted(command: list[str], *, quiet: bool) -> dict[str, Any]:
+        told.append(run(command, quiet=quiet))
+        return told[-1]
+
+    out, err = io.StringIO(), io.StringIO()
+    with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
+        patch.setattr(verb, "_run", noted)
+        assert main(["demo", str(folder), "--json"]) == 0
+    return Once(folder, out.getvalue(), err.getvalue(), tuple(told))
+
+
+@pytest.fixture(scope="module")
+def demo(once: Once) -> Path:
+    """Return the folder that one demo has filled."""
+    return once.folder
 
 
 @pytest.fixture(scope="module")
@@ -64,10 +88,25 @@ def reader_s(demo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return Path(shutil.copytree(demo, tmp_path_factory.mktemp("readme") / "demo"))
 
 
-@pytest.fixture
-def said(demo: Path) -> str:
-    """Return the tables of the demo."""
-    return (demo.parent / "said.txt").read_text()
+def tables_of(folder: Path) -> str:
+    """Return the tables of a demo without --json."""
+    said: list[str] = []
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verb, "print_tables", lambda tables: said.extend(line for t in tables for line in t.lines()))
+        assert main(["demo", str(folder)]) == 0
+    return "\n".join(said)
+
+
+@pytest.fixture(scope="module")
+def said(once: Once) -> str:
+    """Return the tables of the demo: of what its commands told, which are not run again."""
+    told = iter(once.told)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(verb, "_write_inputs", lambda folder: None)
+        patch.setattr(verb, "_run", lambda command, *, quiet: next(told))
+        tables = tables_of(once.folder)
+    assert next(told, None) is None
+    return tables
 
 
 def test_every_file_listed_is_there_and_no_other(demo: Path, said: str) -> None:
@@ -165,19 +204,22 @@ def test_the_report_shows_the_photo_and_needs_nothing_else(demo: Path) -> None:
     assert "inner longitudinal: missing" in page
 
 
-def test_json_holds_all_that_was_found_and_what_is_true_and_the_files_are_the_same_again(
-    demo: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    again = tmp_path / "json"
-    assert main(["demo", str(again), "--json"]) == 0
-    told = capsys.readouterr()
-    document = json.loads(told.out)
-    assert told.err == ""
+def test_json_holds_all_that_was_found_and_what_is_true(once: Once) -> None:
+    document = json.loads(once.out)
+    assert once.err == ""
     assert document["verified"]["verdict"] == "FAIL"
     assert document["verified_truth"] == {"displaced": {DISPLACED: [0.0, 6.0, 0.0]}, "missing": [FORGOTTEN]}
     assert document["located"]["found"] is True
-    assert {Path(file).name for file in document["files"]} == {path.name for path in again.iterdir()}
+    assert {Path(file).name for file in document["files"]} == {path.name for path in once.folder.iterdir()}
     assert [shlex.split(command)[1] for command in document["commands"]][-3:] == ["calibrate", "locate", "verify"]
+
+
+@pytest.mark.slow
+def test_files_and_tables_are_the_same_again(demo: Path, said: str, tmp_path: Path) -> None:
+    again = tmp_path / "again"
+    tables = tables_of(again).partition("\nFiles\n")[0]  # whose columns are as wide as the folder's name
+    assert tables.replace(str(again), str(demo)) == said.partition("\nFiles\n")[0]
+    assert {path.name for path in again.iterdir()} == {path.name for path in demo.iterdir()}
     pictures = [path.name for path in demo.iterdir() if path.suffix in (".png", ".svg")]
     assert len(pictures) >= 8
     for name in pictures:

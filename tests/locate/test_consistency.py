@@ -54,7 +54,9 @@ def test_cameras_that_stand_where_they_are_said_to_agree(rng: np.random.Generato
     assert normalised(found) < 2.5
 
 
-@pytest.mark.parametrize("pair", [("left", "right"), ("left", "tele"), ("tele", "right")])
+@pytest.mark.parametrize(
+    "pair", [("left", "right"), pytest.param(("left", "tele"), marks=pytest.mark.slow), ("tele", "right")]
+)
 @pytest.mark.parametrize("off", [(0.4, 0.3, 0.0), pytest.param((-0.8, 0.2, 0.3), marks=pytest.mark.slow)])
 def test_a_pose_between_two_cameras_that_disagree_is_as_unsure_as_they_make_it(
     pair: tuple[str, str], off: tuple[float, float, float], rng: np.random.Generator
@@ -92,7 +94,12 @@ def test_two_photos_that_contradict_each_other_have_no_pose(rng: np.random.Gener
 
 
 @pytest.mark.parametrize(
-    ("name", "off"), [("left", (0.7, 0.5, 0.0)), ("tele", (0.0, 0.9, 0.0)), ("right", (4.0, 3.0, 0))]
+    ("name", "off"),
+    [
+        pytest.param("left", (0.7, 0.5, 0.0), marks=pytest.mark.slow),
+        ("tele", (0.0, 0.9, 0.0)),
+        ("right", (4.0, 3.0, 0)),
+    ],
 )
 def test_of_three_cameras_the_one_that_is_off_is_left_out_and_named(
     name: str, off: tuple[float, float, float], rng: np.random.Generator

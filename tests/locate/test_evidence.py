@@ -115,7 +115,7 @@ def test_a_pose_s_own_calibration_error_counts_by_its_share(
     np.testing.assert_allclose(found.pose.from_calibration / np.outer(sd, sd), np.eye(6), atol=1e-3)
 
 
-@pytest.mark.parametrize("of", [0, 2])
+@pytest.mark.parametrize("of", [pytest.param(0, marks=pytest.mark.slow), 2])
 def test_evidence_of_any_photo_is_used_where_another_photo_disagrees(
     part: Part, pose: Rigid, clean: Picture, rng: np.random.Generator, of: int
 ) -> None:

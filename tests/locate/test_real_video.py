@@ -38,7 +38,10 @@ def sets() -> ModuleType:
     return module
 
 
-@pytest.mark.parametrize(("names", "mm", "deg"), [(("cube",), 2, 1), (("mono",), 4, 2), (("left", "right"), 4, 2)])
+@pytest.mark.parametrize(
+    ("names", "mm", "deg"),
+    [(("cube",), 2, 1), pytest.param(("mono",), 4, 2, marks=pytest.mark.slow), (("left", "right"), 4, 2)],
+)
 def test_a_video_is_followed_near_the_reference(
     shared: Callable[[str], Path], sets: ModuleType, names: tuple[str, ...], mm: float, deg: float
 ) -> None:

@@ -96,7 +96,7 @@ def test_a_dozen_poses_that_climb_hold_the_right_one_on_hatched_ground(
     assert error_px(BRACKET, CAMERA, found[0].world_from_part, pose) < RIGHT_PX
 
 
-@pytest.mark.parametrize("size", [(640, 240), (320, 480)])
+@pytest.mark.parametrize("size", [pytest.param((640, 240), marks=pytest.mark.slow), (320, 480)])
 def test_a_part_is_found_from_nothing_through_pixels_twice_as_long_as_wide(
     size: tuple[int, int], rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
 ) -> None:

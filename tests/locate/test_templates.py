@@ -27,9 +27,10 @@ except MissingCore as error:
 FEW = TemplateOptions(salient=SalientOptions(count=16))  # enough here, and quicker
 
 
-def test_a_rough_pose_becomes_a_good_one(rng: np.random.Generator) -> None:
+@pytest.mark.parametrize("poses", [1, pytest.param(3, marks=pytest.mark.slow)])
+def test_a_rough_pose_becomes_a_good_one(poses: int, rng: np.random.Generator) -> None:
     """2 px: half the width of a drawn line with its blur; a match of the wrong corner is off by 10 px and more."""
-    for _ in range(2):
+    for _ in range(poses):
         truth = pose_of(rng)
         start = off(truth, rng, degrees=5, px=15)
         matches = match_templates(block(), [photo_of(truth, rng)], start, options=FEW)

@@ -159,7 +159,7 @@ def screen() -> Mesh:
     return box((280, 60, 95), (350, 116, 97), name="screen", color=(0.5, 0.5, 0.5))
 
 
-@pytest.mark.parametrize("common_px", [0.005, 0.01, 0.02, 0.05])
+@pytest.mark.parametrize("common_px", [0.005, *(pytest.param(px, marks=pytest.mark.slow) for px in (0.01, 0.02)), 0.05])
 def test_a_search_finds_what_is_nearly_the_best_set(common_px: float) -> None:
     """The search treats the pose's error as each camera's own; of all sets its choice is worst by a tenth at most."""
     seen = survey(judged(n=8, finder=Finder(gray=0.01, contrast=0.3, floor_px=common_px)))

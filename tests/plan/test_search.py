@@ -41,7 +41,7 @@ def random_problem(seed: int, *, candidates: int = 13, targets: int = 25, seen: 
     return SelectionProblem(information[:, None], asked)
 
 
-@pytest.mark.parametrize("k", [2, 3, 4])
+@pytest.mark.parametrize("k", [2, 3, pytest.param(4, marks=pytest.mark.slow)])
 def test_the_search_is_within_five_percent_of_all_sets(k: int) -> None:
     short = []
     for seed in range(12):

@@ -66,7 +66,9 @@ def opened(scene: Scene, name: str) -> Renderer:
         pytest.skip(str(error))
 
 
-@pytest.fixture(scope="module", params=[*PARTS, *STEP])
+@pytest.fixture(
+    scope="module", params=[*PARTS, STEP[0], *(pytest.param(name, marks=pytest.mark.slow) for name in STEP[1:])]
+)
 def scene(request: pytest.FixtureRequest, shared: Callable[[str], Path]) -> Scene:
     if request.param in PARTS:
         return scene_of(PARTS[request.param]())

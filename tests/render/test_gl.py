@@ -64,7 +64,7 @@ def test_pixel_centres_on_a_common_edge_belong_to_one_of_its_faces(lens: Lens, r
     assert np.array_equal(hits, sees)
 
 
-@pytest.mark.parametrize("name", ["skewed", "Brown-Conrady", "fisheye"])
+@pytest.mark.parametrize("name", ["skewed", pytest.param("Brown-Conrady", marks=pytest.mark.slow), "fisheye"])
 def test_smooth_images_are_those_of_rays_and_leave_ids_and_depth_alone(
     name: str, bracket: tuple[GlRenderer, RayRenderer]
 ) -> None:

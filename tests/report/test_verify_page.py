@@ -314,8 +314,15 @@ def test_labels_of_many_parts_in_one_spot_stay_in_the_photo_and_apart(
     assert (f"{left_out} more below" in svg) is not all_shown
 
 
-@pytest.mark.parametrize("name", ["rib <1>", LONG])
-@pytest.mark.parametrize("width", [1280, 390])
+@pytest.mark.parametrize(
+    ("width", "name"),
+    [
+        (1280, "rib <1>"),
+        (390, LONG),
+        pytest.param(1280, LONG, marks=pytest.mark.slow),
+        pytest.param(390, "rib <1>", marks=pytest.mark.slow),
+    ],
+)
 def test_a_browser_shows_it_without_sideways_scrolling(
     found: tuple[Verification, Photo], tmp_path: Path, width: int, name: str
 ) -> None:

@@ -23,7 +23,9 @@ def stiff(rng):
     return make_hall(rng, robots=("6",), deflection_mm=1e-6)
 
 
-@pytest.mark.parametrize("rule", RULES)
+@pytest.mark.parametrize(
+    "rule", [pytest.param(rule, marks=[pytest.mark.slow] * (rule not in ("nearest", "b4"))) for rule in RULES]
+)
 def test_errors_are_those_of_the_covariance_in_a_stiff_hall(rule):
     """Twelve halls, one mark each: 24 errors, an rms of 1 +- 0.14."""
     z = []

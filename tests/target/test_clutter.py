@@ -118,7 +118,7 @@ def test_marks_fitted_on_all_cores_are_those_fitted_one_by_one(monkeypatch: pyte
         np.testing.assert_array_equal(getattr(several, name), getattr(one, name))
 
 
-@pytest.mark.parametrize("radius", [400.0, 700.0])
+@pytest.mark.parametrize("radius", [400.0, pytest.param(700.0, marks=pytest.mark.slow)])
 def test_a_huge_mark_is_fitted_to_as_many_pixels_as_tell_its_place(radius: float) -> None:
     """All along its border, and no more than a few ten thousand within and around it."""
     picture, centre, shape = _large(radius)

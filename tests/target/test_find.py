@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import cache
+
 import numpy as np
 import pytest
 
@@ -30,6 +32,7 @@ CAMERA = Camera.from_focal((320, 240), 500.0)
 RADIUS = 12.5  # px of the marks below, if upright
 
 
+@cache
 def _plate(mark: Mark, tilt: float = 0.0, **how: float) -> tuple[Picture, Array]:
     """Return a picture of 3 x 2 marks and where their centres are seen."""
     plate = MarkSheet.grid((mark,), 3, 2, 4.5 * mark.radius)
@@ -38,7 +41,10 @@ def _plate(mark: Mark, tilt: float = 0.0, **how: float) -> tuple[Picture, Array]
     pose = Rigid(np.eye(3), [1.0, 2.0, 500.0 * mark.radius / RADIUS]) @ turned @ middle
     rng = np.random.default_rng(5)
     picture = board_picture(plate, CAMERA, pose, blur_px=0.8, noise=0.01, rng=rng, **how)
-    return picture, CAMERA.project(pose @ plate.points)
+    truth = CAMERA.project(pose @ plate.points)
+    for array in (picture, truth):  # of all tests that ask for it
+        array.setflags(write=False)
+    return picture, truth
 
 
 def _errors(found: list[FoundMark], truth: Array) -> Array:
@@ -51,12 +57,19 @@ def _errors(found: list[FoundMark], truth: Array) -> Array:
 KINDS = [dot(20.0), ring(10.0, 20.0), dot_and_ring(8.0, 16.0, 24.0), angle_mark(8.0, 16.0, 24.0), inverted(dot(20.0))]
 
 
-@pytest.mark.parametrize("mark", KINDS, ids=str)
-@pytest.mark.parametrize("radius", [None, 12.0])
-def test_every_mark_is_found_and_nothing_else(mark: Mark, radius: float | None) -> None:
+@pytest.mark.parametrize(
+    ("radius", "count", "mark"),
+    [
+        *((None, None, mark) for mark in KINDS),
+        *((12.0, 6, mark) for mark in KINDS),
+        *(pytest.param(12.0, None, mark, marks=[pytest.mark.slow] * (k > 1)) for k, mark in enumerate(KINDS)),
+    ],
+    ids=str,
+)
+def test_every_mark_is_found_and_nothing_else(mark: Mark, radius: float | None, count: int | None) -> None:
     """Upright: within five of the standard deviations told and 0.004 px of drawing."""
     picture, truth = _plate(mark)
-    found = find_marks(picture, mark, radius_px=radius)
+    found = find_marks(picture, mark, radius_px=radius, count=count)
     assert len(found) == 6
     sigma = np.array([one.sigma for one in found])
     assert (np.abs(_errors(found, truth)) < 5 * sigma + 0.004).all()
@@ -104,13 +117,15 @@ def test_coded_marks_tell_their_numbers() -> None:
     assert [one.number for one in find_marks(picture, like)] == [37]
 
 
-def test_light_that_falls_threefold_loses_no_mark() -> None:
+@pytest.mark.parametrize(
+    ("radius", "count"), [(None, None), (12.0, 6), pytest.param(12.0, None, marks=pytest.mark.slow)]
+)
+def test_light_that_falls_threefold_loses_no_mark(radius: float | None, count: int | None) -> None:
     mark = dot_and_ring(8.0, 16.0, 24.0)
     picture, truth = _plate(mark)
     shaded = (picture / (1 + 2 * np.linspace(0, 1, 320))).astype(np.float32)
-    for radius in (None, 12.0):
-        found = find_marks(shaded, mark, radius_px=radius)
-        assert np.abs(_errors(found, truth)).max() < 0.05
+    found = find_marks(shaded, mark, radius_px=radius, count=count)
+    assert np.abs(_errors(found, truth)).max() < 0.05
 
 
 @pytest.mark.parametrize("rule", ["parabola", "centroid", "autocorrelation", "autocorrelation-grid"])

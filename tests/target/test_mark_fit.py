@@ -123,7 +123,9 @@ def test_marks_that_look_upright_tell_what_their_tilt_leaves_open(rng: np.random
     assert 12 < chi2 < 76
 
 
-@pytest.mark.parametrize("mark", [dot(20.0), dot_and_ring(10.0, 20.0, 30.0)], ids=str)
+@pytest.mark.parametrize(
+    "mark", [dot(20.0), pytest.param(dot_and_ring(10.0, 20.0, 30.0), marks=pytest.mark.slow)], ids=str
+)
 def test_the_covariance_is_that_of_repeated_pictures(mark: Mark, rng: np.random.Generator) -> None:
     """225 upright marks alike but for noise: variances by chi-square of 225 within 4 sqrt(2/225) = 0.38 of those told.
 
@@ -232,7 +234,7 @@ def test_what_covers_a_part_is_left_out(mark: Mark, share: float, level: float, 
     assert np.sqrt(fit.covariance[0].max()) < 0.02
 
 
-@pytest.mark.parametrize("turn", [0.0, 90.0, 180.0, 270.0])
+@pytest.mark.parametrize("turn", [0.0, 90.0, *(pytest.param(turn, marks=pytest.mark.slow) for turn in (180.0, 270.0))])
 def test_a_light_cover_is_not_taken_for_motion(turn: float, rng: np.random.Generator) -> None:
     """A cover nearly as light as the paper, from 8 px beside the centre on: left out, five sigmas of those told.
 
@@ -322,7 +324,7 @@ def _seen(sensor: Sensor, rng: np.random.Generator, mark: Mark) -> tuple[np.ndar
     return fit.q - truth, np.sqrt(np.diagonal(fit.covariance, axis1=1, axis2=2))
 
 
-@pytest.mark.parametrize("turn", [0.0, 40.0, 90.0])
+@pytest.mark.parametrize("turn", [0.0, 40.0, pytest.param(90.0, marks=pytest.mark.slow)])
 def test_a_mark_that_moves_is_known_for_it(turn: float, rng: np.random.Generator) -> None:
     """6 px of motion on discs in rings of 10 px radius: within four of the sigmas told, and those below 0.015 px.
 

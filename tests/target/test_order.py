@@ -215,7 +215,7 @@ def test_a_second_plate_in_view_is_an_alternative_and_two_views_of_one_are_not_m
     assert {tuple(found.plan_index), *map(tuple, found.alternatives)} == expected
 
 
-@pytest.mark.parametrize("count", [6, 8, 80])
+@pytest.mark.parametrize("count", [6, pytest.param(8, marks=pytest.mark.slow), 80])
 def test_a_wrong_plan_is_refused_with_how_near_the_best_order_came(count):
     rng = np.random.default_rng(count)
     q, _ = seen(rng, scattered(rng, count), tilt=20)

@@ -24,7 +24,7 @@ from .scene import part, photo, plate
 Z = np.array([0.0, 0.0, 1.0])
 
 
-@pytest.mark.parametrize("place", [ABOVE, OBLIQUE, SIDE])
+@pytest.mark.parametrize("place", [ABOVE, pytest.param(OBLIQUE, marks=pytest.mark.slow), SIDE])
 def test_one_photo_shows_the_whole_displacement_across_an_axis(place: Rigid) -> None:
     """A hole 0.6 mm off; without the axis an oblique photo shows 0.47 to 0.5 mm of it."""
     across, anyhow = within(0.3), Limit(Quantity.POSITION, 0.3)
@@ -38,7 +38,14 @@ def test_one_photo_shows_the_whole_displacement_across_an_axis(place: Rigid) -> 
         assert found[1].deviation < 0.52
 
 
-@pytest.mark.parametrize("off", [(0.0, 0.0, 0.0), (0.5, 0.0, 0.0), (-0.5, 0.0, 0.0), (0.3, 0.3, 0.0)])
+@pytest.mark.parametrize(
+    "off",
+    [
+        (0.0, 0.0, 0.0),
+        (0.5, 0.0, 0.0),
+        *(pytest.param(off, marks=pytest.mark.slow) for off in ((-0.5, 0.0, 0.0), (0.3, 0.3, 0.0))),
+    ],
+)
 def test_rims_a_few_pixels_apart_are_both_followed(off: tuple[float, float, float]) -> None:
     """Half of B's rim shows 2 to 3 px beside its other one: 0.5 mm off it was found 0.38 +- 0.01 mm off."""
     (j,) = verified(drilled(B=off), [within(0.2)], ABOVE, names=["B"], seed=3).judgements

@@ -52,7 +52,7 @@ def judged(
     return found, {j.feature: j for j in found.judgements}
 
 
-@pytest.mark.parametrize("place", [ABOVE, OBLIQUE, SIDE])
+@pytest.mark.parametrize("place", [pytest.param(ABOVE, marks=pytest.mark.slow), OBLIQUE, SIDE])
 def test_holes_that_are_off_are_as_much_nearer_or_farther(place: Rigid) -> None:
     """A is 0.4 mm off away from C, which is 0.4 mm too large; D is 0.5 mm off across its line to C."""
     wrong = {"A": (-0.4, 0.0, 0.0), "C": (0.0, 0.0, 0.2), "D": (0.5, 0.0, 0.0)}

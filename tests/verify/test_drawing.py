@@ -146,7 +146,7 @@ def test_another_system_of_datums_is_written_when_it_is_asked_for(tmp_path: Path
         as_written(PLATE, tmp_path, letters=["A", "C"])
 
 
-@pytest.mark.parametrize("number", [1, 2, 3, 4, 5])
+@pytest.mark.parametrize("number", [1, 3, 5, *(pytest.param(number, marks=pytest.mark.slow) for number in (2, 4))])
 def test_of_nist_s_test_cases_nothing_is_dropped_unsaid(
     tmp_path: Path, shared: Callable[[str], Path], number: int
 ) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
@@ -55,6 +56,12 @@ def taken(mesh: Mesh, rng: np.random.Generator, *, dark: bool = False) -> Photo:
     return Photo.of(to_gray(picture), CAMERA, POSE)
 
 
+@cache
+def whole() -> Photo:
+    """Return a photo of the part with all its screws."""
+    return taken(screwed(), np.random.default_rng(0))
+
+
 def without(name: str) -> Mesh:
     mesh = screwed()
     return mesh.select(mesh.part != mesh.part_names.index(name))
@@ -96,20 +103,20 @@ def test_the_verdict_says_what_of_a_flush_screw_is_seen(two_of_three: tuple[Phot
 
 def test_a_head_and_its_socket_are_two_patches_and_a_cone_is_few() -> None:
     """Head and socket face one way; the cone of a hole has 40 sides, each of them a surface of its own."""
-    photo, body = taken(screwed(), np.random.default_rng(0)), screwed().part_names.index("screw 2")
-    whole = ShownFaces.of(part(), photo, Rigid())
+    photo, body = whole(), screwed().part_names.index("screw 2")
+    shown = ShownFaces.of(part(), photo, Rigid())
     x, y = SCREWS["screw 2"]
     head, socket = ([x + 0.75 * RADIUS, y, HIGH], [x, y, HIGH - 0.51 * RADIUS])
     (a, b), (c, d) = np.rint(CAMERA.project(POSE @ np.array([head, socket]))).astype(int)
-    of = whole.face[[b, d], [a, c]]
-    assert len(set(whole.surface[of])) == 1
-    assert len(set(whole.patch[of])) == 2
-    behind = whole.uncovered(part(), photo, Rigid(), body)
-    cone = np.unique(behind.face[whole.shows(body)])
+    of = shown.face[[b, d], [a, c]]
+    assert len(set(shown.surface[of])) == 1
+    assert len(set(shown.patch[of])) == 2
+    behind = shown.uncovered(part(), photo, Rigid(), body)
+    cone = np.unique(behind.face[shown.shows(body)])
     cone = cone[np.abs(behind.normal[cone, 2] - 0.7) < 0.1]
     assert len(set(behind.surface[cone])) > 15
     assert len(set(behind.patch[cone])) < 10
-    assert not set(behind.patch[cone]) & set(whole.patch)
+    assert not set(behind.patch[cone]) & set(shown.patch)
 
 
 def test_a_hole_that_is_black_all_over_is_no_screw_of_that_tone() -> None:
@@ -139,10 +146,10 @@ def test_a_black_screw_is_not_taken_for_its_hole(rng: np.random.Generator) -> No
     assert all(found.feature(name).presence.log_ratio > -1 for name in SCREWS)
 
 
-@pytest.mark.parametrize("tone", [0.05, 0.3, 0.75])
+@pytest.mark.parametrize("tone", [0.05, pytest.param(0.3, marks=pytest.mark.slow), 0.75])
 def test_a_screw_under_a_patch_of_one_tone_is_neither_there_nor_gone(tone: float, rng: np.random.Generator) -> None:
     """Whatever that tone: a dark one resembles a hole, a light one a head, but neither as much as a patch."""
-    photo, body = taken(screwed(), rng), screwed().part_names.index("screw 2")
+    photo, body = whole(), screwed().part_names.index("screw 2")
     patch = ShownFaces.of(part(), photo, Rigid()).shows(body)
     covered = np.where(patch, tone + rng.normal(0, 0.01, patch.shape), photo.gray).astype(np.float32)
     found = inspect(part(), [Photo.of(np.clip(covered, 0, 1), CAMERA, POSE)], Rigid()).feature("screw 2")
