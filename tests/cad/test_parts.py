@@ -94,7 +94,7 @@ def closed_parts(mesh: Mesh) -> bool:
     return bool((edge_table(mesh).count == 2).all())
 
 
-@pytest.mark.parametrize("triangles", [6_000, 10_000, 33_000, 100_000])
+@pytest.mark.parametrize("triangles", [6_000, 10_000, 33_000, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_a_ship_block_has_about_the_triangles_asked_for_in_closed_plates(triangles: int) -> None:
     block = ship_block(triangles=triangles)
     assert block.n_faces == pytest.approx(triangles, rel=0.1)

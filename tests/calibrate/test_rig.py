@@ -84,6 +84,7 @@ def held(rng: np.random.Generator, rounds: int) -> dict[str, int]:
     return inside
 
 
+@pytest.mark.slow
 def test_intervals_hold_as_often_as_they_say(rng):
     """24 rigs: each count within the 1e-4 tails of the binomial."""
     low, high = binom.ppf([1e-4, 1 - 1e-4], 24, 0.95)

@@ -53,8 +53,16 @@ def test_every_lens_is_sampled():
     assert {type(lens) for lens in SAMPLES} == set(LENSES.values())
 
 
-@pytest.mark.parametrize("free", [NAMES, ("X", "b", "c", "focal"), ("a",), EXTERNALS], ids="-".join)
-@pytest.mark.parametrize("lens", SAMPLES, ids=lambda x: x.name)
+@pytest.mark.parametrize(
+    ("lens", "free"),
+    [
+        pytest.param(
+            lens, free, marks=[pytest.mark.slow] * (k > 1 and free != NAMES), id=f"{lens.name}-{'-'.join(free)}"
+        )
+        for k, lens in enumerate(SAMPLES)
+        for free in (NAMES, ("X", "b", "c", "focal"), ("a",), EXTERNALS)
+    ],
+)
 def test_the_jacobian_is_that_of_the_models_own_step(lens, free):
     """Central differences through `retract`; a step of h leaves h^2 of curvature: 1e-7 of the column."""
     model, state = scene(lens, free)

@@ -220,8 +220,14 @@ def test_of_a_disc_the_angle_is_anything(noise: tuple[float, float], rng: np.ran
         assert not told.along
 
 
-@pytest.mark.parametrize("noise", NOISES)
-@pytest.mark.parametrize("kind", ["corner", "grid"])
+@pytest.mark.parametrize(
+    ("kind", "noise"),
+    [
+        pytest.param(kind, noise, marks=[pytest.mark.slow] * (kind == "grid" and noise in NOISES[:2]))
+        for kind in ("corner", "grid")
+        for noise in NOISES
+    ],
+)
 def test_what_has_a_place_is_not_called_undetermined(
     kind: str, noise: tuple[float, float], rng: np.random.Generator
 ) -> None:

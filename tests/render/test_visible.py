@@ -91,7 +91,7 @@ def test_the_ship_block_agrees_with_the_double_precision_judge(
     assert share_wrong(Scene.of(mesh), camera_of(size), pose, 6000, rng) <= 0.001
 
 
-@pytest.mark.parametrize("number", [1, 3, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("number", [1, *(pytest.param(number, marks=pytest.mark.slow) for number in (3, 5))])
 def test_step_parts_agree_with_the_double_precision_judge(
     number: int, shared: Callable[[str], Path], rng: np.random.Generator
 ) -> None:

@@ -211,6 +211,7 @@ BENCH = np.array(
 BENCH_CAMERA = (7.7, 416.3, -210.4, *np.radians([-9.04, -9.44, -2.36]), 1.007, 805.9, np.radians(0.01), 319.7, 354.7)
 
 
+@pytest.mark.slow
 def test_the_dissertation_s_bench_is_calibrated_from_pictures_of_its_targets() -> None:
     """Table 2.3's targets drawn with Table 2.9's camera, noise 3 of 255, found and calibrated: the camera comes back.
 

@@ -49,7 +49,7 @@ def test_a_hole_s_two_rims_in_view_are_not_taken_for_each_other(wrong: tuple[flo
     assert size.verdict is Verdict.FAIL
 
 
-@pytest.mark.parametrize("place", [OBLIQUE, SIDE])
+@pytest.mark.parametrize("place", [pytest.param(OBLIQUE, marks=pytest.mark.slow), SIDE])
 def test_holes_off_their_places_or_too_large_are_told_apart(place: Rigid) -> None:
     """A is 0.6 mm off, B 0.5 mm too large, C both, D right: each value within U (k 3), which is small."""
     found = verified(drilled(**WRONG), [within(0.3), SIZE], place, names=["A", "B", "C", "D"])

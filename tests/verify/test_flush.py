@@ -52,7 +52,7 @@ def taken(mesh: Mesh, rng: np.random.Generator, *, dark: bool = False) -> Photo:
     if dark:
         mesh = replace(mesh, part_colors=np.where([[n in SCREWS] for n in mesh.part_names], 0.05, mesh.part_colors))
     view = Photographer(Scene.of(mesh, edges=NO_EDGES))
-    picture = view.photograph(CAMERA, POSE, sensor=preset("global-shutter"), rng=rng, samples=16, background=GROUND)
+    picture = view.photograph(CAMERA, POSE, sensor=preset("global-shutter"), rng=rng, samples=8, background=GROUND)
     return Photo.of(to_gray(picture), CAMERA, POSE)
 
 
