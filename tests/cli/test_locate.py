@@ -331,7 +331,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("name", CASES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * name.startswith("upside down")) for name in CASES]
+)
 def test_what_is_not_there_is_not_found(cadcam: Cadcam, here: Path, name: str) -> None:
     case = CASES[name]
     case.spoil(here)

@@ -125,7 +125,7 @@ def test_each_pixel_centre_of_large_pictures_sees_what_brute_force_sees(name: st
             print(f"{len(scene.mesh.faces):6} faces, {name:13} {kind:6} {differ} pixels see another face")
 
 
-@pytest.mark.parametrize("name", ["plain", "skewed"])
+@pytest.mark.parametrize("name", [pytest.param("plain", marks=pytest.mark.slow), "skewed"])
 @pytest.mark.parametrize("kind", RENDERERS)
 def test_smooth_coverage_is_the_share_of_samples_that_brute_force_finds(kind: str, name: str, bracket: Scene) -> None:
     """raster without a tolerance; for the others few samples lie so close to an outline."""

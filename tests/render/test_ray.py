@@ -111,7 +111,9 @@ def misplaced(rendering: Camera, camera: Camera, n: int) -> tuple[float, int]:
     return worst, close
 
 
-@pytest.mark.parametrize("name", CAMERAS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[pytest.mark.slow] * (name == "skewed")) for name in CAMERAS]
+)
 def test_silhouettes_lie_on_the_analytic_projection(name: str) -> None:
     """A pixel centre tells on which side of it the outline runs, so centres close to it measure it closely.
 

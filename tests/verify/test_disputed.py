@@ -100,7 +100,13 @@ def test_a_good_part_is_judged_by_the_cameras_that_agree() -> None:
     assert {e.photo for e in verdict.inspection.edges} == {0, 2}
 
 
-@pytest.mark.parametrize(("off", "names"), [((0.5, 0.0, 0.0), ("front", "left")), ((0.25, 0.0, 0.0), tuple(VIEWS))])
+@pytest.mark.parametrize(
+    ("off", "names"),
+    [
+        ((0.5, 0.0, 0.0), ("front", "left")),
+        pytest.param((0.25, 0.0, 0.0), tuple(VIEWS), marks=pytest.mark.slow),
+    ],
+)
 def test_cameras_are_judged_by_that_are_off_by_no_more_than_calibrations_are(
     off: tuple[float, float, float], names: tuple[str, ...]
 ) -> None:
