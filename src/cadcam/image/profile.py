@@ -32,7 +32,8 @@ from cadcam.arrays import Array, Mask, Picture, quantile
 from cadcam.native import profiles
 from cadcam.native.profiles import StepCells
 
-DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
+# Beyond these a pixel is clipped: white in a JPEG file ripples, by 2 % where its quality is 85.
+DARK, BRIGHT = 0.002, 0.975
 # Share of white pixels from which the slope of a cell's white side is unknown, and what it then is by (sd), 1/px
 _WHITE, _BEYOND_WHITE = 0.1, 0.01
 _ROWS = 48  # rows of a photo from which its noise is estimated
