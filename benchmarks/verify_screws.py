@@ -215,8 +215,8 @@ def pictured(number: int, seed: int, folder: Path) -> tuple[Photo, Mesh, Rigid, 
     with np.load(kept) as file:
         clean, made_of = file["radiance"].astype(np.float64), str(file["made_of"])
     noise = np.random.default_rng([seed, number, 1]).normal(0, NOISE, clean.shape)
-    gray = np.round(np.clip(0.8 * clean / np.quantile(clean, 0.98), 0, 1) * 255 + 255 * noise) / 255
-    return Photo.of(np.clip(gray, 0, 1).astype(np.float32), CAMERA), mesh, pose, gone, made_of
+    gray = np.round(np.clip(0.8 * clean / np.quantile(clean, 0.98) + noise, 0, 1) * 255) / 255
+    return Photo.of(gray.astype(np.float32), CAMERA), mesh, pose, gone, made_of
 
 
 def study(number: int, seed: int, folder: Path, counts: Counter[tuple[bool, bool, str]]) -> None:

@@ -92,7 +92,8 @@ def test_without_slopes_of_its_own_on_either_side_a_fit_follows_the_light() -> N
 def test_a_twin_line_in_the_cell_does_not_draw_the_step(slant: float) -> None:
     """And the negative control: not told of it, the fit is off by a tenth of a pixel and more."""
     y, x = np.mgrid[:64, :64] - 31.5
-    gray = picture(0.0, 0.0) + (0.5 * ndtr((x - 4.0 - slant * y) / BLUR)).astype(np.float32)
+    light = picture(0.0, 0.0) + 0.5 * ndtr((x - 4.0 - slant * y) / BLUR)
+    gray = (0.7 * light).astype(np.float32)  # at most 0.93: none of it white
     twins = np.array([[[-np.inf, 0.0], [4.0, slant]]])
     assert abs(position(cell(gray, 0.0, half_length=2.0, twins=twins))) < 1e-3  # a slanted step looks wider across it
     assert abs(position(cell(gray, 0.0, half_length=2.0))) > 0.1
@@ -101,6 +102,29 @@ def test_a_twin_line_in_the_cell_does_not_draw_the_step(slant: float) -> None:
 def test_a_cell_that_leaves_the_picture_tells_nothing_and_a_clipped_one_says_so() -> None:
     assert np.isnan(cell(picture(0.0, 0.0), 0.0, reach=40.0).contrast[0])
     assert cell(np.clip(picture(0.0, 0.0, contrast=1.0), 0, 1), 0.0).clipped[0] == pytest.approx(0.5, abs=0.1)
+
+
+@pytest.mark.parametrize("contrast", [0.75, 1.0, 1.3])
+def test_a_step_up_to_white_is_where_the_light_steps(contrast: float, rng: np.random.Generator) -> None:
+    """From 0.3 to 1.05, 1.3 and 1.6, of which 1 is shown; mean and spread within what is stated, of 200 pictures."""
+    light, sigma = picture(0.7, 0.0, slope=0.0, contrast=contrast), 0.01
+    found = [
+        cell(np.clip(light + sigma * rng.normal(size=light.shape), 0, 1).astype(np.float32), 0.7) for _ in range(200)
+    ]
+    z = [position(one) * one.contrast[0] / one.sd_moment[0] for one in found]
+    assert abs(np.mean(z)) < 0.5  # what noise leaves out of pixels next to white leans to the dark, within half a sd
+    assert np.std(z) == pytest.approx(1.0, abs=4 / np.sqrt(2 * 200))
+    assert np.mean([one.contrast[0] for one in found]) == pytest.approx(contrast, rel=0.05)
+
+
+def test_taken_for_what_it_looks_like_a_step_up_to_white_lies_in_the_dark() -> None:
+    """The negative control: by a third of a pixel."""
+    shown = np.clip(picture(0.0, 0.0, slope=0.0, contrast=1.3), 0, 1)
+    side = np.array([6.0])
+    one = StepCells(np.array([[31.5, 31.5]]), np.array([[1.0, 0.0]]), side, side, 5.0, BLUR)
+    taken = profiles.steps(profiles.step_sums(shown, one, dark=-1.0, bright=2.0), np.full((1, 2), np.inf))
+    assert -taken[0, 1] / taken[0, 0] < -0.3
+    assert abs(position(cell(shown, 0.0))) < 0.01
 
 
 def test_every_instruction_set_gives_the_same_steps(rng: np.random.Generator) -> None:

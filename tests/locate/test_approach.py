@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cadcam.cad.parts import machined_bracket
+from cadcam.cad.mesh import merge
+from cadcam.cad.parts import machined_bracket, shape
 from cadcam.cad.read import read_model
 from cadcam.camera.camera import Camera
 from cadcam.camera.lens import Division
@@ -17,10 +18,12 @@ from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture
+from cadcam.locate import in_photos
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.search.approach import Reach, approach
+from cadcam.locate.search.hypothesis import Hypothesis
 
 from ..cad.solids import box
 from .photos import CAMERA, error_px, photo, view
@@ -173,3 +176,42 @@ def test_a_start_outside_says_where_it_is_and_what_may_be_wrong(
     with pytest.raises(NothingInView, match=why) as caught:
         approach(BRACKET, [photo(BRACKET, POSE, rng)], start)
     assert f"({x:.4g}, {y:.4g}, {z:.4g}) mm" in str(caught.value)
+
+
+BAY = 100.0  # mm
+LADDER = merge(
+    [
+        shape.box((-600, -60, -10), (600, 60, 0), name="plate"),
+        *(shape.box((x - 6, -40, 0), (x + 6, 40, 50), name=f"rib {k}") for k, x in enumerate(np.arange(-5, 6) * BAY)),
+    ]
+)
+
+
+def test_of_equal_bays_the_one_within_reach_of_the_start_is_found(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """What a hypothesis leads to one bay on fits as well; it is an alternative."""
+    part = Part.of(LADDER)
+    pose = Rigid.look_at(np.array([60.0, -260.0, 320.0]), np.array([0.0, 0.0, 10.0]))
+    on = Rigid(np.eye(3), np.array([BAY, 0.0, 0.0]))
+    monkeypatch.setattr(in_photos, "approach", lambda *_, **__: [Hypothesis(pose @ on, 10.0, 4.0)])
+    shown = photo(part, pose, rng)
+    found = in_photos.locate_part(part, [shown], pose @ Rigid.exp(np.array([1.0, -1.0, 1.0, 2e-3, 0, 1e-3])))
+    assert found.found
+    assert error_px(part, CAMERA, found.pose.world_from_part, pose) < RIGHT_PX
+    bays = [(pose.inv @ other.pose.world_from_part).translation[0] / BAY for other in found.alternatives]
+    assert bays == pytest.approx([1.0], abs=0.02)
+
+
+def test_a_start_holds_what_is_twice_as_far_off_as_it_may_be() -> None:
+    middle, focal = POSE @ BRACKET.aspects.centre, float(CAMERA.K[0, 0])
+    away = float(np.linalg.norm(middle))
+    side = np.cross(middle, [0.0, 1.0, 0.0]) / np.linalg.norm(np.cross(middle, [0.0, 1.0, 0.0]))
+    reach, shown = Reach(rotation_deg=10.0, shift_px=20.0, depth=0.1), Photo.of(np.zeros((480, 640)), CAMERA)
+    for share, holds in ((1.99, True), (2.01, False)):
+        others = (
+            off(BRACKET, POSE, (0, 10.0 * share, 0), 0, 0),
+            off(BRACKET, POSE, (0, 0, 0), 0, -0.1 * share),
+            Rigid(POSE.rotation, POSE.translation + 20.0 * share * away / focal * side),
+        )
+        assert [reach.holds(BRACKET, [shown], POSE, other) for other in others] == [holds] * 3

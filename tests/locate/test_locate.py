@@ -71,12 +71,13 @@ def test_a_start_that_no_approach_helps_is_refined_nearby_before_far_off(
     assert asked == [EDGES.search_px] * 2
 
 
+@pytest.mark.parametrize(("aside_mm", "doubted"), [(75.0, True), (75.0, False), (150.0, False)])
 def test_a_start_better_than_what_its_approach_leads_to_is_preferred(
-    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch, aside_mm: float, doubted: bool
 ) -> None:
-    """From within a part, an approach may lead to a pose that is half believed, far off a start nearly right."""
+    """An approach may lead to a pose that is half believed, or farther off than the start may be."""
     pose, asked = pose_of(rng), []
-    aside = Rigid(translation=[150.0, 0, 0]) @ pose
+    aside = Rigid(translation=[aside_mm, 0, 0]) @ pose
 
     def half_believed(asks: Refinement, start: Rigid) -> object:
         asked.append(start)
@@ -85,10 +86,10 @@ def test_a_start_better_than_what_its_approach_leads_to_is_preferred(
 
     monkeypatch.setattr("cadcam.locate.in_photos.approach", lambda *_, **__: [Hypothesis(aside, 1.0, 8.0)])
     monkeypatch.setattr(Refinement, "around", half_believed)
-    for doubted in (True, False):
-        found = locate_part(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
-        assert (largest_miss(found.pose.world_from_part, pose) < 1) == doubted
-    assert len(asked) == 3
+    found = locate_part(block(), [photo_of(pose, rng)], off(pose, rng, degrees=1, px=2))
+    sure = not doubted and aside_mm < 100.0
+    assert (largest_miss(found.pose.world_from_part, pose) < 1) == (not sure)
+    assert len(asked) == (1 if sure else 2)
 
 
 def test_a_start_without_promise_is_not_fitted_and_one_with_it_is(rng: np.random.Generator) -> None:

@@ -28,7 +28,7 @@ static void beside_lines(const cc_picture *picture, int n, const double *q, cons
     double *number = malloc((size_t)(n * bins) * 8 + 1), *variance = malloc((size_t)n * 8 + 1);
     double *known = doubles(n * CC_BAND_KNOWN, 8), *room = doubles(2 * n, 8), *tried = doubles(tries, 8);
     double *gain = malloc((size_t)(n * tries) * 8 + 1);
-    cc_step_residuals(picture, n, q, normal, below, above, twins, half_length, blur, sums, bins, width, left);
+    cc_step_residuals(picture, n, q, normal, below, above, twins, half_length, blur, 0.998, sums, bins, width, left);
     for (int i = 0; i < n; i++) {
         memcpy(rest + i * bins, left + i * all, (size_t)bins * 8);
         memcpy(number + i * bins, left + i * all + bins, (size_t)bins * 8);

@@ -101,6 +101,7 @@ def test_numbers_that_python_and_the_core_both_state_are_the_same() -> None:
     stated = {name: int(value) for name, value in re.findall(r"\b(CC_[A-Z_]+)(?: =)? (\d+)\b", text)}
     ours = {
         "CC_STEP_SUMS": profiles.STEP_SUMS,
+        "CC_STEP_ALL": profiles.STEP_ALL,
         "CC_STEP_TERMS": profiles.STEP_TERMS,
         "CC_BAND_BINS": profiles.BAND_BINS,
         "CC_BAND_KNOWN": profiles.BAND_KNOWN,

@@ -12,6 +12,10 @@ light reflected between the faces of an inner corner bends the brightness on eac
 it. They also increase the noise of the position most: each is held near zero according to its prior variance (a ridge).
 Another line of the model in the cell, the far border of a thin plate, is one more step at a known place.
 
+A white pixel says that the light was at least that: it is left out. How high a step up to white is, and so where it
+is, follows from the blurred rest of it; taken as what it looks like, it would lie too far on the dark side, by up to
+the blur.
+
 Bound: with everything but the position known, a cell of length L has variance 2 sqrt(pi) s sigma^2 / (c^2 L), the
 Cramer-Rao bound; the fit reaches 1.1 times its root on wide cells with level ground, 1.6 with both slopes free.
 """
@@ -24,11 +28,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Picture, quantile
+from cadcam.arrays import Array, Mask, Picture, quantile
 from cadcam.native import profiles
 from cadcam.native.profiles import StepCells
 
-DARK, BRIGHT = 0.002, 0.998  # beyond these a pixel is clipped
+# Beyond these a pixel is clipped: white in a JPEG file ripples, by 2 % where its quality is 85.
+DARK, BRIGHT = 0.002, 0.975
+# Share of white pixels from which the slope of a cell's white side is unknown, and what it then is by (sd), 1/px
+_WHITE, _BEYOND_WHITE = 0.1, 0.01
 _ROWS = 48  # rows of a photo from which its noise is estimated
 _SHARP = 0.8  # px: blur of a sharp photo
 _BLURS = np.array([0.5, 0.7, 0.95, 1.3, 1.8, 2.5, 3.5])  # px, tried in `blur_of`
@@ -63,6 +70,13 @@ class Steps:
     sd_moment: Array
     clipped: Array
 
+    def without(self, which: Mask) -> Steps:
+        """Return the steps with some (N,) of them unknown, nan."""
+        known = np.where(which, np.nan, 1.0)
+        c, g, noise = (a * known for a in (self.contrast, self.moment, self.noise))
+        sd_c, sd_g = self.sd_contrast * known, self.sd_moment * known
+        return Steps(c, g, self.slopes * known[:, None], noise, sd_c, sd_g, self.clipped)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class StepSums:
@@ -70,13 +84,19 @@ class StepSums:
 
     sums: Array
 
+    @property
+    def white(self) -> Array:
+        """Return the share (N,) of each cell's pixels that are white."""
+        return 1 - self.sums[:, 0] / np.maximum(self.sums[:, profiles.STEP_ALL], 1)
+
     def solved(self, held: Array, *, noise: float = 0.0) -> Steps:
         """Return the steps.
 
         held (N, 2): variance of a pixel over that of the slopes below and above; 0 leaves a slope free and inf makes it
         0. noise: least sd of a pixel.
         """
-        out = profiles.steps(self.sums, held)
+        least = (max(noise, _QUANTISED) / _BEYOND_WHITE) ** 2 * (self.white > _WHITE)
+        out = profiles.steps(self.sums, np.maximum(held, least[:, None]))
         c, g, _, _, noise_of_cell, Qcc, Qgg, _, clipped = out.T
         sd = np.maximum(noise_of_cell, max(noise, _QUANTISED))
         return Steps(c, g, out[:, 2:4], sd, sd * np.sqrt(Qcc), sd * np.sqrt(Qgg), clipped)
@@ -95,7 +115,7 @@ def step_rests(
     For N cells: their sums and numbers of pixels (N, bins), in bins of `width` px centred at the line, and the variance
     (N,) of a pixel; brightness. sums: those of these cells.
     """
-    return profiles.step_residuals(gray, cells, sums.sums, bins=bins, width=width)
+    return profiles.step_residuals(gray, cells, sums.sums, bright=BRIGHT, bins=bins, width=width)
 
 
 def noise_of(gray: Picture) -> float:

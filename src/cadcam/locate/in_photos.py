@@ -75,6 +75,11 @@ class _LocateTask:
         """Return a location as not found where it does not lie on a plane that is known."""
         return location if self.lying is None else self.lying.checked(location)
 
+    def holds(self, location: Location) -> bool:
+        """Return whether a location is about as near the start as it should be; any is where there is no start."""
+        pose = location.pose.world_from_part
+        return self.start is None or self.reach.holds(self.part, self.photos, self.start, pose)
+
     def alike(self, best: Location) -> list[Location]:
         """Return the other poses of a symmetric part; none from a start, which chooses among them."""
         return equivalent(self.part, best, self.lying) if self.start is None else []
@@ -136,7 +141,8 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
     none_clear = not any(clear(trial) for trial in trials if trial.location.found)
     trials += _start_refined(task, hypotheses, trials, basins)
     rivals = Rivals(task.part, task.photos, task.freedom, task.options, task.chosen)
-    ranked = _led_by_own_lines(_ranked(trials), rivals)
+    near, beyond = _within_reach(task, trials)
+    ranked = [*_led_by_own_lines(_ranked(near), rivals), *beyond]
     best = ranked[0].location
     alike = task.alike(best)
     if not best.found:
@@ -203,9 +209,11 @@ def _start_refined(
     Lines are searched for nearby and, only while nothing at all is found, as far away as the start may be off: a pose
     found in a lattice of equal bays may be one bay off, but then the start is near enough.
     """
+    if task.start is None:
+        return []
     certain = [trial.location for trial in trials if trial.location.found and not trial.location.doubted]
     quality = max((location.quality for location in certain), default=0.0)
-    if task.start is None or quality >= _SURE:
+    if any(location.quality >= _SURE and task.holds(location) for location in certain):
         return []
     score = max(h.score for h in hypotheses)  # nothing is likelier than a good start
     near = task.options.search_px
@@ -221,6 +229,18 @@ def _start_refined(
         done.append(location)
         basins.add(location, sights)
     return [Trial(score, location) for location in done]
+
+
+def _within_reach(task: _LocateTask, trials: Sequence[Trial]) -> tuple[list[Trial], list[Trial]]:
+    """Return the trials within reach of the start, if one of them is as good as any, and the others without a score.
+
+    Of equal bays refining may lead one bay on, where a part whose bodies are not all in place fits no worse.
+    """
+    near = [trial for trial in trials if task.holds(trial.location)]
+    least = max(FOUND, max(trial.location.quality for trial in trials) - _AS_GOOD)
+    if all(trial.location.quality < least for trial in near):
+        return list(trials), []
+    return near, [trial._replace(score=0.0) for trial in trials if not task.holds(trial.location)]
 
 
 def _ranked(trials: Sequence[Trial]) -> list[Trial]:

@@ -19,8 +19,10 @@ CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *
 
 CC_API void cc_step_residuals(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                               const double *below, const double *above, const double *twins, double half_length,
-                              double blur, const double *sums, int32_t bins, double width, double *out) {
-    IN_USE(step_residuals)(picture, n, q, normal, below, above, twins, half_length, blur, sums, bins, width, out);
+                              double blur, double bright, const double *sums, int32_t bins, double width,
+                              double *out) {
+    IN_USE(step_residuals)(picture, n, q, normal, below, above, twins, half_length, blur, bright, sums, bins, width,
+                           out);
 }
 
 CC_API void cc_candidates(const cc_picture *picture, int64_t n, const double *q, const double *normal,

@@ -20,14 +20,17 @@ typedef struct {
  *     I(d) = a + b (d - r(d)) + e r(d) + c Phi(d/blur) + g phi(d/blur)/blur,    r(d) = d Phi(d/blur) + blur phi(d/blur)
  * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. twins: two a
  * sample, one below and one above, (d, slope): a line of the model that steps at d + slope t, t along the line;
- * infinite where there is none. Pixels outside dark..bright count as clipped.
+ * infinite where there is none. Pixels no darker than `bright`, white, are left out: the light was that or more. They
+ * count as clipped, and so do those no brighter than `dark`.
  *
- * cc_step_sums writes what the pixels of each cell add up to, CC_STEP_SUMS doubles; cc_steps solves for the steps.
+ * cc_step_sums writes what the pixels of each cell add up to, CC_STEP_SUMS doubles, the first the number of pixels in
+ * use, number CC_STEP_ALL that of all; cc_steps solves for the steps.
  * The slopes are held near 0 with the weights held[2 i], held[2 i + 1], the variance of a pixel over that of the
  * slope. It writes CC_STEP_TERMS doubles a sample: c, g, b, e, sd of the noise, cofactors Qcc Qgg, number of pixels,
  * share of clipped ones; all NaN where the cell leaves the picture or its equations are singular. The step lies at -g/c
  * to first order. */
 #define CC_STEP_SUMS 39
+#define CC_STEP_ALL 36
 #define CC_STEP_TERMS 9
 CC_API void cc_step_sums(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                          const double *below, const double *above, const double *twins, double half_length, double blur,
@@ -39,7 +42,8 @@ CC_API void cc_steps(int64_t n, const double *sums, const double *held, double *
  * pixel; all 0 where there is no step. The other arguments are those that the sums were made with. */
 CC_API void cc_step_residuals(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                               const double *below, const double *above, const double *twins, double half_length,
-                              double blur, const double *sums, int32_t bins, double width, double *out);
+                              double blur, double bright, const double *sums, int32_t bins, double width,
+                              double *out);
 
 /* What steps beside lines explain of what is left over in n stretches of cells: of its sums `rest` and numbers of
  * pixels `number` (n, bins <= CC_BAND_BINS), bins as above. variance (n): of a pixel. known (n, CC_BAND_KNOWN): places

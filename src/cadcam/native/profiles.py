@@ -12,7 +12,7 @@ from cadcam.arrays import Array, Ids, Longs, Picture
 from cadcam.errors import BadValue, NotEnoughMemory
 from cadcam.native.core import addresses, doubles, functions
 
-STEP_SUMS, STEP_TERMS = 39, 9  # CC_STEP_SUMS, CC_STEP_TERMS
+STEP_SUMS, STEP_ALL, STEP_TERMS = 39, 36, 9  # CC_STEP_SUMS, CC_STEP_ALL, CC_STEP_TERMS
 BAND_BINS, BAND_KNOWN = 32, 3  # CC_BAND_BINS, CC_BAND_KNOWN
 LENS, PULLED, MOST_STEPS = 12, 9, 16  # CC_LENS; motions of cc_pull; CC_MOST_STEPS
 _ALONE = np.array([[-np.inf, 0.0], [np.inf, 0.0]])  # no twins
@@ -30,7 +30,7 @@ def _core() -> c.CDLL:
         {
             "cc_step_sums": (None, [picture, i64, *[pointer] * 5, *[real] * 4, pointer]),
             "cc_steps": (None, [i64, *[pointer] * 3]),
-            "cc_step_residuals": (None, [picture, i64, *[pointer] * 5, real, real, pointer, i32, real, pointer]),
+            "cc_step_residuals": (None, [picture, i64, *[pointer] * 5, *[real] * 3, pointer, i32, real, pointer]),
             "cc_band_gains": (i32, [i64, i32, real, real, *[pointer] * 5, i32, pointer, pointer]),
             "cc_candidates": (None, [picture, i64, pointer, pointer, real, i32, real, i32, pointer, pointer]),
             "cc_values_at": (None, [picture, i32, i64, pointer, pointer]),
@@ -98,7 +98,7 @@ def steps(sums: Array, held: Array) -> Array:
 
 
 def step_residuals(
-    gray: Picture, cells: StepCells, sums: Array, *, bins: int, width: float
+    gray: Picture, cells: StepCells, sums: Array, *, bright: float, bins: int, width: float
 ) -> tuple[Array, Array, Array]:
     """Return what steps leave over of each cell's pixels: sums and numbers (n, bins), a pixel's variance (n,).
 
@@ -107,7 +107,7 @@ def step_residuals(
     gray, arrays = np.ascontiguousarray(gray, np.float32), [*cells.doubles(), *doubles(sums)]
     out = np.zeros((len(cells), 2 * bins + 1))
     size, (*places, of) = (cells.half_length, cells.blur), addresses(*arrays)
-    _core().cc_step_residuals(_picture(gray), len(out), *places, *size, of, bins, width, out.ctypes.data)
+    _core().cc_step_residuals(_picture(gray), len(out), *places, *size, bright, of, bins, width, out.ctypes.data)
     return out[:, :bins], out[:, bins : 2 * bins], out[:, -1]
 
 

@@ -6,7 +6,7 @@
 
 enum { OWN = 5, TERMS = OWN + 2, CHUNK = 256, SUMS = TERMS * (TERMS + 1) / 2 + TERMS + 1 };
 enum { COUNTED = SUMS, CLIPPED, OF_TERMS }; /* what follows the sums in the caller's memory */
-_Static_assert(OF_TERMS + 1 == CC_STEP_SUMS, "profile.h says how much memory that is");
+_Static_assert(OF_TERMS + 1 == CC_STEP_SUMS && COUNTED == CC_STEP_ALL, "profile.h says where they are");
 #define TWIN 1e-4 /* variance of a pixel over that of a twin's contrast: a weak prior, for twins that are not visible */
 #define HELD 1e12  /* practically infinite */
 #define SPREAD 3.0 /* blurs beyond which a step is level */
@@ -80,7 +80,8 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
         d4 f[TERMS], d = *(const d4 *)(p->d + k), value = *(const d4 *)(p->value + k), step, bell;
         bell_and_step(d * sharp, &bell, &step);
         const l4 there = *(const d4 *)COUNT < (double)(p->n - k); /* the last vector may be padded */
-        f[0] = (d4)((l4)(d4){1, 1, 1, 1} & there);
+        const l4 seen = there & (value < bright);
+        f[0] = (d4)((l4)(d4){1, 1, 1, 1} & seen), value *= f[0];
         f[1] = step * f[0], f[2] = bell * sharp * f[0], f[4] = d * step + blur * bell * f[0], f[3] = d - f[4];
         for (int i = OWN; i < terms; i++) {
             const twin *w = &twins[i - OWN];
@@ -92,7 +93,7 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
             for (int j = 0; j <= i; j++) sum[s] = fused_d(f[i], f[j], sum[s]), s++;
         for (int i = 0; i < terms; i++) sum[s] = fused_d(f[i], value, sum[s]), s++;
         sum[s] = fused_d(value, value, sum[s]);
-        e->clipped -= ((value <= dark) | (value >= bright)) & there;
+        e->clipped -= (value <= dark) & seen;
     }
     for (int s = 0; s < sums; s++) e->sum[s] = sum[s];
     e->count += p->n, p->n = 0;
@@ -115,6 +116,7 @@ static void add_left(equations *e, pixels *p, double blur) {
             rest -= x[i] * step;
         }
         for (int m = 0; m < 4 && k + m < p->n; m++) {
+            if (!(p->value[k + m] < e->bright - e->first)) continue; /* white: brighter, but not by how much */
             const int bin = (int)floor((d[m] - left->from) / left->width);
             if (bin >= 0 && bin < left->count) left->sum[bin] += rest[m], left->number[bin]++;
         }
@@ -251,7 +253,7 @@ INLINE factors factors_of(const double *const sum[4], const int terms, const dou
         A[3 + i][3 + i] += either(by < HELD, by, four_d(HELD));
     }
     for (int i = OWN; i < terms; i++) A[i][i] += TWIN;
-    factors f = {.there = column_of(sum, COUNTED) >= terms + 3.0};
+    factors f = {.there = column_of(sum, 0) >= terms + 3.0};
     solved(A, y, terms, &f);
     return f;
 }
@@ -260,12 +262,13 @@ INLINE factors factors_of(const double *const sum[4], const int terms, const dou
 INLINE void solve(const double *const sum[4], const int terms, const double *const held[4], double *const out[4],
                   int n) {
     const factors f = factors_of(sum, terms, held);
-    const d4 zero = four_d(0), count = column_of(sum, COUNTED), squares = column_of(sum, terms * (terms + 3) / 2);
+    const d4 zero = four_d(0), all = column_of(sum, COUNTED), count = column_of(sum, 0);
+    const d4 squares = column_of(sum, terms * (terms + 3) / 2);
     const d4 rss = either(squares > f.explained, squares - f.explained, zero);
     /* a term with a prior costs no degree of freedom: its spread is part of the model */
     const l4 free = (column_of(held, 0) > zero) + (column_of(held, 1) > zero); /* each a mask, -1 */
     const d4 noise = root_d(rss / (count - terms - __builtin_convertvector(free, d4)));
-    const d4 clipped = column_of(sum, CLIPPED) / count;
+    const d4 clipped = (column_of(sum, CLIPPED) + all - count) / all;
     for (int m = 0; m < n; m++) {
         if (!f.there[m]) continue;
         double *o = out[m];
@@ -338,7 +341,8 @@ void VARIANT(steps)(int64_t n, const double *sums, const double *held, double *o
 
 void VARIANT(step_residuals)(const cc_picture *picture, int64_t n, const double *q, const double *normal,
                              const double *below, const double *above, const double *twins, double half_length,
-                             double blur, const double *sums, int32_t bins, double width, double *out) {
+                             double blur, double bright, const double *sums, int32_t bins, double width,
+                             double *out) {
     static const double free[2] = {0, 0}, *const held[4] = {free, free, free, free};
     memset(out, 0, sizeof *out * (size_t)n * (size_t)(2 * bins + 1));
     for (int64_t i = 0; i < n; i++) {
@@ -352,8 +356,8 @@ void VARIANT(step_residuals)(const cc_picture *picture, int64_t n, const double 
         const factors f = factors_of((const double *const[4]){s, s, s, s}, terms, held);
         if (!f.there[0]) continue;
         for (int k = 0; k < terms; k++) left.x[k] = f.x[k][0];
-        e.left = &left;
+        e.left = &left, e.bright = (float)bright;
         gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, blur, &e);
-        o[2 * bins] = upper(s[terms * (terms + 1) / 2 + terms] - f.explained[0], 0) / (s[COUNTED] - terms);
+        o[2 * bins] = upper(s[terms * (terms + 1) / 2 + terms] - f.explained[0], 0) / (s[0] - terms);
     }
 }

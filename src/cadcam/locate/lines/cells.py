@@ -24,6 +24,10 @@ _LINEAR = 1.2  # blurs: distance up to which a linear fit is valid
 _CLEAR = 4.0  # sd of one cell: least contrast of an edge
 _SURE = 8.0  # sd of one cell: contrast that needs no support by neighbours
 _CLIPPED = 0.7  # share of black or white pixels from which a cell is unusable
+# Blurs by which steps up to white may be off, all of a stretch alike: their height follows from the photo's blur, which
+# other steps tell, if there are so many; else nothing tells it well (0.05 to 0.1 px, and 0.35 px, in overexposed
+# pictures of edges).
+_WHITE, _ALL_WHITE, _TELLING = 0.12, 0.5, 12
 # Cells to each side on the same run over which contrast, noise and slopes are averaged. The averages are far less noisy
 # than a cell's own, so that the weights of an edge's samples do not flicker.
 _CONTRAST, _STRETCH = 3, 10
@@ -122,10 +126,20 @@ class Cells:
     def settled(self, sight: Sight, at: Projected, where: Array | None) -> tuple[Cells, StepSums]:
         """Return the cells with slopes held according to the photo, and their sums."""
         sums = self.sums_at(sight, at, where)
-        found, run = sums.solved(np.zeros((len(self.which), 2)), noise=0.5 * sight.noise), sight.samples.run[self.which]
+        found, run = self.steps(sums, np.zeros((len(self.which), 2)), sight), sight.samples.run[self.which]
         slope2 = along_runs(found.slopes, run, _STRETCH) ** 2
         held = along_runs(found.noise**2, run, _STRETCH)[:, None] / np.maximum(slope2, 1e-12)
         return replace(self, held=np.where(np.isfinite(held), held, 0.0)), sums
+
+    def steps(self, sums: StepSums, held: Array, sight: Sight) -> Steps:
+        """Return the steps; nan where white covers all of a step's bright side, and so the step itself."""
+        found = sums.solved(held, noise=0.5 * sight.noise)
+        covered = self.white(sums, found.contrast) >= 1.0
+        return found.without(covered) if covered.any() else found
+
+    def white(self, sums: StepSums, contrast: Array) -> Array:
+        """Return how many pixels (n,) are white, as a share of the step's bright side."""
+        return sums.white * (self.below + self.above) / np.where(contrast > 0, self.above, self.below)
 
     def placed(self, at: Projected, where: Array | None) -> StepCells:
         """Return the cells in the picture; where (N,) px: shift of each along the normal."""
@@ -176,18 +190,20 @@ def measured_steps(
     if not len(which):
         return StepOffsets(offset, sigma, contrast, usable, doubt)
     sums = cells.sums_at(sight, at, where) if sums is None else sums
-    found, run = sums.solved(cells.held, noise=0.5 * sight.noise), sight.samples.run[which]
+    found, run = cells.steps(sums, cells.held, sight), sight.samples.run[which]
     c, sd_c = along_runs(found.contrast, run, _CONTRAST), _sd_contrast(sight, found, run)
     sure = np.abs(found.contrast) > _SURE * found.sd_contrast  # its sign may change along a line
     c = np.where(sure, found.contrast, c)
     more = np.sqrt(along_runs(found.noise**2, run, _STRETCH)) / found.noise
-    placed = sums.solved(_held_as_lines(sums, run), noise=0.5 * sight.noise) if as_lines else found
+    placed = cells.steps(sums, _held_as_lines(sums, run), sight) if as_lines else found
     with np.errstate(all="ignore"):
         shift, sigma[which] = -placed.moment / c, placed.sd_moment * more / np.abs(c)
         near = np.abs(shift) < _LINEAR * np.maximum(cells.blurs, 0.7)
         usable[which] = (np.abs(c) > _CLEAR * sd_c) & near & (found.clipped < _CLIPPED)
         offset[which] = where[which] + shift
-    contrast[which], doubt[which] = c, cells.doubt
+    blur_told = np.count_nonzero(usable[which] & (sums.white == 0)) >= _TELLING
+    by_white = (_WHITE if blur_told else _ALL_WHITE) * cells.blurs * cells.white(sums, c)
+    contrast[which], doubt[which] = c, np.hypot(cells.doubt, by_white)
     return StepOffsets(offset, sigma, contrast, usable, doubt)
 
 

@@ -9,15 +9,17 @@ import numpy as np
 
 from cadcam.arrays import Array, Longs, Mask, quantile
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import StepCandidates, blur_matrix, noise_of, step_candidates
+from cadcam.image.profile import BRIGHT, StepCandidates, blur_matrix, noise_of, step_candidates
 from cadcam.locate.lines.edges import EdgeSamples, Projected, project, sample_lines
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.native.profiles import values_at
 from cadcam.render.lines.wireframe import LineOptions
 
 _LINES = LineOptions(margin_px=0.0)
 _STRONG = 240  # cells from which the blur is estimated
 _TELLING, _ENOUGH = 3.0, 12  # blurs that a cell must reach to be evidence of its blur; wide cells that suffice
+_BESIDE_PX = 2.0  # from a step, where its sides are asked whether they are white
 _TOUCHING = 1e-3  # radii: what lies this near before a line touches it rather than hiding it
 _FAINT = 0.4  # share of the strongest slope nearby below which a step is no edge
 
@@ -111,11 +113,25 @@ class Sight:
         free = np.flatnonzero(np.minimum(self.samples.below, self.samples.above) >= reach_px)
         found = self.candidates(at.q[free], at.normal[free], half_length=half_length, reach=2, most=1)
         strength = np.nan_to_num(np.abs(found.slope[:, 0]))
+        below_white = strength * ~self._up_to_white(at.q[free], at.normal[free], found)
+        if np.count_nonzero(below_white) >= _ENOUGH:
+            strength = below_white
         best = np.argsort(-strength)[:_STRONG]
         best = best[strength[best] > 0]
         q = at.q[free[best]] + found.offset[best] * at.normal[free[best]]
         reach = np.full(len(best), reach_px - 1.0)
         return blur_matrix(self.photo.gray, q, at.normal[free[best]], reach=reach, half_length=half_length), len(best)
+
+    def white_beside(self, at: Projected) -> Mask:
+        """Return beside which samples (N,) the photo is white."""
+        sides = at.q + np.array([-_BESIDE_PX, _BESIDE_PX])[:, None, None] * at.normal
+        return np.asarray((values_at(self.photo.gray[..., None], sides)[..., 0] >= BRIGHT).any(axis=0))
+
+    def _up_to_white(self, q: Array, normal: Array, found: StepCandidates) -> Mask:
+        """Return whether the strongest step near each place (N,) ends in white: cut off, it looks too sharp."""
+        beyond = found.offset[:, 0] + _BESIDE_PX * np.sign(found.slope[:, 0])
+        bright = values_at(self.photo.gray[..., None], q + np.nan_to_num(beyond)[:, None] * normal)[:, 0]
+        return np.asarray(bright >= BRIGHT)
 
 
 def in_noise(sights: Sequence[Sight]) -> bool:

@@ -35,7 +35,7 @@ def agreed(fitted: PoseSolution) -> list[Rigid]:
     from either.
     """
     fit, B = fitted.fit, fitted.B
-    beside_bands = any((m.doubt > 0).any() for m in fitted.measured)
+    beside_bands = any((cells.doubt > 0).any() for cells in fitted.cells)
     scattered, least_gain = (BESIDE_BANDS_PX, _GAIN_BESIDE_BANDS) if beside_bands else (SCATTERED_PX, _GAIN)
     if fit.between <= scattered:
         return []

@@ -35,6 +35,7 @@ _HALF = 0.5  # share of the lines shown from which it is tested whether light hi
 _TOGETHER_PX = 0.005  # error common to all edges of a photo: light from one side bends alike beside them
 _FREE = 0.4  # share of the lines that any pose could be fitted to, more than for a box: little else is evidence
 CLEARLY = 0.1  # by how much an answer that is not found must be better to replace another one
+_WHITE = 0.25  # share of the lines beside white from which a shorter exposure is advised
 _LOOSER, _LOOSER_BESIDE_BANDS = 3.0, 2.0  # ratio of scatter from which a fit is looser than another
 
 
@@ -141,7 +142,8 @@ def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Lo
     """Return the answer where nothing could be measured."""
     none = [np.full(len(s.samples), np.nan) for s in sights]
     matches = _as_matches(sights, pose, none, none, [np.zeros(len(a)) for a in none])
-    return Location(unmeasured(pose, freedom.at(pose)), matches, 0.0, f"not found: {why}")
+    why = f"not found: {why}{_overexposed(sights, pose)}"
+    return Location(unmeasured(pose, freedom.at(pose)), matches, 0.0, why)
 
 
 def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bool) -> tuple[Support, bool]:
@@ -206,10 +208,18 @@ def _samples(sights: Sequence[Sight]) -> int:
 def _reason(part: Part, estimate: PoseEstimate, evidence: Support, fitted: PoseSolution) -> str:
     """Return in one line why the pose is believed, and how well it is known; or why it is not."""
     if evidence.quality < FOUND:
-        return f"not found: {evidence}"
+        return f"not found: {evidence}{_overexposed(fitted.sights, fitted.pose)}"
     weakest = weakest_direction(estimate, part.aspects.centre, [s.photo for s in fitted.sights])
     beside = ", many beside bands that the model does not have" * fitted.regression.bands
     return f"{evidence}; edges are off by {fitted.fit.between:.2f} px as a whole{beside}; {weakest}"
+
+
+def _overexposed(sights: Sequence[Sight], pose: Rigid) -> str:
+    """Return that the photos are white beside many of the lines, if they are."""
+    white = np.concatenate([np.zeros(0), *(s.white_beside(s.project(pose)) for s in sights)])
+    if not len(white) or white.mean() < _WHITE:
+        return ""
+    return f"; beside {white.mean():.0%} of the part's edges the photo is white: with less light more would show"
 
 
 def _matches(fitted: PoseSolution) -> EdgeMatches:

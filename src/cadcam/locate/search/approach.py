@@ -39,6 +39,7 @@ _WITHIN_PX, _WITHIN = 4.0, 2.0  # error of lines after the climb: px of the phot
 _FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and for how many of the best
 _FLAT, _TILTED = 0.3, 0.002  # mirror poses: most thickness over breadth; least 1 - cosine of the tilt that they change
 _SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii at the part's border; most poses of those
+_HELD = 2.0  # times as far off as said: what a start still holds, as that is a guess
 _CLIMBS = (  # from the coarsest field on: level, samples, blurs, poses kept
     Climb(0, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 16, near=True),
     Climb(1, 128, (2.0, 1.5, 1.0, 1.0), 6, near=True),
@@ -61,6 +62,24 @@ class Reach:
                 raise BadValue(f"reach {name}", value, f"0 to {most:g}")
         if not 0 <= self.shift_px < math.inf:
             raise BadValue("reach shift_px", self.shift_px, "a number of px, at least 0")
+
+    def holds(self, part: Part, photos: Sequence[Photo], start: Rigid, pose: Rigid) -> bool:
+        """Return whether a pose (world_from_part) is no more than twice as far from the start as that may be off."""
+        before, after = start @ part.aspects.centre, pose @ part.aspects.centre
+        distance, near = _nearest(photos, before)
+        sight = (before - near.camera_from_world.origin) / distance
+        deeper = float((after - before) @ sight)
+        aside_px = near.camera.fx * float(np.linalg.norm(after - before - deeper * sight)) / distance
+        turned_deg = math.degrees(float(np.linalg.norm((start.inv @ pose).log()[3:])))
+        off = (turned_deg, aside_px, abs(deeper) / distance)
+        most = (self.rotation_deg, self.shift_px, self.depth)
+        return all(one <= _HELD * limit for one, limit in zip(off, most, strict=True))
+
+
+def _nearest(photos: Sequence[Photo], middle: Array) -> tuple[float, Photo]:
+    """Return how far (mm) from the nearest camera a place (3,) in the world is, and that camera's photo."""
+    away = [float(np.linalg.norm(middle - photo.camera_from_world.origin)) for photo in photos]
+    return min(away), photos[int(np.argmin(away))]
 
 
 REACH = Reach()
@@ -166,9 +185,7 @@ def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array
 
     A step of the grid moves the part's border by `_SPREAD` radii, or more where that would take too many poses.
     """
-    middle, radius = start @ aspects.centre, aspects.radius
-    near = min(photos, key=lambda p: float(np.linalg.norm(middle - p.camera_from_world.origin)))
-    distance = float(np.linalg.norm(middle - near.camera_from_world.origin))
+    radius, (distance, near) = aspects.radius, _nearest(photos, start @ aspects.centre)
     far = reach.shift_px * distance / near.camera.fx + reach.depth * distance  # mm that the middle may be off
     # What a unit of each motion moves, in mm: the middle, and by rotation the border.
     middle_by = np.linalg.norm(np.concatenate([np.eye(3), -so3.hat(aspects.centre)], axis=1) @ free, axis=0)

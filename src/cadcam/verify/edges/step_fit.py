@@ -102,7 +102,7 @@ def _measured(lines: Sightlines, sights: Sequence[Sight], expected: Array, disti
         sigma[rows] = np.where(usable, found.sigma, np.nan)
         step[rows] = np.where(clear, found.contrast, np.nan)
         index = np.flatnonzero(rows)
-        common[rows] = _by_twins(lines, index, sight.samples.twins[:, :, 0], step, cells.blur)
+        common[rows] = np.hypot(_by_twins(lines, index, sight.samples.twins[:, :, 0], step, cells.blur), found.doubt)
     return FittedSteps(offset, sigma, np.hypot(common, _along_rows(lines)), step)
 
 
