@@ -31,7 +31,8 @@ def run(*command: str, cwd: Path = ROOT) -> subprocess.CompletedProcess[str]:
     ids=["lint", "format", "types", "imports"],
 )
 def test_tool_is_content(command: tuple[str, ...]) -> None:
-    result = run(*command)
+    fresh = command == ("mypy",) and not (ROOT / ".mypy_cache").exists()
+    result = run(*command, *["--cache-dir=/dev/null"] * fresh)  # to write one is a seventh of a first run's time
     assert result.returncode == 0, result.stdout + result.stderr
 
 
