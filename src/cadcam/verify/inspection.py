@@ -31,6 +31,7 @@ from cadcam.verify.bodies.findings import (
 from cadcam.verify.bodies.redrawn import off_px
 from cadcam.verify.bodies.stages import Stages, each, untold
 from cadcam.verify.bodies.states import FeatureEvidence, displaced_px
+from cadcam.verify.bodies.whitened import overexposed
 from cadcam.verify.deviations.astray import Doubt, broken_edges, chances, side_by_side
 from cadcam.verify.deviations.deviation import EdgeDeviation, Extra, FeatureDeviation
 from cadcam.verify.deviations.extra import unexplained
@@ -189,7 +190,7 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
     by_calibration = fitted.by_cause @ fitted.by_cause.T
     moved = case.world_from_part @ Rigid.exp(fitted.xi)
     pose = PoseEstimate(moved, fitted.covariance, by_calibration, measured.adjustment.freedom, measured.dof)
-    features, covered = hidden_apart(survey, evidence.deviations(), measured.tau_px)
+    features, covered = hidden_apart(survey, overexposed(survey, evidence.deviations()), measured.tau_px)
     shifted = [_shifted(survey, i) for i in range(len(photos))]
     return Inspection(
         pose=pose,

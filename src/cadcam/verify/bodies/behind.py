@@ -17,7 +17,8 @@ from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
 from cadcam.verify.edges.survey import Survey
 
 _MOST = 0.5  # share of a feature's places that are hidden, above which that is why it is not seen
-_FOR_WANT_OF_EDGES = {Unclear.UNSEEN, Unclear.DOUBTFUL, Unclear.FAINT, Unclear.ALONE, Unclear.FOOT, Unclear.LITTLE}
+_FOR_WANT_OF_EDGES = {Unclear.UNSEEN, Unclear.DOUBTFUL, Unclear.FAINT, Unclear.WHITE, Unclear.ALONE}
+_FOR_WANT_OF_EDGES |= {Unclear.FOOT, Unclear.LITTLE}
 
 
 def hidden_apart(

@@ -16,9 +16,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids, Longs, Mask
+from cadcam.arrays import Array, Ids, Longs, Mask, Picture
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.profile import noise_of
+from cadcam.image.profile import BRIGHT, noise_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.light import FittedLight
@@ -86,12 +86,19 @@ def _in_photo(
     if not covered.any():
         return np.zeros(len(shown))
     where = np.zeros(photo.gray.shape, bool)
-    where[window] = binary_dilation(covered, iterations=_RIM_PX)
+    where[window] = binary_dilation(covered, iterations=_RIM_PX) & ~_in_glare(photo.gray[window], shown[:-1])
+    if not where.any():
+        return np.zeros(len(shown))
     light, noise = first.light(photo, without=where), noise_of(photo.gray)
     pixels = _WindowPixels.of(photo.gray[window].astype(np.float64), where[window], in_window(window)[:2])
     skies = [Sky.of(part, photo, world_from_part, window) for part in guesses]
     skies += [replace(skies[0], without=body), skies[0]]
     return np.array([_log_likelihood(s, pixels, light, noise, sky) for s, sky in zip(shown, skies, strict=True)])
+
+
+def _in_glare(gray: Picture, shown: Sequence[ShownFaces]) -> Mask:
+    """Return which pixels (h, w) are white where the part is seen in any case: glare, which shows nothing of it."""
+    return np.asarray((gray >= BRIGHT) & np.all([s.color[s.face] >= 0 for s in shown], axis=0))
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -31,6 +31,7 @@ class Unclear(Enum):
     DOUBTFUL = "too few of its edges that should show are seen to be sure that it is there: more light, or another view"
     CROWDED = "its edges lie within a few pixels of other lines: go closer, or take another view"
     FAINT = "its edges are too faint to be measured: give more light, or light from another side"
+    WHITE = "the photo is white beside its edges: give less light, or expose it for a shorter time"
     ALONE = "a single line shows beside its place, which may be something else's: take another view"
     FOOT = "only the line on which it stands is measured, which need not move with it: take another view"
     LITTLE = "what is measured of its edges is too short to tell where it is: go closer, or take another view"

@@ -70,8 +70,11 @@ class EdgeEvidence:
 
     @classmethod
     def of(cls, lines: Sightlines, rows: Mask, matched: Association, beside: EdgeSurroundings) -> EdgeEvidence:
-        """Return the evidence of places `rows` (N,): edges seen at half of their places, or faintly along all of it."""
-        support = matched.support
+        """Return the evidence of places `rows` (N,): edges seen at half of their places, or faintly along all of it.
+
+        Places in glare are none.
+        """
+        support, rows = matched.support, rows & ~beside.glare
         at = pieces(lines.edge[rows], lines.normal[rows])
         n = np.bincount(at)
         share = np.bincount(at, support[rows]) / np.maximum(n, 1)

@@ -176,7 +176,7 @@ def surveyed(
     moved_as_one = np.where(usable, body, -1)
     shown = [ShownFaces.of(part, photo, world_from_part) for photo in photos] if shown is None else shown
     beside = edge_surroundings(photos, shown, lines)
-    ought = usable & (beside.contrast > FAINT)
+    ought = usable & (beside.contrast > FAINT) & ~beside.glare
     found = nearby_edges(lines, sights, reach_px=reach_px, way=beside.way)
     matched = associated(lines, sights, found, moved_as_one, reach_px=reach_px, ought=ought)
     matched = _relative_to_cad(matched, lines, photos, world_from_part, by)
