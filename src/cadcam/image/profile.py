@@ -34,7 +34,7 @@ from cadcam.native.profiles import StepCells
 
 # Beyond these a pixel is clipped: white in a JPEG file ripples, by 2 % where its quality is 85.
 DARK, BRIGHT = 0.002, 0.975
-# Share of white pixels from which the slope of a cell's white side is unknown, and what it then is by (sd), 1/px
+# Share of white pixels from which nothing tells the slope of a cell's white side; sd of that slope then, at least, 1/px
 _WHITE, _BEYOND_WHITE = 0.1, 0.01
 _ROWS = 48  # rows of a photo from which its noise is estimated
 _SHARP = 0.8  # px: blur of a sharp photo

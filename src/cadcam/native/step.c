@@ -81,7 +81,7 @@ INLINE void add_terms(equations *e, pixels *p, double blur, const twin *twins, c
         bell_and_step(d * sharp, &bell, &step);
         const l4 there = *(const d4 *)COUNT < (double)(p->n - k); /* the last vector may be padded */
         const l4 seen = there & (value < bright);
-        f[0] = (d4)((l4)(d4){1, 1, 1, 1} & seen), value *= f[0];
+        f[0] = (d4)((l4)(d4){1, 1, 1, 1} & seen), value *= f[0], d *= f[0];
         f[1] = step * f[0], f[2] = bell * sharp * f[0], f[4] = d * step + blur * bell * f[0], f[3] = d - f[4];
         for (int i = OWN; i < terms; i++) {
             const twin *w = &twins[i - OWN];
