@@ -22,7 +22,7 @@ from cadcam.locate import in_photos
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
-from cadcam.locate.search.approach import Reach, approach
+from cadcam.locate.search.approach import REACH, Reach, approach
 from cadcam.locate.search.hypothesis import Hypothesis
 
 from ..cad.solids import box
@@ -215,3 +215,10 @@ def test_a_start_holds_what_is_twice_as_far_off_as_it_may_be() -> None:
             Rigid(POSE.rotation, POSE.translation + 20.0 * share * away / focal * side),
         )
         assert [reach.holds(BRACKET, [shown], POSE, other) for other in others] == [holds] * 3
+
+
+def test_a_start_at_the_camera_itself_holds_nothing_but_itself() -> None:
+    """As of a hollow part with the camera in its middle, told to be there: no distance to be a share of."""
+    shown, middle = Photo.of(np.zeros((480, 640)), CAMERA), Rigid(translation=-BRACKET.aspects.centre)
+    assert REACH.holds(BRACKET, [shown], middle, middle)
+    assert not REACH.holds(BRACKET, [shown], middle, Rigid(translation=[0.0, 0.0, 1.0]) @ middle)

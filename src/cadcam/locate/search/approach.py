@@ -39,6 +39,7 @@ _WITHIN_PX, _WITHIN = 4.0, 2.0  # error of lines after the climb: px of the phot
 _FLIPPED, _MOST_FLIPPED = 1, 2  # the climb before which mirror poses are added, and for how many of the best
 _FLAT, _TILTED = 0.3, 0.002  # mirror poses: most thickness over breadth; least 1 - cosine of the tilt that they change
 _SPREAD, _MOST_SPREAD = 0.12, 1500  # step of restricted motions, in radii at the part's border; most poses of those
+_AT_CAMERA_MM = 1e-9  # a part's middle so near to the camera's is at it: there is no line of sight to it
 _HELD = 2.0  # times as far off as said: what a start still holds, as that is a guess
 _CLIMBS = (  # from the coarsest field on: level, samples, blurs, poses kept
     Climb(0, 96, (2.5, 2.0, 1.5, 1.0, 1.0), 16, near=True),
@@ -67,12 +68,12 @@ class Reach:
         """Return whether a pose (world_from_part) is no more than twice as far from the start as that may be off."""
         before, after = start @ part.aspects.centre, pose @ part.aspects.centre
         distance, near = _nearest(photos, before)
-        sight = (before - near.camera_from_world.origin) / distance
+        sight = (before - near.camera_from_world.origin) / max(distance, _AT_CAMERA_MM)
         deeper = float((after - before) @ sight)
-        aside_px = near.camera.fx * float(np.linalg.norm(after - before - deeper * sight)) / distance
+        aside = float(np.linalg.norm(after - before - deeper * sight))
         turned_deg = math.degrees(float(np.linalg.norm((start.inv @ pose).log()[3:])))
-        off = (turned_deg, aside_px, abs(deeper) / distance)
-        most = (self.rotation_deg, self.shift_px, self.depth)
+        off = (turned_deg, near.camera.fx * aside, abs(deeper))
+        most = (self.rotation_deg, self.shift_px * distance, self.depth * distance)
         return all(one <= _HELD * limit for one, limit in zip(off, most, strict=True))
 
 
