@@ -9,7 +9,7 @@ import pytest
 
 from cadcam.cad.edges import edge_table, feature_edges
 from cadcam.cad.mend import mend
-from cadcam.cad.mesh import Mesh
+from cadcam.cad.mesh import Mesh, merge
 from cadcam.cad.parts import machined_bracket
 from cadcam.errors import DegenerateGeometry
 
@@ -120,6 +120,19 @@ def test_repeated_and_collapsed_faces_go_and_are_counted() -> None:
     mended, repairs = mend(Mesh.single(cube.vertices, faces))
     assert mended.n_faces == 12
     assert (repairs.duplicate_faces, repairs.degenerate_faces) == (4, 1)
+
+
+def test_a_part_that_stands_where_another_does_goes_and_no_other() -> None:
+    """Written with other corners first, and rounded otherwise; one that is shifted or longer stays."""
+    plate, pin = box((0, 0, 0), (40, 30, 2)), box((5, 5, 2), (8, 8, 12))
+    again = replace(plate, vertices=plate.vertices + 1e-6, faces=np.roll(plate.faces[::-1], 1, axis=1))
+    beside = replace(pin, vertices=np.add(pin.vertices, (0.01, 0.0, 0.0)))
+    longer = box((5, 5, 2), (8, 8, 12.01))
+    mended, repairs = mend(merge([plate, pin, again, beside, pin, longer]))
+    assert repairs.duplicate_parts == 2
+    assert len(mended.part_names) == 4
+    assert set(feature_edges(mended).kind) == set(feature_edges(mend(merge([plate, pin, beside, longer]))[0]).kind)
+    assert "2 parts removed where others are" in repairs.lines()
 
 
 def test_a_face_without_height_gives_way_and_leaves_no_gap() -> None:

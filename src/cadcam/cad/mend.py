@@ -1,4 +1,4 @@
-"""Repair of common errors in files: split vertices, faces without area, repeated faces, inconsistent winding."""
+"""Repair of common errors in files: split vertices, faces without area, repeats of faces and parts, mixed winding."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.mesh import Mesh, compacted
 from cadcam.cad.needles import height_ratio, without_needles
-from cadcam.cad.repeats import repeats
+from cadcam.cad.repeats import first_in_place, repeats
 from cadcam.cad.topology import HalfEdges, components, part_vertices, sewn, weld
 from cadcam.cad.winding import winding_number
 from cadcam.errors import DegenerateGeometry
@@ -24,6 +24,7 @@ class Repairs:
     widest_seam_mm: float = 0.0
     degenerate_faces: int = 0
     duplicate_faces: int = 0
+    duplicate_parts: int = 0
     turned_faces: int = 0
     open_edges: int = 0
     non_manifold_edges: int = 0
@@ -36,6 +37,7 @@ class Repairs:
             (self.sewn_vertices, f"open end sewn{gap}", f"open ends sewn{gap}"),
             (self.degenerate_faces, "face without area mended", "faces without area mended"),
             (self.duplicate_faces, "repeated face removed", "repeated faces removed"),
+            (self.duplicate_parts, "part removed where another is", "parts removed where others are"),
             (self.turned_faces, "face turned to point outwards", "faces turned to point outwards"),
             (self.open_edges, "open edge (a sheet or a gap)", "open edges (sheets or gaps)"),
             (self.non_manifold_edges, "edge shared by three or more faces", "edges shared by three or more faces"),
@@ -47,12 +49,12 @@ def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
     """Return the mesh welded, cleaned and wound outwards, and the repairs made.
 
     Vertices of one part are welded by position, and ends of its open edges sewn together that lie closer than a photo
-    shows. Faces with a corner welded away are removed, and so are repeats of a face within its part, and the double
-    walls between bodies of one part that touch face to face; faces too low to have a normal are merged into their
-    neighbour. Each component of faces joined by two-faced edges is wound consistently; closed ones outwards by their
-    signed volume (a cavity keeps its sense relative to the body around it), components that only close together with
-    those of other parts likewise. Open sheets keep the sense of the majority of their faces, and one-sided (Möbius)
-    components are left alone. Raises `DegenerateGeometry` when no face is left.
+    shows. Faces with a corner welded away are removed, and so are repeats of a face within its part, the double walls
+    between bodies of one part that touch face to face, and parts that stand face by face where another does; faces too
+    low to have a normal are merged into their neighbour. Each component of faces joined by two-faced edges is wound
+    consistently; closed ones outwards by their signed volume (a cavity keeps its sense relative to the body around it),
+    components that only close together with those of other parts likewise. Open sheets keep the sense of the majority
+    of their faces, and one-sided (Möbius) components are left alone. Raises `DegenerateGeometry` when no face is left.
     """
     vertex, part, corner = part_vertices(mesh)
     points = mesh.vertices[vertex]
@@ -72,6 +74,10 @@ def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
     )
     if not welded.n_faces:
         raise DegenerateGeometry("every face has zero area")
+    first = first_in_place(welded)
+    once = first == np.arange(len(first))
+    if not once.all():
+        welded = welded.subset(np.flatnonzero(once).tolist())
     turned = _turned(welded)
     sound = _faces_turned(welded, turned)
     n_flat = int((height_ratio(sound) <= 1).sum())
@@ -83,6 +89,7 @@ def mend(mesh: Mesh) -> tuple[Mesh, Repairs]:
         widest_seam_mm=seam,
         degenerate_faces=n_collapsed + n_flat,
         duplicate_faces=n_repeats,
+        duplicate_parts=int((~once).sum()),
         turned_faces=int(turned.sum()),
         open_edges=int((half.count == 1).sum()),
         non_manifold_edges=int((half.count > 2).sum()),

@@ -1,11 +1,12 @@
-"""Faces that coincide with others of their part."""
+"""Faces that coincide with others of their part, and parts that coincide with others."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from cadcam.arrays import Longs, Mask
-from cadcam.cad.topology import HalfEdges, components
+from cadcam.arrays import Array, Longs, Mask
+from cadcam.cad.mesh import Mesh
+from cadcam.cad.topology import HalfEdges, components, weld_tolerance
 
 
 def repeats(corners: Longs) -> Mask:
@@ -28,6 +29,37 @@ def repeats(corners: Longs) -> Mask:
         later = paired & (left > lowest[group[left]])
         dropped[left[walls | later]] = True
     return dropped
+
+
+def first_in_place(mesh: Mesh) -> Longs:
+    """Return for each part (P,) the first one that stands where it does, face by face, within the weld tolerance.
+
+    Careless exports hold a body twice. Each of its edges would then lie on another body's, as the foot of a weld does.
+    """
+    from scipy.spatial import cKDTree
+
+    count = np.bincount(mesh.part, minlength=len(mesh.part_names))
+    first = np.arange(len(count))
+    middles = mesh.vertices[mesh.faces].mean(axis=1)
+    within = weld_tolerance(middles, mesh.part.astype(np.int64))
+    of_part = np.split(np.argsort(mesh.part, kind="stable"), np.cumsum(count)[:-1])
+    for n in np.unique(count[count > 0]).tolist():
+        alike = np.flatnonzero(count == n)
+        box = np.array([[middles[of_part[k]].min(axis=0), middles[of_part[k]].max(axis=0)] for k in alike])
+        near = cKDTree(box.reshape(-1, 6)).query_pairs(3 * within[alike].max(), output_type="ndarray")
+        for one, other in alike[np.sort(near, axis=1)[np.lexsort(near.T)]].tolist():
+            if first[one] == one and first[other] == other:
+                there = _coincide(middles[of_part[one]], middles[of_part[other]], float(within[one]))
+                first[other] = one if there else other
+    return first
+
+
+def _coincide(one: Array, other: Array, within: float) -> bool:
+    """Return whether each of some points (N, 3) lies on another one of as many (N, 3)."""
+    from scipy.spatial import cKDTree
+
+    away, which = cKDTree(one).query(other, distance_upper_bound=max(within, np.finfo(float).tiny))
+    return bool(np.isfinite(away).all()) and len(np.unique(which)) == len(one)
 
 
 def _same_corners(corners: Longs) -> tuple[Longs, Longs]:
