@@ -205,3 +205,12 @@ def test_sanitizers_are_silent_over_vicious_templates(tmp_path: Path, built: Bui
 def test_sanitizers_are_silent_over_ten_thousand_vicious_scenes(tmp_path: Path, built: Build, vectors: str) -> None:
     fuzz(tmp_path, 10_000, built(vectors), vectors)
     fuzz(tmp_path, 300, built(vectors), vectors, FUZZ_CORRELATE)
+
+
+def test_a_huge_value_is_in_the_means_of_its_neighbours_and_of_no_others() -> None:
+    """Sums are carried along a line: what a far larger term hid in them comes back when it leaves."""
+    values = np.array([[0.1], [0.3], [1e17], [np.nan], [0.2], [0.4], [0.6], [0.5]])
+    run = np.array([0, 0, 0, 0, 0, 0, 0, 1], np.int32)
+    mean = profiles.along_runs(values, run, 1)[:, 0]
+    assert np.allclose(mean[[1, 2, 3]], [1e17 / 3, 1e17 / 2, 1e17 / 2], rtol=1e-15)
+    assert np.allclose(mean[[0, 4, 5, 6, 7]], [0.2, 0.3, 0.4, 0.5, 0.5], rtol=4e-16)

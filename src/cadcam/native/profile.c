@@ -227,17 +227,27 @@ void cc_camera_rows(int64_t n, const double *K, const double *lens, double radiu
     }
 }
 
+/* A sum from which a term that was added can be taken away again, whatever smaller ones it hid (A. Neumaier, Z. angew.
+ * Math. Mech. 54, 1974): sum, and what rounding took from it. */
+typedef struct { double sum, rest; } total;
+
+static void add(total *t, double x) {
+    const double sum = t->sum + x;
+    t->rest += fabs(t->sum) >= fabs(x) ? (t->sum - sum) + x : (x - sum) + t->sum;
+    t->sum = sum;
+}
+
 void cc_along_runs(int64_t n, int32_t wide, const double *values, const int32_t *run, int64_t neighbours, double *out) {
     for (int32_t c = 0; c < wide; c++) {
         int64_t from = 0, to = 0, count = 0; /* the sums, contiguous in memory */
-        double sum = 0;
+        total all = {0, 0};
         for (int64_t i = 0; i < n; i++) {
-            if (i && run[i] != run[i - 1]) from = to = i, count = 0, sum = 0;
+            if (i && run[i] != run[i - 1]) from = to = i, count = 0, all = (total){0, 0};
             for (; to < n && to <= i + neighbours && run[to] == run[i]; to++)
-                if (isfinite(values[to * wide + c])) sum += values[to * wide + c], count++;
+                if (isfinite(values[to * wide + c])) add(&all, values[to * wide + c]), count++;
             for (; from < i - neighbours; from++)
-                if (isfinite(values[from * wide + c])) sum -= values[from * wide + c], count--;
-            out[i * wide + c] = count ? sum / (double)count : 0;
+                if (isfinite(values[from * wide + c])) add(&all, -values[from * wide + c]), count--;
+            out[i * wide + c] = count ? (all.sum + all.rest) / (double)count : 0;
         }
     }
 }
