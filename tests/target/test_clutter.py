@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from scipy.ndimage import gaussian_filter
 
 from cadcam.arrays import Array, Picture
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.target.boards.photometric import patches
-from cadcam.target.marks import candidates, window
+from cadcam.target.marks import candidates, find, window
 from cadcam.target.marks.candidates import MarkCandidates, mark_candidates, screened
-from cadcam.target.marks.fit import fit_marks, likeness
+from cadcam.target.marks.find import find_marks
+from cadcam.target.marks.fit import MarkFit, fit_marks, likeness
 from cadcam.target.marks.ideal import marks_picture
 from cadcam.target.marks.mark import dot, dot_and_ring
 from cadcam.target.marks.model import affine, mark_model
@@ -168,3 +172,25 @@ def test_thousands_of_candidates_are_first_compared_coarsely(monkeypatch: pytest
     kept = screened(picture, dot(20.0), seen, most=10, margin=0.7)
     assert np.abs(kept.q[0] - centre).max() < 1.0
     assert sum(full) < 1000
+
+
+def test_clutter_is_seen_for_what_it_is_before_covers_and_motion_are_looked_for(
+    monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
+) -> None:
+    """Such a fit takes a hundred times as long as a plain one; of the places that look like marks few get that far."""
+    picture = np.full((240, 320), 0.5)
+    for x, y, wide, high, level in rng.uniform((0, 0, 5, 5, 0), (320, 240, 60, 60, 1), (250, 5)):
+        picture[int(y) : int(y + high), int(x) : int(x + wide)] = level
+    picture = (gaussian_filter(picture, 2.0) + 0.01 * rng.standard_normal(picture.shape)).clip(0, 1)
+    asked: list[tuple[int, bool]] = []
+
+    def counted(gray: Picture, *given: Any, **how: Any) -> MarkFit:
+        asked.append((len(given[1]), how.get("roughly", False)))
+        return fit_marks(gray, *given, **how)
+
+    monkeypatch.setattr(find, "fit_marks", counted)
+    monkeypatch.setattr(candidates, "fit_marks", counted)
+    mark = dot_and_ring(8.0, 16.0, 24.0)
+    find_marks(picture, mark, radius_px=12.0)
+    roughly, fully = (sum(n for n, rough in asked if rough is how) for how in (True, False))
+    assert roughly > 20 > 5 > fully

@@ -98,7 +98,8 @@ def approached(gray: Picture, mark: Mark, seen: MarkCandidates, margin: float, *
     """Return the candidates that are marks in a picture reduced until they are small, with refined places and shapes.
 
     At that size a circle at about the right place is close enough to the ellipse of a tilted mark for a fit to
-    converge. enough: the number of marks in the picture; where as many look right at once, the others are not tried.
+    converge. One is left at each place. enough: the number of marks in the picture; where as many look right at once,
+    the others are not tried.
     """
     if not len(seen):
         return seen
@@ -112,11 +113,13 @@ def approached(gray: Picture, mark: Mark, seen: MarkCandidates, margin: float, *
     for factor in np.unique(factors[factors > 0]).tolist():
         some = seen.subset(np.flatnonzero(factors == factor).astype(np.int32))
         small = shrunken(gray, factor)
-        fit = fit_marks(small, mark, (some.q + 0.5) / factor - 0.5, some.shapes / factor, margin=margin, blur=_BLUR)
+        fit = fit_marks(
+            small, mark, (some.q + 0.5) / factor - 0.5, some.shapes / factor, margin=margin, blur=_BLUR, roughly=True
+        )
         change = np.linalg.det(fit.image_from_mark) / np.linalg.det(some.shapes / factor)
         alike = fit.good & (fit.score > _LEAST_APPROACHED) & (change < _CHANGE) & (change > 1 / _CHANGE)
         parts.append(MarkCandidates((fit.q + 0.5) * factor - 0.5, fit.image_from_mark * factor).subset(alike))
-    return _joined(parts)
+    return screened(gray, mark, _joined(parts), most=len(seen), margin=margin)
 
 
 def _apart(q: Array, size: Array, order: Index, most: int) -> Index:

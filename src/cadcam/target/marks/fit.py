@@ -22,6 +22,7 @@ from cadcam.target.boards.photometric import BLUR, CONTRAST, Fit
 from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import Geometry, affine, posed, predicted, share_of_ink
 from cadcam.target.marks.occlusion import clear_fit
+from cadcam.target.marks.response import may_be_marks, rough_fit
 from cadcam.target.marks.window import MARGIN, Window, batches, by_size
 
 _MOST_HIDDEN, _MOST_OUTSIDE = 0.6, 0.4  # shares of a window
@@ -73,17 +74,20 @@ def fit_marks(
     perspective: bool = False,
     margin: float = MARGIN,
     blur: float = 1.0,
+    roughly: bool = False,
 ) -> MarkFit:
     """Return marks fitted near q (B, 2) px, starting from shapes (B, 2, 2) px per mm; no camera is needed.
 
     perspective: whether the plane's two perspective terms are free; only a mark of several borders determines them.
     margin: width of ground in the window, over the radius; keep clear of neighbours. Pixels that contradict the mark
-    (something covers it) are left out.
+    (something covers it) are left out, unless the fit need only be near (roughly): of clutter most contradicts it.
     """
     groups = batches(mark, image_from_mark, margin)
     if len(groups) > 1:
         parts = [
-            fit_marks(gray, mark, q[k], image_from_mark[k], perspective=perspective, margin=margin, blur=blur)
+            fit_marks(
+                gray, mark, q[k], image_from_mark[k], perspective=perspective, margin=margin, blur=blur, roughly=roughly
+            )
             for k in groups
         ]
         return joined(parts, groups)
@@ -95,7 +99,10 @@ def fit_marks(
     if not mark.concentric:
         g[:, 5] = A[:, 1, 0]
     start = _start(mark, geometry, g, np.zeros((len(q), 0)), window, blur)
-    fit, weight = clear_fit(mark, geometry, start, window, q, noise=noise_of(gray))
+    if roughly:
+        fit, weight = rough_fit(mark, geometry, start, window, q), window.weight
+    else:
+        fit, weight = clear_fit(mark, geometry, start, window, q, noise=noise_of(gray))
     shapes = np.asarray(np.linalg.inv(geometry.homography(fit.parameters)[:, :2, :2]), np.float64)
     seen = predicted(mark, geometry, fit.parameters, window.pixels)
     return _result(fit, weight, shapes, window, seen)
@@ -218,7 +225,7 @@ def _result(fit: Fit, weight: Array, image_from_mark: Array, window: Window, see
     dark_or_white = (window.values <= DARK) | (window.values >= BRIGHT)
     clipped = (weight * dark_or_white).sum(axis=1) / total
     good = fit.good & (fit.parameters[:, BLUR] < np.maximum(_SOFTEST * window.size, _SOFT))
-    good &= (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
+    good &= may_be_marks(fit, window) & (window.outside < _MOST_OUTSIDE) & (hidden < _MOST_HIDDEN)
     return MarkFit(
         fit.q,
         fit.covariance,

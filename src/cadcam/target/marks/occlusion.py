@@ -18,7 +18,7 @@ from cadcam.target.boards.photometric import CONTRAST, Fit, Model, fitted
 from cadcam.target.marks.lines import shared_by_lines
 from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import Geometry, mark_model, predicted
-from cadcam.target.marks.response import BENT, fit_as_seen
+from cadcam.target.marks.response import BENT, fit_as_seen, may_be_marks
 from cadcam.target.marks.window import Window
 
 HIDDEN, _SIGMAS = 0.12, 5.0  # a pixel shows something else: residual over contrast, and over the noise
@@ -43,7 +43,7 @@ def clear_fit(
     fit, loose = fit_as_seen(mark, geometry, start, window, q)
     every, weight = _Windows(mark, geometry, window, q, noise), window.weight
     odd, seen = every.odd(fit)
-    suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS)
+    suspect = (odd.mean(axis=1) > _FEW) & (fit.misfit < _HOPELESS) & may_be_marks(fit, window)
     plain = _also_plain(odd, seen)
     # A motion that is there explains the borders; one fitted to a cover spreads its contradictions to both sides.
     suspects = np.flatnonzero(suspect & (plain | _one_sided(odd, window) | (loose > BENT))).tolist()

@@ -13,9 +13,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from cadcam.arrays import Array, Ids
+from cadcam.arrays import Array, Ids, Mask
 from cadcam.native.marks import LOOSE
-from cadcam.target.boards.photometric import BLUR, Fit, Normal, fitted, missed
+from cadcam.target.boards.photometric import BLUR, CONTRAST, ITERATIONS, Fit, Normal, fitted, missed
 from cadcam.target.marks.mark import Mark
 from cadcam.target.marks.model import Geometry, mark_model
 from cadcam.target.marks.window import Window
@@ -25,7 +25,27 @@ _SEEN = 30.0  # decrease of chi-square at which they are fitted: by chance once 
 _LONG = 2.0  # blurs: least length of a motion; a shorter one shifts nothing, and pixel squares can look like it
 _LONGEST = 2.0  # of the mark's smaller radius: longest motion; one that smears a mark further leaves no mark to see
 _STEEPEST = 0.5  # of the blur, over the mark's smaller radius: a steeper slope is a cover's, and no first-order step
+# Blur over the smaller radius, or px, and contrast over the range of grey values, below which a fit may be of a mark.
+_SOFTEST, _SOFT, _MOST_CONTRAST = 0.8, 3.0, 4.0
+_FIRST = 8  # iterations after which fits that cannot be of marks are left alone; and of a rough fit's rest
 _SHARPEST = 0.4  # of the fitted round blur: what remains of it at least when the motion is separated
+
+
+def may_be_marks(fit: Fit, window: Window) -> Mask:
+    """Return which fits (B,) may be, or become, those of marks.
+
+    The others are of clutter: by a blur that leaves no mark to see, and as much more contrast, any smooth ground fits.
+    """
+    there = window.weight > 0
+    brightest, darkest = (np.where(there, window.values, none) for none in (-np.inf, np.inf))
+    span = brightest.max(axis=1, initial=-np.inf) - darkest.min(axis=1, initial=np.inf)
+    sharp = fit.parameters[:, BLUR] < np.maximum(_SOFTEST * window.size, _SOFT)
+    return np.asarray(sharp & (np.abs(fit.parameters[:, CONTRAST]) < _MOST_CONTRAST * span))
+
+
+def rough_fit(mark: Mark, geometry: Geometry, start: Array, window: Window, q: Array) -> Fit:
+    """Return the fit to whole windows without any effect of the camera, of marks nearly converged."""
+    return _plain_fit(mark, geometry, start, window, q, _FIRST)
 
 
 def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q: Array) -> tuple[Fit, Ids]:
@@ -39,19 +59,31 @@ def fit_as_seen(mark: Mark, geometry: Geometry, start: Array, window: Window, q:
     every = np.arange(len(q), dtype=np.int32)
     if start[:, geometry.motion].any():
         return part(MOVED, start, every), np.full(len(q), MOVED, np.int32)
-    fit = part(STRAIGHT, start, every)
+    fit = _plain_fit(mark, geometry, start, window, q)
     bend, motion, moved, normal = _asked(mark, geometry, fit, window)
-    loose = np.where(motion > _SEEN, MOVED, np.where(bend > _SEEN, BENT, STRAIGHT)) * fit.good
+    hopeful = fit.good & may_be_marks(fit, window)
+    loose = np.where(motion > _SEEN, MOVED, np.where(bend > _SEEN, BENT, STRAIGHT)) * hopeful
     bent, smeared = (np.flatnonzero(loose == count).astype(np.int32) for count in (BENT, MOVED))
     if bent.size:  # whose first step begins where they were asked
         fit = fit.replaced(part(BENT, fit.parameters[bent], bent, normal.part(bent, geometry.free + BENT)), bent)
     if smeared.size:
         fit = fit.replaced(part(MOVED, moved[smeared], smeared), smeared)
     for count in (STRAIGHT, BENT):
-        k = np.flatnonzero((loose == count) & fit.good).astype(np.int32)
+        k = np.flatnonzero((loose == count) & hopeful & fit.good).astype(np.int32)
         if k.size:
             fit = fit.replaced(_sloped(mark, geometry, fit.subset(k), window.subset(k), count), k)
     return fit, loose.astype(np.int32)
+
+
+def _plain_fit(mark: Mark, geometry: Geometry, start: Array, window: Window, q: Array, most: int = ITERATIONS) -> Fit:
+    """Return the fit without b dx dy: after the first iterations only of what may be marks, by at most so many."""
+    model = mark_model(mark, geometry, loose=STRAIGHT)
+    fit = fitted(model, start, window, q, window.size, iterations=_FIRST)
+    k = np.flatnonzero(fit.good & may_be_marks(fit, window)).astype(np.int32)
+    if not k.size:
+        return fit
+    some = window.subset(k)
+    return fit.replaced(fitted(model, fit.parameters[k], some, q[k], some.size, iterations=most), k)
 
 
 def _sloped(mark: Mark, geometry: Geometry, fit: Fit, window: Window, loose: int) -> Fit:
