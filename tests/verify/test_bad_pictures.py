@@ -84,6 +84,13 @@ def test_a_camera_of_another_focal_length_does_not_pass(rng: np.random.Generator
     assert found.verdict is not Verdict.PASS, found.reason
 
 
+@pytest.mark.parametrize(("times", "asked"), [(1.0, False), (1.2, True)])
+def test_a_focal_length_that_was_told_wrong_is_asked_for(rng: np.random.Generator, times: float, asked: bool) -> None:
+    found = verified(photographed(plate(), rng), camera=Camera.from_focal(CAMERA.size, times * 740.0))
+    assert (found.verdict is Verdict.PASS) != asked
+    assert ("are model, focal length and lens as told?" in found.reason) == asked
+
+
 def test_a_camera_too_near_to_see_an_outline_does_not_pass(rng: np.random.Generator) -> None:
     """All that it sees is the inside of one face."""
     near = Rigid.look_at((-40.0, 0.0, 80.0), (-40.0, 1.0, 12.0))

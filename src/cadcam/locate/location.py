@@ -13,6 +13,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.matches import EdgeMatches, JudgedSamples
 
 FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
+MORE_THAN_LIGHT = "more than light explains: are model, focal length and lens as told?"
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose without any measurement
 _UNCERTAIN = 0.45  # largest quality of a pose that is not certain for a reason beside its own lines
 
@@ -69,7 +70,8 @@ class Location:
     which the photos show each camera to be off along each axis of the world and, by its direction, at the part, in
     addition to the covariance of its calibration; the covariance of the pose contains what follows from it. covered:
     what was taken to be hidden by something before the part, and so does not count; None where the answer needed no
-    such thing. judged: samples of the part's edges, and which of them the photos show.
+    such thing. judged: samples of the part's edges, and which of them the photos show. off_px: by how much the edges
+    are off as a whole, where that is more than light explains; 0 elsewhere.
     """
 
     pose: PoseEstimate
@@ -82,6 +84,7 @@ class Location:
     cameras_off_mm: float = 0.0
     covered: Covered | None = None
     judged: JudgedSamples = field(default_factory=JudgedSamples.none, repr=False)
+    off_px: float = 0.0
 
     @classmethod
     def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:
@@ -94,6 +97,11 @@ class Location:
     def found(self) -> bool:
         """Return whether the part is where the pose says."""
         return self.quality >= FOUND
+
+    @property
+    def amiss(self) -> str:
+        """Return in words that model or camera may not be what was told; "" where the edges do not say so."""
+        return f"edges are off by {self.off_px:.2f} px as a whole, {MORE_THAN_LIGHT}" if self.off_px else ""
 
     def uncertain(self, why: str) -> Location:
         """Return the location as not found, because its pose is not certain; why: in words, beside its own reason."""

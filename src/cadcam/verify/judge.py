@@ -78,8 +78,8 @@ def verify_part(
     fitted without it. A part that was not found gets no verdict but NOT FOUND, and why. Photos that `located` left out
     are not used; where it rests on photos that disagree, no place is judged, because a wrong camera displaces bodies of
     a good part. How far cameras are off that disagree by less is part of U. Of a part without limits the reason says
-    what is displaced or missing. tell: called with how far it has come: a stage's name, pieces done, pieces. Raises as
-    `inspect`.
+    what is displaced or missing; of one that does not fail, whether its edges are off as a whole, as by a wrong camera.
+    tell: called with how far it has come: a stage's name, pieces done, pieces. Raises as `inspect`.
     """
     expect(part, "part", Part)
     photos = expect_each(photos, "photos", Photo)
@@ -108,7 +108,10 @@ def verify_part(
     open_ = verdict is Verdict.UNDECIDED or not judgements
     before = [str(seen.covered)] if seen.covered and open_ else []
     datum = [contradicting(seen.contradictions)] if seen.contradictions else []
-    reason = "; ".join([summary(verdict, judgements), *beside, *datum, *before, *map(str, located.disagreements)])
+    amiss = [located.amiss] if located.amiss and verdict is not Verdict.FAIL else []  # of a bad part no wonder
+    reason = "; ".join(
+        [summary(verdict, judgements), *beside, *datum, *before, *amiss, *map(str, located.disagreements)]
+    )
     return Verification(verdict, reason, judgements, seen, tolerances, located)
 
 

@@ -18,7 +18,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.lines.bands import MOST_PX
 from cadcam.locate.lines.sight import Sight, in_noise
-from cadcam.locate.location import FOUND, Covered, Location, unmeasured
+from cadcam.locate.location import FOUND, MORE_THAN_LIGHT, Covered, Location, unmeasured
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
 from cadcam.locate.quality.color import in_color
@@ -114,6 +114,7 @@ def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: i
         doubted=doubted,
         covered=Covered(evidence.covered, evidence.side) if evidence.covered > 0 else None,
         judged=evidence.judged,
+        off_px=fitted.fit.between if _amiss(fitted) else 0.0,
     )
 
 
@@ -214,16 +215,14 @@ def _reason(part: Part, estimate: PoseEstimate, evidence: Support, fitted: PoseS
         return f"not found: {evidence}{_overexposed(fitted.sights, fitted.pose)}"
     weakest = weakest_direction(estimate, part.aspects.centre, [s.photo for s in fitted.sights])
     beside = ", many beside bands that the model does not have" * fitted.regression.bands
-    off = f"edges are off by {fitted.fit.between:.2f} px as a whole{beside}{_amiss(fitted)}"
-    return f"{evidence}; {off}; {weakest}"
+    amiss = f", {MORE_THAN_LIGHT}" * _amiss(fitted)
+    return f"{evidence}; edges are off by {fitted.fit.between:.2f} px as a whole{beside}{amiss}; {weakest}"
 
 
-def _amiss(fitted: PoseSolution) -> str:
-    """Return that model or camera may be wrong, if edges are off by more than light and blur make of them."""
+def _amiss(fitted: PoseSolution) -> bool:
+    """Return whether edges are off by more than light and blur make of them: model or camera may be wrong."""
     blur = max((float(c.blurs.max(initial=0.0)) for c in fitted.cells), default=0.0)
-    if fitted.fit.between <= max(_AMISS_PX, _AMISS_OF_BLUR * blur):
-        return ""
-    return ", more than light explains: are model, focal length and lens as told?"
+    return fitted.fit.between > max(_AMISS_PX, _AMISS_OF_BLUR * blur)
 
 
 def _overexposed(sights: Sequence[Sight], pose: Rigid) -> str:
