@@ -412,6 +412,14 @@ def _sets(data: Path) -> Iterator[Set]:
             None,
             ("4, 1 cut", "6")[k - 1],
         )
+    ring = dot_and_ring(8.0, 16.0, 24.0)
+    for place in (
+        "visp_mbt_cube/cube/image0000.png",
+        "shipblock_clean/n0/images/0000.png",
+        "apriltag_test/33369213973_9d9bb4cc96_c.jpg",
+    ):  # photos without any mark, searched for marks of a known radius
+        for mark, radius in ((dot(10.0), 8.0), (ring, 12.0), (ring, 20.0)):
+            yield f"{place.split('/')[0]}, {radius:g} px", data / place, mark, {"radius_px": radius}, None, "0"
 
 
 def _dbat(path: Path) -> dict[int, Array]:

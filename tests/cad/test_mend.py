@@ -123,15 +123,18 @@ def test_repeated_and_collapsed_faces_go_and_are_counted() -> None:
 
 
 def test_a_part_that_stands_where_another_does_goes_and_no_other() -> None:
-    """Written with other corners first, and rounded otherwise; one that is shifted or longer stays."""
+    """Written with other corners first, and rounded otherwise; one that is shifted, longer or mirrored stays."""
     plate, pin = box((0, 0, 0), (40, 30, 2)), box((5, 5, 2), (8, 8, 12))
     again = replace(plate, vertices=plate.vertices + 1e-6, faces=np.roll(plate.faces[::-1], 1, axis=1))
     beside = replace(pin, vertices=np.add(pin.vertices, (0.01, 0.0, 0.0)))
     longer = box((5, 5, 2), (8, 8, 12.01))
-    mended, repairs = mend(merge([plate, pin, again, beside, pin, longer]))
+    feet = one_part(merge([box((0, 0, -9), (2, 2, 0)), box((8, 8, -9), (10, 10, 0))]))
+    mirrored = one_part(merge([box((8, 0, -9), (10, 2, 0)), box((0, 8, -9), (2, 10, 0))]))
+    others = [beside, longer, feet, mirrored]
+    mended, repairs = mend(merge([plate, pin, again, pin, *others]))
     assert repairs.duplicate_parts == 2
-    assert len(mended.part_names) == 4
-    assert set(feature_edges(mended).kind) == set(feature_edges(mend(merge([plate, pin, beside, longer]))[0]).kind)
+    assert len(mended.part_names) == 6
+    assert len(feature_edges(mended)) == len(feature_edges(mend(merge([plate, pin, *others]))[0]))
     assert "2 parts removed where others are" in repairs.lines()
 
 

@@ -177,7 +177,7 @@ def test_thousands_of_candidates_are_first_compared_coarsely(monkeypatch: pytest
 def test_clutter_is_seen_for_what_it_is_before_covers_and_motion_are_looked_for(
     monkeypatch: pytest.MonkeyPatch, rng: np.random.Generator
 ) -> None:
-    """Such a fit takes a hundred times as long as a plain one; of the places that look like marks few get that far."""
+    """Such a fit takes many times as long as a plain one; of the places that look like marks few get that far."""
     picture = np.full((240, 320), 0.5)
     for x, y, wide, high, level in rng.uniform((0, 0, 5, 5, 0), (320, 240, 60, 60, 1), (250, 5)):
         picture[int(y) : int(y + high), int(x) : int(x + wide)] = level

@@ -47,7 +47,7 @@ def first_in_place(mesh: Mesh) -> Longs:
         alike = np.flatnonzero(count == n)
         box = np.array([[middles[of_part[k]].min(axis=0), middles[of_part[k]].max(axis=0)] for k in alike])
         near = cKDTree(box.reshape(-1, 6)).query_pairs(3 * within[alike].max(), output_type="ndarray")
-        for one, other in alike[np.sort(near, axis=1)[np.lexsort(near.T)]].tolist():
+        for one, other in alike[near[np.lexsort(near.T)]].tolist():  # one < other, the lowest first
             if first[one] == one and first[other] == other:
                 there = _coincide(middles[of_part[one]], middles[of_part[other]], float(within[one]))
                 first[other] = one if there else other

@@ -36,8 +36,8 @@ _TOGETHER_PX = 0.005  # error common to all edges of a photo: light from one sid
 _FREE = 0.4  # share of the lines that any pose could be fitted to, more than for a box: little else is evidence
 CLEARLY = 0.1  # by how much an answer that is not found must be better to replace another one
 _WHITE = 0.25  # share of the lines beside white from which a shorter exposure is advised
-# Edges are off as a whole by more px, or more of the photo's blur, where more than light is amiss: in the battery those
-# of none of 60 right poses of exact models, and of 16 of 26 of wrong models, focal lengths and lenses that passed.
+# Error of the edges as a whole, px and in blurs of the photo, that light makes at most. In the battery none of 60 right
+# poses of exact models had more; 16 of 26 wrong models, focal lengths and lenses that passed had.
 _AMISS_PX, _AMISS_OF_BLUR = 0.4, 0.2
 _LOOSER, _LOOSER_BESIDE_BANDS = 3.0, 2.0  # ratio of scatter from which a fit is looser than another
 

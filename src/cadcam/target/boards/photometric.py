@@ -18,7 +18,7 @@ from cadcam.cores import on_cores
 CONTRAST, BLUR = 4, 5  # columns of these parameters in either model
 _GROUND = (6, 7, 8)  # columns of m, gx, gy
 _BATCH = 200_000  # elements of a Jacobian computed at a time, so that intermediate results stay in the cache
-ITERATIONS = 25
+ITERATIONS = 25  # of a fit, at most
 _STEP_PX, _FALL = 1e-4, 1e-3  # converged: smaller shifts, and a relative decrease of the sum of squares below this
 _MOST_DAMPING = 1e7  # at which no step reduces the cost any more
 

@@ -27,7 +27,7 @@ _LONGEST = 2.0  # of the mark's smaller radius: longest motion; one that smears 
 _STEEPEST = 0.5  # of the blur, over the mark's smaller radius: a steeper slope is a cover's, and no first-order step
 # Blur over the smaller radius, or px, and contrast over the range of grey values, below which a fit may be of a mark.
 _SOFTEST, _SOFT, _MOST_CONTRAST = 0.8, 3.0, 4.0
-_FIRST = 8  # iterations after which fits that cannot be of marks are left alone; and of a rough fit's rest
+_FIRST = 8  # iterations after which fits that cannot be of marks end; a rough fit has as many more
 _SHARPEST = 0.4  # of the fitted round blur: what remains of it at least when the motion is separated
 
 
