@@ -20,6 +20,7 @@ from cadcam.locate.quality.worth import distinct_lines, further_arcs, worth_of_l
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refinement import drawn, refine_pose
 from cadcam.locate.views.view_range import ViewRange
+from cadcam.report.locate import location_as_json
 
 from ..cad.solids import box
 from .photos import CAMERA, noisy, photo, view
@@ -195,6 +196,8 @@ def test_edges_that_are_all_off_let_focal_length_lens_and_model_be_asked_for(
 ) -> None:
     """A focal length 17 % off is made up for by depth: the pose is found, 17 % too far, with edges off by 0.8 px."""
     taken = photo(part, pose, rng).gray
-    found = locate_part(part, [Photo.of(taken, Camera.from_focal(CAMERA.size, told))], pose)
+    photos = [Photo.of(taken, Camera.from_focal(CAMERA.size, told))]
+    found = locate_part(part, photos, pose)
     assert found.found
     assert ("more than light explains: are model, focal length and lens as told?" in found.reason) == asked
+    assert location_as_json(found, photos)["edges"]["off_px"] == (found.off_px if asked else None)

@@ -158,7 +158,12 @@ def location_as_json(location: Location, photos: Sequence[Photo]) -> dict[str, A
         "disagreements": disagreements_as_json(location),
         "covered": asdict(location.covered) if location.covered else None,
         "camera_from_part": pose_as_json(camera_from_part),
-        "edges": {"samples": len(location.matches), "used": used, "rms_px": rms if used else None},
+        "edges": {
+            "samples": len(location.matches),
+            "used": used,
+            "rms_px": rms if used else None,
+            "off_px": location.off_px or None,  # as a whole, by more than light explains
+        },
         "alternatives": [
             {"quality": other.quality, "world_from_part": pose_as_json(other.pose.world_from_part)}
             for other in location.alternatives
