@@ -186,7 +186,7 @@ def test_a_mistake_is_explained(
 def test_another_camera_makes_another_log(cadcam: Cadcam, here: Path) -> None:
     cadcam(*TRACK)
     other = cadcam(*TRACK, "--crease-angle", "100").err
-    assert re.search(r"begun with another part, unit or crease angle \(\w{8}, now \w{8}\); name", other)
+    assert re.search(r"begun with another part, unit, colours or crease angle \(\w{8}, now \w{8}\); name", other)
     assert "begun without --no-print; name" in cadcam(*TRACK, "--no-print").err
     assert (
         "begun with another --seen-from, --roll, --distance, --on or --lying; name"

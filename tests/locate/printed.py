@@ -41,11 +41,15 @@ def photo(
     pose: Rigid,
     rng: np.random.Generator,
     *,
+    of: Part | None = None,
     slid: tuple[float, float, float] = (0, 0, 0),
     light: tuple[float, float] = (1, 0),
 ) -> Photo:
-    """Return the noisy photo at camera_from_part; slid (mm): the print has slid over the box; light: gain, offset."""
-    view = open_renderer(part().scene, threads=1).render(CAMERA, pose, channels=Channel.DEPTH | Channel.NORMAL)
+    """Return the noisy photo at camera_from_part; of: another part than the box, with the same print in space.
+
+    slid (mm): the print has slid over the part. light: gain, offset.
+    """
+    view = open_renderer((of or part()).scene, threads=1).render(CAMERA, pose, channels=Channel.DEPTH | Channel.NORMAL)
     rays = CAMERA.unproject(CAMERA.pixel_grid())
     depth = np.where(np.isfinite(view.depth), view.depth, 0.0).astype(np.float64)
     p = pose.inv @ (rays * (depth / rays[..., 2])[..., None])

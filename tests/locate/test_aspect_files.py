@@ -43,10 +43,15 @@ def test_a_damaged_file_counts_as_none(tmp_path: Path) -> None:
     one.aspects.aspect(3, 1)
     write_aspects(one, tmp_path)
     file = file_of(one, tmp_path)
-    whole = file.read_bytes()
+    whole, other = file.read_bytes(), part()
     for damaged in (b"", whole[: len(whole) // 2], b"PK" + whole[2:200], whole.replace(b"distance", b"distancf")):
         file.write_bytes(damaged)
-        assert read_aspects(part(), tmp_path) == 0
+        assert read_aspects(other, tmp_path) == 0
+    for k in (*range(128), *range(len(whole) - 700, len(whole))):  # a header, and the archive's directory
+        file.write_bytes(whole[:k] + bytes([whole[k] ^ 16]) + whole[k + 1 :])
+        assert read_aspects(other, tmp_path) == 0, k
+    file.write_bytes(whole)
+    assert read_aspects(other, tmp_path) == 1
     file.unlink()
     assert read_aspects(part(), tmp_path) == 0
 

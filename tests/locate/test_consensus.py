@@ -14,7 +14,7 @@ from cadcam.camera.lens import BrownConrady
 from cadcam.camera.observations import Observations
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.match.consensus import PlaceCandidates, consensus, pose_of_matches
+from cadcam.locate.match.consensus import PlaceCandidates, _triples, consensus, pose_of_matches
 from cadcam.locate.photo import Photo
 
 from .scene import CAMERA, off, pose_of
@@ -159,3 +159,14 @@ def test_too_few_places_are_no_pose(n: int, rng: np.random.Generator) -> None:
     p = points(rng, max(n, 1))
     candidates = sought(truth, p, level(truth, p), 0, rng, hidden=0 if n else 1)
     assert consensus(candidates, [blank()], truth, tolerance=4.0, rng=rng) is None
+
+
+def test_triples_that_are_turned_alike_are_so_at_half_a_turn_too(rng: np.random.Generator) -> None:
+    p, n = points(rng, 6), np.arange(6)
+    ids, zero = n.astype(np.int32), np.zeros((6, 2))
+    near = np.array([-0.05, 0.05] * 3)
+    found = []
+    for turn in (near, (near + 2 * np.pi) % (2 * np.pi) - np.pi):
+        c = PlaceCandidates(ids, zero, turn, np.zeros((6, 2, 2)), np.ones(6), p, p, np.zeros(6, np.int32), 45.0, np.pi)
+        found.append(len(_triples(c, n, turn, np.random.default_rng(0), 1000)))
+    assert found[0] == found[1] > 0

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+import pickle
+from functools import partial
+
 import numpy as np
 import pytest
 
 from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom, aligned, carried
+from cadcam.locate.track.tracker import Tracker
+from cadcam.locate.views.view_range import WHOLE_SPHERE
+
+from .scene import block
 
 
 @pytest.fixture
@@ -118,3 +125,13 @@ def test_a_part_that_nears_and_turns_stays_on_its_line_of_sight(pose: Rigid) -> 
     np.testing.assert_allclose(path, 500.0 * along, atol=1e-9)
     slid = pose @ Rigid.exp(B @ x) @ point - pose @ point
     assert np.linalg.norm(slid - along * (slid @ along)) > 15
+
+
+def test_all_six_motions_are_no_restriction_whoever_made_them(rng: np.random.Generator) -> None:
+    """A copy of `FREE`, and six twists of the world, mean the same: no start is needed then."""
+    tracker = partial(Tracker, block(), None, velocity=True, texture=False, views=WHOLE_SPHERE)
+    for freedom in (Freedom(), pickle.loads(pickle.dumps(FREE)), Freedom(rng.normal(size=(6, 6)), "world")):
+        assert freedom.full
+        tracker(freedom=freedom)
+    with pytest.raises(BadValue, match="freedom is given without a start"):
+        tracker(freedom=Freedom.planar([0, 0, 1]))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from cadcam.locate.in_photos import locate_part
 from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine import retaken
-from cadcam.locate.refine.retaken import at_their_sharpness
+from cadcam.locate.refine.retaken import _in_pixels_of_photos, at_their_sharpness
 
 from .scene import CAMERA, block, off, photo_of, pose_of
 
@@ -71,3 +72,11 @@ def test_a_reduced_photo_keeps_its_colour_and_the_mean_of_its_pixels(rng: np.ran
     assert photo.reduced(1) is photo
     with pytest.raises(BadValue, match="binning"):
         photo.reduced(CAMERA.width + 1)
+
+
+def test_by_how_much_edges_are_off_is_told_in_pixels_of_the_photos(rng: np.random.Generator) -> None:
+    pose = pose_of(rng)
+    found = locate_part(block(), [photo_of(pose, rng)], pose)
+    told = _in_pixels_of_photos(replace(found, off_px=0.5), np.array([TIMES]))
+    assert told.off_px == TIMES * 0.5
+    assert "off by 2.00 px" in told.amiss

@@ -14,14 +14,15 @@ from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
-from cadcam.locate.in_photos import locate_part
+from cadcam.locate.in_photos import equivalent, locate_part
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.refine.refinement import refine_pose
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
 
 from ..cad.solids import box, prism
-from .photos import noisy
+from .photos import CAMERA, noisy, photo, view
 
 
 @pytest.mark.parametrize(
@@ -152,3 +153,27 @@ def test_on_a_floor_a_ball_turns_unseen_about_the_upright_alone() -> None:
     assert unseen.shape == (6, 1)
     assert np.abs(unseen[3:, 0] / np.linalg.norm(unseen[3:])) == pytest.approx([0, 0, 1], abs=1e-9)
     assert floor.without(unseen, Rigid()).basis.shape == (6, 2)
+
+
+def test_an_alternative_s_matches_are_on_its_own_edges(rng: np.random.Generator) -> None:
+    """They are where the photo shows them, and on the chain that runs there."""
+    part = Part.of(box([-20, -15, -10], [20, 15, 10]))
+    pose = view(part, (0.8, -0.5, 0.7))
+    found = refine_pose(part, [photo(part, pose, rng)], pose)
+    others = equivalent(part, found)
+    assert len(others) == 3
+    scene = part.scene
+    a, b = (scene.mesh.vertices[scene.edges.vertices[:, k]] for k in range(2))
+    for one in (found, *others):
+        m = one.matches
+        assert np.abs(CAMERA.project(one.pose.world_from_part @ m.p) - m.q).max() < 1e-9
+        assert (
+            np.abs(
+                CAMERA.project(one.pose.world_from_part @ one.judged.p)
+                - CAMERA.project(found.pose.world_from_part @ found.judged.p)
+            ).max()
+            < 1e-9
+        )
+        own = [np.flatnonzero(scene.edges.chain == chain)[0] for chain in m.chain]
+        u = (b[own] - a[own]) / np.linalg.norm(b[own] - a[own], axis=1, keepdims=True)
+        assert np.linalg.norm(np.cross(m.p - a[own], u), axis=1).max() < 1e-9

@@ -13,11 +13,13 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.locate.evidence import PoseEvidence
 from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.part import Part
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.log import TrackLog, head_of, track_part_to_log
 from cadcam.locate.track.texture import Followed, Texture
 from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, track_part
 
+from ..cad.solids import prism
 from .printed import CAMERA, FIRST, STEP, miss_mm, part, photo, truth
 
 SURE = 1e-10 * np.eye(6)
@@ -194,3 +196,12 @@ def test_a_log_that_goes_on_is_that_of_a_run_without_a_break(tmp_path: Path) -> 
     run("cut.jsonl", None)
     assert (tmp_path / "cut.jsonl").read_bytes() == (tmp_path / "whole.jsonl").read_bytes()
     assert '"followed"' in (tmp_path / "whole.jsonl").read_text()
+
+
+def test_a_round_part_is_followed_by_its_print(rng: np.random.Generator) -> None:
+    """Of its six motions one cannot be seen: credited with more than the five others, a fit still has to meet one."""
+    can = Part.of(prism(96, radius=60.0, height=60.0))
+    frames = [Frame.of(i, photo(pose, rng, of=can)) for i, pose in enumerate(truth(3))]
+    tracked = list(track_part(can, frames, FIRST))
+    assert [one.how for one in tracked[1:]] == ["followed", "followed"]
+    assert all(one.found for one in tracked)

@@ -9,6 +9,7 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import pytest
 
@@ -56,3 +57,18 @@ def test_what_was_claimed_and_let_go_leaves_nothing(tmp_path: Path) -> None:
             with store.claimed("judging in/", "process 7"):
                 assert len(list(tmp_path.iterdir())) == 2
             assert list(tmp_path.iterdir()) == [where]
+
+
+@pytest.mark.skipif(os.name == "posix" and os.getuid() != 0, reason="only root can be another user")
+def test_another_user_is_kept_away_too() -> None:
+    """Its lock file is not ours to write to: to lock it, it need not be."""
+    with TemporaryDirectory() as folder, open_store(Path(folder) / "parts.sqlite") as store:
+        Path(folder).chmod(0o755)
+        with store.claimed("judging in/", "process 7"):
+            child = os.fork()
+            if not child:
+                os.setuid(65534)
+                with suppress(UnusableStore), store.claimed("judging in/", "process 8"):
+                    os._exit(1)
+                os._exit(0)
+            assert os.waitpid(child, 0)[1] == 0

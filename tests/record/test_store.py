@@ -12,9 +12,11 @@ from typing import Any
 import numpy as np
 import pytest
 import sqlalchemy as sql
+from sqlalchemy import exc
 
 from cadcam.errors import BadValue, UnknownName, UnusableStore
 from cadcam.record import schema
+from cadcam.record.address import explained
 from cadcam.record.export import write_records
 from cadcam.record.record import Deviation, Finding, Record, Source
 from cadcam.record.store import open_store
@@ -318,3 +320,17 @@ def test_a_time_beyond_the_calendar_of_utc_is_refused(where: str) -> None:
         Record("bolt", time=early)
     with open_store(where) as store, pytest.raises(BadValue, match="since is 0001-01-01"):
         store.query(since=early)
+
+
+def test_what_names_no_file_or_column_is_told() -> None:
+    with pytest.raises(BadValue, match=r"address of a store is 'sqlite://'; expected a file after it"):
+        open_store("sqlite://")
+    with open_store(":memory:") as store, store.claimed("judging", "process 7"):
+        assert not Path(":memory:").exists()
+        assert not list(Path().glob(":memory:*"))
+        with pytest.raises(UnknownName, match=r"unknown column 'parts'; did you mean 'part'\?"):
+            store.values("parts")  # type: ignore[arg-type]
+
+
+def test_an_error_without_words_is_named_by_its_kind() -> None:
+    assert explained(exc.OperationalError("", {}, TimeoutError(""))) == ("TimeoutError", "")

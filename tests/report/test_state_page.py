@@ -74,7 +74,9 @@ def test_what_is_no_letter_in_a_name_is_spelled_out_in_a_chart() -> None:
 
 def test_limits_far_beyond_all_deviations_are_told_in_words() -> None:
     far = Deviation("rib", 0.1, 0.02, lower=-9.0, upper=9.0, verdict="PASS")
-    assert "limit 9 mm, not shown" in state_page([Record("block", deviations=(far,))])
+    assert "limits -9 and 9 mm, not shown" in state_page([Record("block", deviations=(far,))])
+    below = Deviation("rib", 0.1, 0.02, lower=-9.0, verdict="PASS")
+    assert "; limit -9 mm, not shown" in state_page([Record("block", deviations=(below,))])
 
 
 def test_names_are_text_in_the_page() -> None:

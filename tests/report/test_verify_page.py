@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
+from datetime import datetime, timedelta, timezone
 from html import escape
 from pathlib import Path
 
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 
 from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.errors import BadValue
 from cadcam.files.jsontext import as_json
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
@@ -23,6 +25,7 @@ from cadcam.record.record import Source
 from cadcam.record.trend import trend
 from cadcam.report.locate import alternatives_table, location_as_json
 from cadcam.report.verify.json import VerificationOrigin, record_of, verification_as_json
+from cadcam.report.verify.model import _lines
 from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import in_unit, to_do
@@ -348,3 +351,22 @@ def test_on_paper_no_table_is_wider_than_its_section_and_no_row_is_split(
     page.write_text(text.replace("@media print{", "@media all{"))
     sections = beyond(page, 717, "section")
     assert sections == [0] * text.count("<section")
+
+
+def test_a_time_of_another_zone_is_shown_in_utc_and_one_without_a_zone_refused() -> None:
+    origin = VerificationOrigin("plate", time=datetime(2026, 1, 1, 12, tzinfo=timezone(timedelta(hours=5))))
+    assert origin.time.isoformat() == "2026-01-01T07:00:00+00:00"
+    with pytest.raises(BadValue, match="time is 2026-01-01T12:00:00; expected a time with its zone"):
+        VerificationOrigin("plate", time=datetime(2026, 1, 1, 12))
+
+
+def test_an_edge_of_several_photos_has_the_colour_of_the_surest(found: tuple[Verification, Photo]) -> None:
+    """Whatever lies between them that no photo shows: its sigma is no number, by which nothing can be sorted."""
+    scene, seen = part().scene, found[0].inspection
+    assert seen is not None
+    edge = next(e for e in seen.edges if np.isfinite(e.value))
+    sure, vague = replace(edge, value=0.0, sigma=0.01), replace(edge, value=0.3, sigma=0.5)
+    blank = replace(edge, chain=edge.chain + 1, value=np.nan, sigma=np.nan)
+    of, none = scene.edges.chain == edge.chain, np.zeros(len(scene.edges), bool)
+    drawn = [_lines(replace(seen, edges=edges), scene, none) for edges in ((sure, blank, vague), (vague, sure))]
+    assert len({styles[int(style[of][0])].color for styles, style in drawn}) == 1

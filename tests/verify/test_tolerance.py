@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 
 from cadcam.cad.edges import EdgeKind
+from cadcam.cad.parts.shape import box
 from cadcam.errors import BadValue, CadcamError, UnknownName
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
+from cadcam.render.view import Scene
 from cadcam.verify.judge import verify_part
 from cadcam.verify.tolerances.file import read_tolerances, template
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances, runs, whole_parts
@@ -177,6 +179,13 @@ def test_a_name_full_of_signs_means_only_itself() -> None:
     with pytest.raises(UnknownName):
         Selection("rib [34]").bodies(part().scene)
     assert Selection("rib [12]").bodies(part().scene).sum() == 2
+    assert Selection("rib [2]").among(["rib [2]", "rib 2"]).tolist() == [True, False]
+
+
+@pytest.mark.parametrize("name", ["rib ", " rib", "rib\t2", "rib\n2\\", "rib\x85\U0001f600", "'rib'", "no", "1: a"])
+def test_a_template_names_parts_whatever_their_names(tmp_path: Path, name: str) -> None:
+    scene = Scene.of(box((0, 0, 0), (10, 10, 10), name=name))
+    assert read_tolerances(written(tmp_path, template(scene))).datum[0].part == scene.mesh.part_names[0] == name
 
 
 def test_runs_are_shortened() -> None:

@@ -8,8 +8,6 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 import cadcam
 from cadcam.dataset.layout import DATASET, OBJECT, DatasetFiles
 from cadcam.dataset.plan import DatasetPlan
@@ -19,7 +17,6 @@ from cadcam.files.camera import bare_camera_as_json
 from cadcam.files.jsontext import as_json, shortened
 from cadcam.files.sensor import sensor_as_json
 from cadcam.geometry.rigid import Rigid
-from cadcam.render.view import Scene
 from cadcam.whole import write_whole
 
 FORMAT, VERSION = "cadcam data set", 1
@@ -43,11 +40,11 @@ def head_of(
         "made_by": f"cadcam {cadcam.__version__}",
         "views": plan.views,
         "split": layout.split,
-        "part": {"obj_id": OBJECT, "name": name, "sha256": _hash(inputs.scene), "parts": list(mesh.part_names)},
+        "part": {"obj_id": OBJECT, "name": name, "sha256": inputs.scene.sha256, "parts": list(mesh.part_names)},
         "key_points": {"names": list(key_point_names), "p_mm": inputs.key_points.tolist()},
         "plan": _plan(plan),
         "depth_scale": inputs.depth_step,
-        "props": [{"name": prop.name, "sha256": _hash(prop.scene)} for prop in inputs.props],
+        "props": [{"name": prop.name, "sha256": prop.scene.sha256} for prop in inputs.props],
     }
 
 
@@ -130,16 +127,6 @@ def _background(one: str | Path) -> str:
 
 def _hash_of_poses(poses: tuple[Rigid, ...]) -> str | None:
     return sha256(b"".join(pose.matrix.tobytes() for pose in poses)).hexdigest() if poses else None
-
-
-def _hash(scene: Scene) -> str:
-    """Return the hash of all of a scene that is seen: its shape, its edges, and the colour of each face."""
-    mesh, edges = scene.mesh, scene.edges
-    normals = np.zeros(0, np.float32) if mesh.corner_normals is None else mesh.corner_normals
-    shape = (mesh.vertices, mesh.faces, mesh.part, normals)
-    lines = (edges.vertices, edges.faces, edges.kind, edges.chain, edges.part)
-    arrays = (*shape, *lines, scene.colors[scene.paint])
-    return sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
 
 
 def _flat(value: Any, name: str = "") -> dict[str, Any]:

@@ -42,6 +42,11 @@ class Freedom(Locked):
         k = self.basis.shape[1]
         return "Freedom()" if self.frame == "part" and k == 6 else f"Freedom({k} of 6 twists, frame={self.frame!r})"
 
+    @property
+    def full(self) -> bool:
+        """Return whether nothing is restricted: all six motions are allowed."""
+        return len(self.basis.T) == 6
+
     @classmethod
     def planar(cls, normal: Floats, *, frame: Frame = "world") -> Freedom:
         """Return two translations across `normal` (3,) and the rotation about it: a part that lies on a floor."""

@@ -110,7 +110,7 @@ def locate_part(
     expect(views, "views", ViewRange)
     expect(freedom, "freedom", Freedom)
     check_photos(photos)
-    if start is None and freedom is not FREE:
+    if start is None and not freedom.full:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     searched = search(part, photos, views) if start is None else []
 
@@ -345,8 +345,8 @@ def _apart_to_see(part: Part, one: Rigid, other: Rigid) -> float:
 def equivalent(part: Part, best: Location, lying: Lying | None = None) -> list[Location]:
     """Return the other poses in which a symmetric part looks the same as in the best, of those that may lie so."""
     out = []
-    for part_from_part in part.symmetries[1:]:
-        pose = best.pose
+    pose = best.pose
+    for number, part_from_part in enumerate(part.symmetries[1:], 1):
         Ad = part_from_part.inv.adjoint()
         moved = replace(
             pose,
@@ -357,7 +357,10 @@ def equivalent(part: Part, best: Location, lying: Lying | None = None) -> list[L
             undetermined=Ad @ pose.undetermined,
         )
         if lying is None or not lying.off(moved):
-            out.append(replace(best, pose=moved, reason="the part looks the same in this pose"))
+            matches = best.matches.among(part_from_part, part.chain_images[number])
+            judged = replace(best.judged, p=part_from_part.inv @ best.judged.p)
+            why = "the part looks the same in this pose"
+            out.append(replace(best, pose=moved, matches=matches, judged=judged, reason=why))
     return out
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Ids, Mask, frozen
+from cadcam.geometry.rigid import Rigid
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -40,6 +41,14 @@ class EdgeMatches(Brief):
 
     def __len__(self) -> int:
         return len(self.offset)
+
+    def among(self, part_from_part: Rigid, chain_images: Ids) -> EdgeMatches:
+        """Return the same of a part that has been moved onto itself: on those edges that are now where others were.
+
+        chain_images (C,): the chain that the motion has brought onto each chain.
+        """
+        chain = np.where(self.chain < 0, np.int32(-1), chain_images[self.chain] if len(chain_images) else -1)
+        return replace(self, p=part_from_part.inv @ self.p, chain=chain)
 
     @property
     def scatter_px(self) -> float:

@@ -15,7 +15,7 @@ from cadcam.locate.views.aspects import Aspects
 from cadcam.locate.views.likeness import Likeness, likenesses, mirror_image
 from cadcam.locate.views.own_edges import OwnEdges
 from cadcam.locate.views.resting import RestingFaces
-from cadcam.locate.views.symmetry import spins_of, symmetries
+from cadcam.locate.views.symmetry import chain_images, spins_of, symmetries
 from cadcam.render.caster import Caster
 from cadcam.render.lines.visible import LineDrawer
 from cadcam.render.view import Scene
@@ -71,6 +71,11 @@ class Part:
     def symmetries(self) -> list[Rigid]:
         """The motions part_from_part in which the part looks the same, the identity first."""
         return symmetries(self.scene.mesh, self.scene.edges)
+
+    @cached_property
+    def chain_images(self) -> list[Ids]:
+        """For each of the symmetries the chain (C,) that it brings onto each chain of its edges."""
+        return chain_images(self.scene.mesh, self.scene.edges, self.symmetries)
 
     @cached_property
     def spins(self) -> Array:

@@ -16,7 +16,7 @@ import numpy as np
 
 from cadcam.arrays import Mask
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.freedom import Freedom
 from cadcam.locate.lines.attraction import attracted
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.location import FOUND, Location
@@ -195,7 +195,7 @@ class Rivals:
 
     def _freedom(self, like: Likeness) -> Freedom:
         """Return the freedom of the part, or its mirror image, in another reading."""
-        if self.freedom is FREE or self.freedom.frame == "world":
+        if self.freedom.full or self.freedom.frame == "world":
             return self.freedom
         return Freedom(like.motion.inv.adjoint() @ self.freedom.basis)
 

@@ -15,6 +15,7 @@ _CHANGED_KIB = 65536  # of pages that a writer holds in memory: once it has to l
 _READ_KIB = 2000  # ... and a reader: SQLite's default
 _WAIT_S = 60  # timeout of a writer that waits for others
 MENDED = "take the last backup, or save what can be read by SQLite's own program: sqlite3 FILE .recover"
+MEMORY = ":memory:"  # SQLite's name of what is no file, and lost with its store
 _DRIVERS = {"postgresql": "postgresql+pg8000", "postgres": "postgresql+pg8000"}
 
 
@@ -28,6 +29,8 @@ def url_of(where: str) -> sql.URL:
         raise BadValue("address of a store", repr(where), "a file, or postgresql://user@host:port/name") from None
     if url.get_backend_name() not in ("sqlite", "postgresql", "postgres"):
         raise UnknownName("kind of store", url.get_backend_name(), ("sqlite", "postgresql"))
+    if url.get_backend_name() == "sqlite" and not url.database:
+        raise BadValue("address of a store", repr(where), "a file after it, as in sqlite:///parts.db")
     url = url.set(drivername=_DRIVERS.get(url.drivername, url.drivername))
     if url.drivername == _DRIVERS["postgresql"] and url.username is None:
         return url.set(username=getuser())  # as PostgreSQL's own programs do; pg8000 does not
@@ -71,7 +74,8 @@ def check_file(path: str, create: bool) -> None:
 def explained(error: exc.DBAPIError) -> tuple[str, str]:
     """Return reason and remedy of a database error."""
     said = error.orig.args[0] if error.orig is not None and error.orig.args else error
-    reason = str(said.get("M", said) if isinstance(said, dict) else said).splitlines()[0]
+    text = str(said.get("M", said) if isinstance(said, dict) else said).strip()
+    reason = text.splitlines()[0] if text else type(error.orig or error).__name__
     if "not a database" in reason:
         return "is not an SQLite file", "name a new file, or the right one"
     if "locked" in reason:

@@ -39,13 +39,21 @@ def claimed_by_file(store: str, what: str, who: str) -> Iterator[None]:
         yield
         return
     try:
-        os.truncate(path, 0)
-        os.write(file, utf8(who))
+        with suppress(OSError):  # of another user's file only the lock is ours
+            os.ftruncate(file, 0)
+            os.write(file, utf8(who))
         yield
     finally:
         with suppress(OSError):
             path.unlink()  # while it is locked: who opened it meanwhile finds that it is gone
         os.close(file)
+
+
+def _opened(path: Path) -> int:
+    try:
+        return os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+    except PermissionError:  # another user's: to lock it, it need not be written to
+        return os.open(path, os.O_RDONLY)
 
 
 def _locked(path: Path) -> int | None:
@@ -56,8 +64,8 @@ def _locked(path: Path) -> int | None:
         return None
     while True:
         try:
-            file = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
-        except OSError:  # left behind by another user
+            file = _opened(path)
+        except OSError:  # where nobody may write, there is nothing to keep anybody away from
             return None
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

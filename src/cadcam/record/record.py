@@ -129,8 +129,6 @@ class Record(Brief):
             _as_number(self, "quality", "quality of a record")
         if self.quality is not None and not 0 <= self.quality <= 1:
             raise BadValue("quality of a record", self.quality, "a number from 0 to 1")
-        if self.time.tzinfo is None:
-            raise BadValue("time of a record", self.time.isoformat(), "a time with its zone, such as datetime.now(UTC)")
         _check_verdict(self.verdict, self.part)
         _spell_out(self, "part", "serial", "station", "reason", "software", "id")
         object.__setattr__(self, "time", in_utc("time of a record", self.time))
@@ -140,7 +138,9 @@ class Record(Brief):
 
 
 def in_utc(what: str, time: datetime) -> datetime:
-    """Return a time with its zone in UTC; `BadValue` naming `what` where the calendar of UTC does not hold it."""
+    """Return a time in UTC; `BadValue` naming `what` where it has no zone, or UTC's calendar does not hold it."""
+    if time.tzinfo is None:
+        raise BadValue(what, time.isoformat(), "a time with its zone, such as datetime.now(UTC)")
     try:
         return time.astimezone(UTC)
     except OverflowError:  # in the first or the last hours of the calendar

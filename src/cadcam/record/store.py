@@ -10,7 +10,7 @@ from __future__ import annotations
 import os
 from collections import defaultdict
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from datetime import datetime
 from types import TracebackType
 from typing import Any, Literal, Self, TypedDict, Unpack, get_args
@@ -22,7 +22,7 @@ import cadcam
 from cadcam.errors import BadValue, CadcamError, MissingExtra, UnknownName, UnusableStore
 from cadcam.kinds import expect, expect_count, expect_each, expect_flag, expect_known, expect_path
 from cadcam.record import schema
-from cadcam.record.address import MENDED, check_file, engine_of, explained, url_of
+from cadcam.record.address import MEMORY, MENDED, check_file, engine_of, explained, url_of
 from cadcam.record.claim import Claimed, claimed_by_file, claimed_in_database
 from cadcam.record.record import VERDICTS, Record, as_kept, in_utc
 from cadcam.record.rows import (
@@ -50,8 +50,8 @@ class Which(TypedDict, total=False):
     """Which records are meant: those that match all that is given and is not None.
 
     id_begins: the beginning of their id. verdict: "" means not judged. since, until: times with their zone, both
-    included. feature: only those with a deviation of this name. sha256: only those that came from a file of this
-    fingerprint, or of one of these, be it photo, CAD, camera or tolerances.
+    included. feature: only those with a deviation or a finding of this name. sha256: only those that came from a file
+    of this fingerprint, or of one of these, be it photo, CAD, camera or tolerances.
     """
 
     id_begins: str | None
@@ -188,6 +188,7 @@ class Store:
 
     def values(self, name: Named | Literal["feature"]) -> set[str]:
         """Return the parts, serials, stations or features that the store holds records of."""
+        expect_known(name, "column", (*NAMED, "feature"))
         tables = self._judged if name == "feature" else [schema.measurement]
         with self._transaction(self._engine) as connection:
             return {one for t in tables for one in connection.execute(sql.select(t.c[name]).distinct()).scalars()}
@@ -238,8 +239,11 @@ class Store:
         words. With SQLite it is a lock on a file beside the store, and no claim where the system has no locks.
         """
         try:
+            claim: AbstractContextManager[None]
             if self._engine.dialect.name == "postgresql":
                 claim = claimed_in_database(self._engine, what, who)
+            elif self.name == MEMORY:  # which nobody else has
+                claim = nullcontext()
             else:
                 claim = claimed_by_file(self.name, what, who)
             with claim:

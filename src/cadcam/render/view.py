@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Flag, auto
+from hashlib import sha256
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -120,6 +121,16 @@ class Scene(Locked):
         paint = mesh.part.copy()
         paint[own] = len(of_parts) + np.arange(own.sum())
         return cls(mesh, edges, np.concatenate([of_parts, mesh.face_colors[own]]), paint)
+
+    @property
+    def sha256(self) -> str:
+        """The hash of all that is seen: its shape, its edges, and the colour of each face."""
+        mesh, edges = self.mesh, self.edges
+        normals = np.zeros(0, np.float32) if mesh.corner_normals is None else mesh.corner_normals
+        shape = (mesh.vertices, mesh.faces, mesh.part, normals)
+        lines = (edges.vertices, edges.faces, edges.kind, edges.chain, edges.part)
+        arrays = (*shape, *lines, self.colors[self.paint])
+        return sha256(b"".join(array.tobytes() for array in arrays)).hexdigest()
 
     def repeated(self, poses: Sequence[Rigid]) -> Scene:
         """Return the scene with all that is in this one at each of n poses (world_from_scene): instances of a part.

@@ -192,7 +192,8 @@ def _triples(
         return np.zeros((0, 3), np.intp)
     chance = c.score[mine] ** 4
     triples = mine[rng.choice(len(mine), size=(4 * count, 3), p=chance / chance.sum())]
-    triples = triples[np.ptp(turn[triples], axis=1) < _ALIKE][:count]
+    apart = (turn[triples] - turn[triples[:, :1]] + math.pi) % (2 * math.pi)  # from the first, which has pi
+    triples = triples[np.ptp(apart, axis=1) < _ALIKE][:count]
     triples = np.unique(np.sort(triples, axis=1), axis=0)
     f = np.sort(c.feature[triples], axis=1)
     triples = triples[(f[:, 0] != f[:, 1]) & (f[:, 1] != f[:, 2])]

@@ -169,11 +169,12 @@ def judged_support(
 ) -> Support:
     """Return the support of a pose fitted along B (6, k); in doubt, a model of other proportions is tried, too.
 
-    chosen: how many constraints the start met by being the best of many poses. color: the share of samples supported by
+    chosen: how many constraints the start met by being the best of many poses; less than 0, how many it need not have
+    met anywhere, as it was known before. One is counted at least. color: the share of samples supported by
     the colours on both sides (`locate.quality.color`). bands: whether bands lie beside the lines; then proportions that
     would only move lines to the bands' other sides are no evidence.
     """
-    constraints = B.shape[1] + chosen
+    constraints = max(B.shape[1] + chosen, 1)
     ask = partial(support_at, constraints=constraints, scatter=scatter)
     support = ask(sights, world_from_part, B=B)
     if support.gone >= 0 and _WITHOUT[0] < support.quality < _WITHOUT[1]:

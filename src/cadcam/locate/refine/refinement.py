@@ -62,8 +62,9 @@ def refine_pose(
 
     photos: of one camera, of a rig, or of a moved camera, each with its viewpoint in the world. evidence: points, lines
     or poses of the part that are known by other means. chosen: how many constraints the start meets only because it was
-    the best of many poses in these photos; these are no evidence (`locate.quality.support`). Where too little is seen
-    to determine the pose, the answer has quality 0.
+    the best of many poses in these photos; these are no evidence (`locate.quality.support`). Less than 0: how many a
+    fit is credited with whose start was foretold to some px, by motion or by texture. Where too little is seen to
+    determine the pose, the answer has quality 0.
 
     wider: whether other poses are tried where the answer is in doubt (not useful where starts are known to be good, as
     farther off there are only other lines). These are: the result of a wider search from where the first one ended,

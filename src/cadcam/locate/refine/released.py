@@ -30,7 +30,7 @@ _LEAST_PX = 0.2  # least motion of the lines: less may be due to the lens, or a 
 def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOptions) -> Location:
     """Return the location of a found answer under a restriction; it says so if the photos contradict that."""
     found = best.location
-    if freedom is FREE or not found.found or best.solution is None:
+    if freedom.full or not found.found or best.solution is None:
         return found
     free = _free(part, best, options)
     if free is None or not _contradicted(best, free):

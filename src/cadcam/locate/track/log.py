@@ -44,7 +44,7 @@ from cadcam.whole import utf8
 FORMAT, VERSION = "cadcam track", 2
 _INPUTS = {  # entries of the first line, and what the caller knows them as
     "software": "version",
-    "part_sha256": "part, unit or crease angle",
+    "part_sha256": "part, unit, colours or crease angle",
     "cameras_sha256": "camera",
     "freedom": "--freedom",
     "views": "--seen-from, --roll, --distance, --on or --lying",
@@ -209,12 +209,11 @@ def head_of(
     views: ViewRange = WHOLE_SPHERE,
 ) -> dict[str, Any]:
     """Return the first line of a log: everything except the pictures that determines the results."""
-    mesh, edges = part.scene.mesh, part.scene.edges
     return {
         "format": FORMAT,
         "version": VERSION,
         "software": f"cadcam {__version__}",
-        "part_sha256": _hash([mesh.vertices, mesh.faces, edges.vertices, edges.kind]),
+        "part_sha256": part.scene.sha256,
         "cameras_sha256": [_hash(_numbers(view)) for view in viewpoints],
         "start": None if start is None else pose_as_json(start),
         "freedom": {"frame": freedom.frame, "basis": freedom.basis.tolist()},
@@ -353,6 +352,7 @@ def _numbers(view: Viewpoint) -> Iterable[Any]:
     """Return all numbers of a viewpoint that determine what is found."""
     yield [*view.camera.size]
     yield view.camera.K
+    yield list(type(view.camera.lens).__name__.encode())
     yield [*view.camera.lens.parameters.values()]
     yield view.camera_from_world.matrix
     for source, effect in view.errors:

@@ -131,7 +131,7 @@ class Tracker:
         expect(freedom, "freedom", Freedom)
         expect_flag(velocity, "velocity")
         expect_flag(texture, "texture")
-        if freedom is not FREE and start is None:
+        if not freedom.full and start is None:
             raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
         self._part, self._freedom, self._views = part, freedom, views
         self._memory = _Memory(part.scene.mesh.box_corners, start, velocity)
@@ -195,7 +195,7 @@ class Tracker:
             yield "kept", lambda: refine_pose(part, photos, last, freedom=freedom)
         if last is not None:
             yield "recovered", lambda: locate_part(part, photos, last, freedom=freedom)
-        if freedom is FREE and (last is None or self._memory.search_is_due()):
+        if freedom.full and (last is None or self._memory.search_is_due()):
             yield "searched", lambda: locate_part(part, photos, freedom=freedom, views=self._views)
 
     def _near_predicted(self, photos: tuple[Photo, ...], predicted: PoseEstimate) -> Location:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from scipy.spatial import cKDTree
 
 _SAMPLES = 400
+_MARKED = 20_000  # points along all edges by which the chain nearest to a place is told
 _FEW = 24  # portions in which points are tested
 _MOST = 64  # points tried as the image of one
 _SAME = 2e-3  # radii: a rotation that maps the edges onto themselves to this tolerance is a symmetry ...
@@ -63,6 +65,21 @@ def symmetries(mesh: Mesh, edges: FeatureEdges) -> list[Rigid]:
         if all(_within(tree, p @ R.T, spacing) and _within(lines, p @ R.T, tolerance + step) for p in some):
             found.append(R)
     return [Rigid(R, centre - R @ centre) for R in found]
+
+
+def chain_images(mesh: Mesh, edges: FeatureEdges, motions: Sequence[Rigid]) -> list[Ids]:
+    """Return for each symmetry `part_from_part` the number (C,) of the chain that it brings onto each chain."""
+    from scipy.spatial import cKDTree
+
+    if not len(edges):
+        return [np.zeros(0, np.int32) for _ in motions]
+    a, b = (mesh.vertices[edges.vertices[:, k]] for k in range(2))
+    length = np.linalg.norm(b - a, axis=1)
+    n = np.maximum(np.ceil(length / max(length.sum(), 1e-300) * _MARKED), 1).astype(int)
+    tree, chain = cKDTree(_points(a, b, n)), np.concatenate([np.repeat(edges.chain, n), edges.chain, edges.chain])
+    order, count = np.argsort(edges.chain, kind="stable"), np.bincount(edges.chain)
+    middle = order[np.minimum(np.cumsum(count) - count + count // 2, len(order) - 1)]  # segment of each chain
+    return [chain[tree.query(S.inv @ ((a[middle] + b[middle]) / 2))[1]] for S in motions]
 
 
 def _extent(corners: Array) -> Array:

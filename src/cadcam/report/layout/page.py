@@ -23,6 +23,7 @@ from cadcam.plan.coverage import Painting
 from cadcam.plan.layout import Layout
 from cadcam.plan.sight.candidate import Candidate
 from cadcam.plan.what_if import WhatIf
+from cadcam.record.record import in_utc
 from cadcam.report.layout.model import model_figure
 from cadcam.report.layout.plan import NOTHING, WANTED, floor_plan, full_bar, ratio_bar
 from cadcam.report.layout.words import (
@@ -72,6 +73,9 @@ class LayoutReport:
     views: Sequence[Picture] = ()
     covered: Sequence[tuple[Painting, Sequence[tuple[str, Picture]]]] = ()
     time: datetime = field(default_factory=lambda: datetime.now(UTC))
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "time", in_utc("time", self.time))
 
 
 def write_layout_page(path: str | os.PathLike[str], report: LayoutReport) -> None:

@@ -35,8 +35,8 @@ def trend_chart(trend: Trend, links: Mapping[str, str]) -> str:
     if values:
         areas, lines = _limits(frame, values, len(shown))
         body += [*areas, *frame.level_lines(trend.unit), *lines]
-        outside = max((abs(d.upper) for _, d in values if d.upper is not None and d.upper > frame.ticks[-1]), default=0)
-        told = f"; limit {outside:g} {trend.unit}, not shown" if outside else ""
+        beyond = _beyond(frame, [d for _, d in values])
+        told = f"; limit{'s' * (len(beyond) > 1)} {' and '.join(beyond)} {trend.unit}, not shown" if beyond else ""
     for i, (record, one) in sorted(enumerate(shown), key=lambda place: _ON_TOP.index(place[1][1].verdict)):
         mark = _value(frame, _x(frame, i, len(shown)), one) if isinstance(one, Deviation) else ""
         mark = mark or _cross(_x(frame, i, len(shown)), frame.height - 30, _color(one))
@@ -90,6 +90,13 @@ def _limits(frame: Frame, values: Sequence[tuple[int, Deviation]], count: int) -
             drawn = [v for v in (lower, upper) if v is not None and frame.ticks[0] < v <= frame.ticks[-1]]
             lines += [stroke(x0, frame.y(v), x1, frame.y(v), INK, 1.5) for v in drawn]
     return areas, lines
+
+
+def _beyond(frame: Frame, values: Sequence[Deviation]) -> list[str]:
+    """Return the outermost limits that lie beyond the chart, the lower one first."""
+    lower = [d.lower for d in values if d.lower is not None and d.lower < frame.ticks[0]]
+    upper = [d.upper for d in values if d.upper is not None and d.upper > frame.ticks[-1]]
+    return [f"{limit:g}" for limit in (*sorted(lower)[:1], *sorted(upper)[-1:])]
 
 
 def _value(frame: Frame, x: float, d: Deviation) -> str:

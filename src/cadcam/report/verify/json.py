@@ -12,7 +12,7 @@ from cadcam.files.jsontext import or_null, or_nulls
 from cadcam.image.picture import PictureInfo
 from cadcam.kinds import expect, expect_each
 from cadcam.record.export import record_as_json
-from cadcam.record.record import Deviation, Finding, Record, Source
+from cadcam.record.record import Deviation, Finding, Record, Source, in_utc
 from cadcam.report.locate import disagreements_as_json
 from cadcam.report.photos import photos_as_json
 from cadcam.report.verify.words import assumptions, role, rule_words, weakest_direction
@@ -41,6 +41,7 @@ class VerificationOrigin:
     def __post_init__(self) -> None:
         expect(self.part, "part", str)
         expect(self.time, "time", datetime)
+        object.__setattr__(self, "time", in_utc("time", self.time))
         for name, kind in (("sources", Source), ("cameras", str), ("photos", PictureInfo)):
             object.__setattr__(self, name, expect_each(getattr(self, name), name, kind))
 

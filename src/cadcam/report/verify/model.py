@@ -80,10 +80,10 @@ def _lines(seen: Inspection, scene: Scene, missing: Mask) -> tuple[list[LineStyl
     shades = [deviation_color(full * k / _HALF, full) for k in range(-_HALF, _HALF + 1)]
     styles = [LineStyle(), LineStyle(MISSING, 2.0, through=True), *(LineStyle(c, _WIDE) for c in shades)]
     style = missing.astype(np.int64)
-    for edge in sorted(seen.edges, key=lambda e: -e.sigma):  # of a chain in several photos the surest is the last
-        if np.isfinite(edge.value):
-            shade = int(np.rint(np.clip(edge.value / full, -1, 1) * _HALF)) + _HALF + 2
-            style[(scene.edges.chain == edge.chain) & ~missing] = shade
+    measured = (edge for edge in seen.edges if np.isfinite(edge.value))
+    for edge in sorted(measured, key=lambda e: -e.sigma):  # of a chain in several photos the surest is the last
+        shade = int(np.rint(np.clip(edge.value / full, -1, 1) * _HALF)) + _HALF + 2
+        style[(scene.edges.chain == edge.chain) & ~missing] = shade
     return styles, style
 
 

@@ -68,7 +68,7 @@ _WHERE = ("part", "chains", "box_mm", "kinds")
 _WAYS = {"direction": "a direction", "axis": "an axis"}  # of a position
 _HOW = ("k", "rule", *_WAYS)
 _OF_FEATURES = tuple(q for q in Quantity if q is not Quantity.DISTANCE)
-_K, _LARGEST_K = 2.0, 10.0  # what is larger, 95 or 99, is not meant as a number of sigmas
+_K, _LARGEST_WRITTEN_K = 2.0, 10.0  # what is larger, 95 or 99, is not meant as a number of sigmas
 _OF_A_PART = (
     "    position_mm: 1.0    # of the whole feature; also: profile_mm (worst place along its edges), angle_deg",
     "    # diameter_mm: [-0.1, 0.05]        of a hole or pin, from the CAD's; or: 0.1, to either side",
@@ -144,9 +144,13 @@ def _longest_chain(scene: Scene, part: str) -> int | None:
 
 
 def quoted(name: str) -> str:
-    """Return a name as YAML has it: plain where it can be, else in quotes."""
+    """Return a name as YAML has it: plain where it can be, else in quotes; signs that cannot be seen as escapes."""
+    if not name.isprintable():
+        seen = (c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in name)
+        return '"' + "".join(seen) + '"'
     safe = name.replace("_", "").replace(" ", "a").replace(".", "a").replace("-", "a").isalnum()
-    plain = safe and name[0].isalpha() and name.lower() not in ("true", "false", "null", "yes", "no", "on", "off")
+    word = name.lower() in ("true", "false", "null", "yes", "no", "on", "off")
+    plain = safe and name[0].isalpha() and name == name.strip() and not word
     return name if plain else "'" + name.replace("'", "''") + "'"
 
 
@@ -218,8 +222,8 @@ def limits_at(place: Place, k: float, rule: Rule, of: Collection[Quantity] = _OF
 
 def _coverage(place: Place) -> float:
     k = place.at("k").number()
-    if not 0 < k <= _LARGEST_K:
-        raise place.at("k").error(f"is {k:g}", f"a coverage factor up to {_LARGEST_K:g} is expected, usually 2")
+    if not 0 < k <= _LARGEST_WRITTEN_K:
+        raise place.at("k").error(f"is {k:g}", f"a coverage factor up to {_LARGEST_WRITTEN_K:g} is expected, usually 2")
     return k
 
 

@@ -93,8 +93,12 @@ class Selection(Brief):
         return self.among(scene.mesh.part_names)
 
     def among(self, names: Sequence[str]) -> Mask:
-        """Return which of the names (P,) of parts are selected; raise `UnknownName` listing them where none is."""
-        meant = np.array([name == self.part or fnmatchcase(name, self.part) for name in names], bool)
+        """Return which of the names (P,) of parts are selected; raise `UnknownName` listing them where none is.
+
+        What is the name of a part is no pattern: "plate [2]" is not "plate 2", too.
+        """
+        exact = self.part in names
+        meant = np.array([name == self.part if exact else fnmatchcase(name, self.part) for name in names], bool)
         if not meant.any():
             raise UnknownName("part", self.part, names)
         return meant
