@@ -9,7 +9,8 @@ from functools import partial
 import numpy as np
 
 from cadcam.arrays import Array, Mask
-from cadcam.errors import BadValue
+from cadcam.cad.edges import EdgeKind
+from cadcam.errors import BadValue, listed
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect, expect_callable, expect_each
 from cadcam.locate.freedom import FREE, Freedom
@@ -20,8 +21,9 @@ from cadcam.verify.adjustment.alarms import AS_IN_PLACE
 from cadcam.verify.adjustment.datum_fit import Estimate, shares_of
 from cadcam.verify.bodies.stages import Stages, untold
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
-from cadcam.verify.deviations.measured import DISAGREE, SEEN_PX, MeasuredEdges
+from cadcam.verify.deviations.measured import DISAGREE, SEEN_PX, STATION_PX, MeasuredEdges
 from cadcam.verify.distances import judged_distance
+from cadcam.verify.edges.sightlines import STEP_PX
 from cadcam.verify.inspection import PLAIN_OPTIONS, Inspection, InspectionOptions, inspect
 from cadcam.verify.reasons import (
     ANOTHER_VIEW,
@@ -43,6 +45,8 @@ from cadcam.verify.tolerances.verdict import Judgement, Verdict, decided, overal
 _NAN = float("nan")
 _NEAR_AXIS = np.cos(np.radians(15.0))
 _MISTAKEN = 4.0  # scatter along edges, over what is expected (variances), that no noise of a circle's edges makes
+_SHOWN = 0.5  # share of an edge that has to be measured before its worst place is known
+_NAMED = 3  # most edges named in a reason
 _OTHER_SIDE = "add a photo from another side"
 _ALONG = f"judge a direction, or {_OTHER_SIDE}"
 
@@ -314,7 +318,29 @@ def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection)
     station, edge = pieces[worst]
     reason = f"worst of {len(pieces)} pieces, on {edge.name}; k {each.k:.2f} for all together"
     found_there = Judgement(name, each, float(station[1]), float(station[2]), verdict, reason)
+    if verdict is Verdict.PASS and (unseen := _unseen_edges(name, seen)):
+        but = f"but {listed(unseen, _NAMED)} {'is' if len(unseen) == 1 else 'are'} not seen, or only in part"
+        return replace(found_there, verdict=Verdict.UNDECIDED, reason=f"{reason}, {but}", remedy=Unclear.UNSEEN.remedy)
     return explained(found_there, shares_of(edge.variances))
+
+
+def _unseen_edges(name: str, seen: Inspection) -> list[str]:
+    """Return which edges of a feature, in view for longer than a piece, no photo shows by half: they may be anywhere.
+
+    One that is off by more than edges are searched for, or has no contrast, says nothing of how far it is off. Towards
+    its ends, where other lines come near, half a piece is not asked for.
+    """
+    assert seen.measured is not None  # only of inspections that found the part
+    number = seen.survey.names.index(name)
+    in_view, measured = seen.survey.lines.select(seen.survey.members[number]), seen.measured.lines
+    measured = measured.select(seen.measured.members[number])
+    out = []
+    for chain in np.unique(in_view.chain):
+        px, shown_px = (STEP_PX * np.bincount(of.photo[of.chain == chain]).max(initial=0) for of in (in_view, measured))
+        if px - STATION_PX > STATION_PX and shown_px < _SHOWN * (px - STATION_PX):
+            kind = EdgeKind(int(in_view.kind[in_view.chain == chain][0])).name.lower()
+            out.append(f"{kind} {chain}" if chain >= 0 else kind)
+    return out
 
 
 _QUANTITIES: dict[Quantity, Callable[[str, Limit, FeatureDeviation, Inspection], Judgement]] = {

@@ -145,7 +145,9 @@ def _longest_chain(scene: Scene, part: str) -> int | None:
 
 def quoted(name: str) -> str:
     """Return a name as YAML has it: plain where it can be, else in quotes; signs that cannot be seen as escapes."""
-    if not name.isprintable():
+    if not all(
+        c.isprintable() or "\ud800" <= c <= "\udfff" for c in name
+    ):  # halves of pairs are spelled out as written
         seen = (c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in name)
         return '"' + "".join(seen) + '"'
     safe = name.replace("_", "").replace(" ", "a").replace(".", "a").replace("-", "a").isalnum()

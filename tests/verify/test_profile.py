@@ -1,0 +1,50 @@
+"""The worst piece of a feature's edges: it is known only of edges that are seen."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from cadcam.cad.mesh import Mesh
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.refine.refinement import refine_pose
+from cadcam.verify.judge import verify_part
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
+from cadcam.verify.tolerances.verdict import Judgement, Verdict
+
+from .scene import part, photo, plate
+
+BACK = 22  # the rib's upper edge at its back, beyond which the photo shows what is as bright as the rib
+
+
+def thicker(by: float) -> Mesh:
+    """Return the plate with a rib that is thicker at its back by so many mm."""
+    mesh = plate()
+    vertices, own = mesh.vertices.copy(), np.unique(mesh.faces[mesh.part == mesh.part_names.index("rib 1")])
+    vertices[own[vertices[own, 1] > -50], 1] += by
+    return replace(mesh, vertices=vertices)
+
+
+def judged(mesh: Mesh, chains: tuple[int, ...] = ()) -> Judgement:
+    """Return what is judged of the profile of the rib's edges, or some of them, to 1 mm."""
+    taken = [photo(mesh, np.random.default_rng(1))]
+    asked = Feature("rib", Selection("rib 1", chains), (Limit(Quantity.PROFILE, 1.0),))
+    (judgement,) = verify_part(part(), taken, refine_pose(part(), taken, Rigid()), Tolerances((asked,))).judgements
+    return judgement
+
+
+@pytest.mark.parametrize("by", [0.0, 3.0, 4.0])
+def test_edges_that_are_not_seen_may_be_anywhere(by: float) -> None:
+    """All that is measured of a rib that is 4 mm too thick is in place: it passed."""
+    found = judged(thicker(by))
+    assert found.verdict is Verdict.UNDECIDED
+    assert f"but brep {BACK} is not seen, or only in part: give more light" in found.reason
+    assert abs(found.deviation) + found.U < 1.0
+
+
+def test_edges_that_are_seen_pass() -> None:
+    edges = part().scene.edges
+    others = np.unique(edges.chain[edges.part == part().scene.mesh.part_names.index("rib 1")])
+    assert judged(plate(), tuple(others[others != BACK].tolist())).verdict is Verdict.PASS
