@@ -11,6 +11,7 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.refine.refinement import refine_pose
+from cadcam.locate.uncertainty import weakest_direction
 
 from .photos import photo, view
 
@@ -42,6 +43,16 @@ def test_a_start_beside_the_plane_is_told_and_counted(beside: tuple[float, ...],
     assert found.found
     assert "free to move it would lie" in found.reason
     assert normalised(found) < 3
+
+
+@pytest.mark.parametrize("above", [0.1, 0.2, 0.3, 0.5])
+def test_a_start_little_beside_the_plane_is_counted_too(above: float, rng: np.random.Generator) -> None:
+    """Too little to doubt the plane, or enough: the pose is as unsure as that makes it, and the reason says so once."""
+    start = POSE @ Rigid(translation=[0, 0, above]) @ ASIDE
+    found = refine_pose(PART, [photo(PART, POSE, rng)], start, freedom=ON_ITS_FLOOR)
+    assert normalised(found) < 3
+    assert found.reason.count("free to move it would lie") == 1
+    assert weakest_direction(found.pose, PART.aspects.centre, [photo(PART, POSE, rng)]) in found.reason
 
 
 def test_a_part_far_from_where_it_may_move_has_no_pose(rng: np.random.Generator) -> None:

@@ -27,7 +27,7 @@ from cadcam.locate.quality.occluder import CONSTRAINTS, covered, side_words
 from cadcam.locate.quality.support import Support, judged_support, support_at
 from cadcam.locate.refine.agreement import SCATTERED_PX
 from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
-from cadcam.locate.uncertainty import calibration_covariance, weakest_direction, with_known_poses
+from cadcam.locate.uncertainty import calibration_covariance, less_sure, weakest_direction, with_known_poses
 
 DOUBT = (0.25, 0.62)  # range of quality, of poses that half of the lines agree with, that deserves a second look
 _SOME = 0.3  # share of the lines shown beyond chance from which it is tested whether something is before the others
@@ -68,14 +68,14 @@ class PoseAnswer:
             return False
         return fitted.regression.bands and fitted.scatter > SCATTERED_PX
 
-    def unlike(self, other: PoseSolution, share: float) -> PoseAnswer:
+    def unlike(self, part: Part, other: PoseSolution, share: float) -> PoseAnswer:
         """Return the answer with a further error: `share` of the way to another solution, as a standard deviation."""
         at = self.location.pose
         away = at.world_from_part.inv @ other.pose
         px = max(s.moved_px(self.pose, other.pose) for s in self.sights)
         by = share * min(1.0, MOST_PX / max(px, 1e-300)) * (at.freedom @ (at.freedom.T @ away.log()))
-        pose = replace(at, from_noise=at.from_noise + np.outer(by, by))
-        return replace(self, location=replace(self.location, pose=pose))
+        photos = [s.photo for s in self.sights]
+        return replace(self, location=less_sure(self.location, np.outer(by, by), part.aspects.centre, photos))
 
     def better_than(self, other: PoseAnswer) -> bool:
         """Return whether this answer is better than another: by quality, and by how closely edges fit.

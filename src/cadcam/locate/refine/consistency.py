@@ -41,7 +41,7 @@ from cadcam.locate.quality.absent import LEAST
 from cadcam.locate.quality.support import Support, support_at
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
-from cadcam.locate.uncertainty import calibration_covariance, weakest_direction
+from cadcam.locate.uncertainty import calibration_covariance, less_sure
 
 _TURNS = 3  # unknowns of a camera that turns
 _MOST_FITTED = 0.5  # of a photo that would show the part: share of its evidence that these unknowns may explain
@@ -144,13 +144,11 @@ class Consistency:
 
     def _less_certain(self, location: Location, part: Part, photos: Sequence[Photo]) -> Location:
         """Return the location with the cameras' variance carried into the covariance of its pose, and its reason."""
-        before, B = location.pose, location.pose.freedom
+        B = location.pose.freedom
         pulls = [one.share @ one.off for one in self.photos]
         added = sum((self.variance * P @ P.T for P in pulls), np.zeros((6, 6)))
-        pose = replace(before, from_noise=before.from_noise + B @ (B.T @ added @ B) @ B.T)
-        was, now = (weakest_direction(p, part.aspects.centre, photos) for p in (before, pose))
-        reason = location.reason.replace(was, now)
-        return replace(location, pose=pose, reason=reason, cameras_off_mm=float(np.sqrt(self.variance)))
+        grown = less_sure(location, B @ (B.T @ added @ B) @ B.T, part.aspects.centre, photos)
+        return replace(grown, cameras_off_mm=float(np.sqrt(self.variance)))
 
     def disagreements(
         self, numbers: Sequence[int], photos: Sequence[Photo], *, left_out: bool

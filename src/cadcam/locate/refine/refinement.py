@@ -305,7 +305,7 @@ class Refinement:
             unlike = unlike or told
             closer = told.fit.between < untold.fit.between and (found or not answer.loose)
             if answer.location.found and closer and (best is None or answer.better_than(best)):
-                best = answer.unlike(untold, LEFT)
+                best = answer.unlike(self.part, untold, LEFT)
             if not answer.loose:
                 break
         if best is not None:
@@ -314,7 +314,7 @@ class Refinement:
             plain = self.answered(untold.beside_its_bands())
         except DegenerateGeometry as error:  # if bands may draw each line, the pose is undetermined
             return PoseAnswer(lost(sights, pose, self.freedom, str(error)), None, sights)
-        return plain if unlike is None else plain.unlike(unlike, _EITHER)
+        return plain if unlike is None else plain.unlike(self.part, unlike, _EITHER)
 
     def answered(self, solution: PoseSolution) -> PoseAnswer:
         """Return the answer that a solution gives."""

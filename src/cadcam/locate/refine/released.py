@@ -3,8 +3,8 @@
 What is not free stays as in the start. If the start lies slightly beside the plane, or the stated axis slightly beside
 the true one, the result is a pose that most lines agree with; only their scatter shows that it is off by far more than
 its uncertainty, which assumes the restriction. So the part is released where it was found and fitted freely. If the
-free pose differs from the restriction by more than its uncertainty, the answer says so, and its covariance includes the
-difference.
+free pose differs from the restriction by more than its uncertainty, the covariance of the answer includes the
+difference; where lines move by more than lens and chamfers may be off, it is asked whether the restriction holds.
 """
 
 from __future__ import annotations
@@ -22,9 +22,12 @@ from cadcam.locate.part import Part
 from cadcam.locate.refine.answer import PoseAnswer, location_of
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
+from cadcam.locate.uncertainty import less_sure
 
-_SURELY = 36.0  # squared sds of a certain difference from the restriction
-_LEAST_PX = 0.2  # least motion of the lines: less may be due to the lens, or a chamfer
+_UNLIKELY = 20.0  # squared sds of a difference from the restriction that counts: by chance one in 1000
+_LEAST_PX = (
+    0.2  # least motion of the lines by which the restriction is doubted: less may be due to the lens, or a chamfer
+)
 
 
 def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOptions) -> Location:
@@ -38,30 +41,24 @@ def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOption
     there, B = free.pose.world_from_part, found.pose.freedom
     away = (best.pose.inv @ there).log()
     moved = B @ (B.T @ away)  # by the restriction, along the motions that are free
-    pose = replace(found.pose, from_noise=found.pose.from_noise + np.outer(moved, moved))
-    middle, px = part.aspects.centre, _moved_px(best, there)
+    middle, px = part.aspects.centre, max(s.moved_px(best.pose, there) for s in best.sights)
     mm = float(np.linalg.norm(best.pose @ middle - there @ middle))
     degrees = float(np.degrees(np.linalg.norm(away[3:])))
     said = f"free to move it would lie {mm:.2g} mm and {degrees:.2g} degrees off ({px:.1f} px)"
     asked = "does it stand as the start has it, and move as it is said to?"
-    less_sure = replace(found, pose=pose)
-    if px <= CLOSE_PX:
-        return replace(less_sure, reason=f"{found.reason}; {said}: {asked}")
-    return less_sure.uncertain(f"the photos contradict the restricted motion: {said}: {asked}")
+    grown = less_sure(found, np.outer(moved, moved), middle, [s.photo for s in best.sights])
+    if px > CLOSE_PX:
+        return grown.uncertain(f"the photos contradict the restricted motion: {said}: {asked}")
+    doubt = f": {asked}" * (px >= _LEAST_PX)
+    return replace(grown, reason=f"{grown.reason}; {said}{doubt}")
 
 
 def _contradicted(best: PoseAnswer, free: Location) -> bool:
-    """Return whether the free pose differs, surely and visibly, in motions that the restriction does not allow."""
+    """Return whether the free pose differs, as it hardly does by chance, in motions that the restriction forbids."""
     B, there = best.location.pose.freedom, free.pose.world_from_part
     N = np.linalg.svd(B)[0][:, B.shape[1] :]  # the motions that are not free
     beside = N.T @ (best.pose.inv @ there).log()
-    squared = float(beside @ np.linalg.solve(N.T @ free.pose.covariance @ N, beside))
-    return squared > _SURELY and _moved_px(best, there) >= _LEAST_PX
-
-
-def _moved_px(best: PoseAnswer, pose: Rigid) -> float:
-    """Return by how many px, at most, the lines move from an answer's pose to another one."""
-    return max(s.moved_px(best.pose, pose) for s in best.sights)
+    return float(beside @ np.linalg.solve(N.T @ free.pose.covariance @ N, beside)) > _UNLIKELY
 
 
 def _free(part: Part, best: PoseAnswer, options: EdgeOptions) -> Location | None:
