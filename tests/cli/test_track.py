@@ -17,7 +17,7 @@ import pytest
 
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
-from cadcam.image.picture import write_picture
+from cadcam.image.picture import read_picture, write_picture
 from cadcam.locate.track.log import read_track_log
 from cadcam.locate.views.drawing import Drawer
 
@@ -120,9 +120,13 @@ def test_missing_pictures_are_told(cadcam: Cadcam, here: Path) -> None:
 
 
 def test_two_cameras_are_followed_together(cadcam: Cadcam, here: Path, shots: list[Path]) -> None:
-    """The second is the first once more, said to stand at the same place: twice the evidence, and one pose."""
+    """The second shows what the first does, with other noise, from the same place: twice the evidence, and one pose."""
+    (here / "again").mkdir()
+    for shot in shots:
+        noise = np.random.default_rng(1).normal(scale=0.005, size=CAMERA.size[::-1])
+        write_picture(here / "again" / shot.name, np.clip(read_picture(shot) + noise, 0, 1))
     write_camera("camera.json", CAMERA, camera_from_world=Rigid())
-    two = ("track", "shots", "shots", MODEL, "--camera", "camera.json", "--camera", "camera.json")
+    two = ("track", "shots", "again", MODEL, "--camera", "camera.json", "--camera", "camera.json")
     ran = cadcam(*two, "--start", "start.txt", "-o", "two.jsonl", "--json")
     assert (ran.code, ran.json["found"]) == (0, N)
     assert [len(entry["files"]) for entry in read_track_log("two.jsonl")] == [2] * N

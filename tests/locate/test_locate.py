@@ -9,7 +9,7 @@ import pytest
 
 from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
-from cadcam.errors import NothingInView
+from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.in_photos import Trial, _ranked, locate_part
 from cadcam.locate.location import Location
@@ -170,3 +170,11 @@ def test_a_part_is_found_however_long_the_lens(focal: float, rng: np.random.Gene
     found = locate_part(BRACKET, [photo(BRACKET, pose, rng, camera=camera)], start)
     assert found.found, found.reason
     assert error_px(BRACKET, camera, found.pose.world_from_part, pose) < 1
+
+
+def test_a_picture_that_is_given_twice_is_no_evidence_twice(rng: np.random.Generator) -> None:
+    """Its noise was taken for that of two: a pose by four copies had half its sigma."""
+    taken = photo_of(pose_of(rng), rng)
+    again = replace(taken, gray=taken.gray.copy())
+    with pytest.raises(BadValue, match=r"photo 2, '.*', is pixel by pixel '.*' again; expected each picture once"):
+        locate_part(block(), [taken, again], pose_of(rng))

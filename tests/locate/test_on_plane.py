@@ -263,6 +263,6 @@ def test_planes_that_no_photo_shows_are_refused() -> None:
     for wrong in (OnPlane(Plane([0.0, 0.0, 1.0], 5000.0)), unlike):  # not a part that is lost in every frame
         with pytest.raises(BadValue, match=r"no photo shows|no face within"):
             next(track_part(BRACKET, [Frame.of(0, photo)], views=ViewRange(on=wrong)))
-    other = Photo.of(photo.gray, CAMERA, Rigid.look_at(np.array([150.0, -450, -800]), np.zeros(3)))
+    other = Photo.of(0.99 * photo.gray, CAMERA, Rigid.look_at(np.array([150.0, -450, -800]), np.zeros(3)))
     with pytest.raises(BadValue, match="not below all cameras"):
         locate_instances(BRACKET, [photo, other], views=VIEWS)

@@ -379,7 +379,7 @@ def distinct_poses(
 
 
 def check_photos(photos: Sequence[Photo]) -> None:
-    """Raise `BadValue` where there is no photo, or one without contrast, or hardly any but black and white pixels."""
+    """Raise `BadValue` where there is no photo, one twice, or one without contrast, or of black and white pixels."""
     if not photos:
         raise BadValue("photos", "none", "at least one photo")
     for photo in photos:
@@ -391,3 +391,8 @@ def check_photos(photos: Sequence[Photo]) -> None:
         clipped = float(np.mean((gray <= 0.001) | (gray >= 0.999)))
         if clipped > _CLIPPED:
             raise BadValue(name, f"{clipped:.0%} black or white", "a picture exposed so that edges show")
+    for k, photo in enumerate(photos):
+        again = next((one for one in photos[:k] if np.array_equal(one.gray, photo.gray)), None)
+        if again is not None:  # of two cameras, too: no noise is the same
+            what, other = f"photo {k + 1}, {photo.viewpoint.name!r},", f"pixel by pixel {again.viewpoint.name!r} again"
+            raise BadValue(what, other, "each picture once: what it shows is no evidence twice")
