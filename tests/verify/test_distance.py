@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -11,11 +12,12 @@ import pytest
 
 from cadcam.errors import BadValue, CadcamError, UnknownName, UnreadableFile
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import Freedom
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.report.verify.json import VerificationOrigin, record_of
 from cadcam.report.verify.overlay import overlay_svg
-from cadcam.report.verify.words import judgement_table, role
+from cadcam.report.verify.words import assumptions, judgement_table, role
 from cadcam.verify.deviations.deviation import Unclear
 from cadcam.verify.judge import Verification, verify_part
 from cadcam.verify.reasons import failed_words
@@ -63,7 +65,10 @@ def test_holes_that_are_off_are_as_much_nearer_or_farther(place: Rigid) -> None:
         assert abs(found[name].deviation - off) < 1.5 * found[name].U < 0.15
         assert found[name].verdict is (Verdict.FAIL if abs(off) > 0.2 else Verdict.PASS)
     assert found["A to C"].reason.startswith("120.4")
-    assert "mm measured, 119.8 to 120.2 mm allowed, along x; beyond the limit by " in found["A to C"].reason
+    assert (
+        "mm measured by the size of the datum, 119.8 to 120.2 mm allowed, along x; beyond the limit by "
+        in found["A to C"].reason
+    )
     assert failed_words(found["A to left edge"]).endswith("mm smaller than in the CAD, limit 0.2 mm")
 
 
@@ -221,3 +226,22 @@ def test_a_distance_stands_beside_its_features_is_the_remedy_for_one_that_does_n
     (tmp_path / "t.yaml").write_text("features:\n  A: {part: plate}\n")
     with pytest.raises(UnreadableFile, match=r"features.A has no limit"):
         read_tolerances(tmp_path / "t.yaml")
+
+
+def test_by_one_photo_lengths_are_those_by_the_size_of_the_datum() -> None:
+    """A part that is larger as a whole looks nearer; where its distance is given, it does not."""
+    mesh, rng = drilled(), np.random.default_rng(1)
+    larger = replace(mesh, vertices=1.005 * mesh.vertices)
+    shot = Photo.of(photographed(larger, rng, OBLIQUE, CAMERA), CAMERA, OBLIQUE)
+    asked = Tolerances(tuple(Feature(n, selected(n)) for n in "AC"), distances=(apart("A", "C"),))
+    located = refine_pose(part(), [shot], Rigid())
+    found = verify_part(part(), [shot], located, asked)
+    (judgement,) = found.judgements
+    assert abs(judgement.deviation) < 2 * judgement.U < 0.1  # 0.6 mm longer in truth
+    assert "120 mm measured by the size of the datum" in judgement.reason.replace("120.0", "120")
+    assert any("larger as a whole" in said for said in assumptions(found))
+    from_above = Photo.of(photographed(mesh, rng, ABOVE, CAMERA), CAMERA, ABOVE)
+    flat = Freedom.planar([0, 0, 1], frame="part")
+    lying = verify_part(part(), [from_above], refine_pose(part(), [from_above], Rigid()), asked, freedom=flat)
+    assert "120 mm measured, 119.8" in lying.judgements[0].reason.replace("120.0", "120")
+    assert not any("larger as a whole" in said for said in assumptions(lying))

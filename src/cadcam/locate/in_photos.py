@@ -312,10 +312,13 @@ def stands_out(part: Part, trial: Trial, hypotheses: Sequence[Hypothesis]) -> bo
 
 
 def _alone(part: Part, best: Location, trials: Sequence[Trial]) -> bool:
-    """Return whether a pose is clearly better than everything that was refined at other places."""
+    """Return whether a pose is clearly better than everything that was refined at other places.
+
+    Its edges have to be where the part's are: of patterns, such as tiles and boards, some lines nearly fit any box.
+    """
     here, locations = best.pose.world_from_part, [trial.location for trial in trials]
     away = [o.quality for o in locations if elsewhere(part, here, o.pose.world_from_part)]
-    return best.quality >= max(_SURE, _ABOVE + max(away, default=1.0))
+    return not best.amiss and best.quality >= max(_SURE, _ABOVE + max(away, default=1.0))
 
 
 def elsewhere(part: Part, one: Rigid, other: Rigid) -> bool:

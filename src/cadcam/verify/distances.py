@@ -45,7 +45,8 @@ def _judgement(distance: Distance, spacing: Spacing, seen: Inspection) -> Judgem
         return nothing(Verdict.UNDECIDED, f"the photos do not show a distance {along}", ANOTHER_VIEW)
     off, sigma = float(told.value[0]), float(np.sqrt(told.covariance[0, 0]))
     said = f"{abs(off):.3f} mm {'longer' if off > 0 else 'shorter'} than in the CAD"
-    reason = f"{length_words(spacing.mm, off, limit) if np.isfinite(spacing.mm) else said}, {along}"
+    by = " by the size of the datum" * seen.sized_by_datum
+    reason = f"{length_words(spacing.mm, off, limit, of=by) if np.isfinite(spacing.mm) else said}, {along}"
     if told.misfit > DISAGREE:
         disagree = f"{reason}, but the edges do not agree on one place"
         return judgement(off - limit.middle, sigma, Verdict.UNDECIDED, disagree, ANOTHER_VIEW)

@@ -46,6 +46,7 @@ _SURVEYS, _REDRAW_PX = 3, 0.3  # the lines are redrawn, at most so often, while 
 _MOST = 0.9  # share of the lines, of all bodies or of one, that move by no more
 _USUAL_PX = 0.1  # common error of an edge, before it is estimated
 _LEAST_SEEN = 0.35  # least share of the datum's places that must show an edge for the pose to be believed
+_ALONG_SIGHT = 0.5  # share of a motion along the line of sight that is free, from which depth is not known beforehand
 _CARRIED = (
     "the datum edges seen do not hold the part: fitted to them it would move by {:.0f} px, and edges were looked for "
     "within {:.0f} px; take more features into the datum, or another photo"
@@ -105,6 +106,17 @@ class Inspection(Brief):
     passable: float = float("nan")  # log likelihood ratio from which a required feature passes as present
     covered: Covered | None = None
     contradictions: tuple[str, ...] = ()
+
+    @property
+    def sized_by_datum(self) -> bool:
+        """Return whether lengths are known relative to the datum's in the CAD alone.
+
+        One photo shows a part that is larger as a whole as it shows one that is nearer, where it may be nearer.
+        """
+        if self.measured is None or self.measured.eye is None:
+            return False
+        sight = np.r_[self.measured.axis(np.ones(len(self.measured.lines), bool)), np.zeros(3)]
+        return bool(np.linalg.norm(self.pose.freedom.T @ sight) > _ALONG_SIGHT)
 
     def feature(self, name: str) -> FeatureDeviation:
         """Return a feature by its name; raise `UnknownName`, listing them, where there is none."""
