@@ -16,12 +16,14 @@ from cadcam.cad.write import write_model
 from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.error_source import distinct_sources
 from cadcam.camera.observations import Observations
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.cli.photos import file_of, viewpoints_of
 from cadcam.cli.verbs.locate import MOST_INSTANCES
 from cadcam.files.camera import write_camera
 from cadcam.files.jsontext import parsed
 from cadcam.files.points import write_points
-from cadcam.files.pose_estimate import pose_estimate_at, read_part_pose
+from cadcam.files.pose_estimate import pose_estimate_at, read_part_pose, write_part_pose
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
@@ -210,6 +212,29 @@ def test_two_cameras_know_the_place_better_than_one(cadcam: Cadcam, here: Path) 
     assert worst[0] < worst[1] / 2
     assert np.linalg.norm(np.array(said["pose"]["world_from_part"]["translation_mm"])) < 0.3
     assert read_picture("both.png").shape[1] > 2 * 480
+
+
+def test_a_pose_by_two_cameras_is_a_start_for_one_whose_place_is_known(cadcam: Cadcam, here: Path) -> None:
+    """Alone its own frame is the world, not that in which the two were placed."""
+    world_from_part = Rigid.from_rotation_vector([0, 0, 0.7], [300.0, -200, 50])
+    places = [
+        Rigid.look_at(MIDDLE + np.array([-200, -200, 150]), MIDDLE) @ world_from_part.inv,
+        POSE @ world_from_part.inv,
+    ]
+    views = [Viewpoint.exact(name, CAMERA, place, sigma_px=0.1) for name, place in zip("ab", places, strict=True)]
+    write_part_pose("both.json", PoseEstimate(world_from_part, np.eye(6)), viewpoints=views)
+    for verb, option in (("locate", "--start"), ("verify", "--pose")):
+        start = (verb, *LOCATE[1:], option, "both.json")
+        ran = cadcam(*start)
+        assert ran.code == 2
+        assert "in the world in which a, b were placed, where the camera of photo.png has no known place" in ran.err
+    write_camera("camera.json", CAMERA, camera_from_world=places[1])
+    for verb, option in (("locate", "--start"), ("verify", "--pose")):
+        assert cadcam(verb, *LOCATE[1:], option, "both.json").code == 0
+    Path("b.png").symlink_to("photo.png")
+    write_camera("camera.json", CAMERA)
+    assert cadcam("locate", "b.png", *LOCATE[2:], "--start", "both.json", "--pose-out", "pose.json").code == 0
+    assert off_mm(read_part_pose("pose.json")) < 0.3
 
 
 def test_photos_of_one_name_are_told_apart_by_their_folders(cadcam: Cadcam, here: Path) -> None:

@@ -19,6 +19,8 @@ from cadcam.files.pose_estimate import (
     pose_estimate_as_json,
     pose_estimate_at,
     read_part_pose,
+    read_pose_by_one,
+    read_pose_by_several,
     read_pose_estimate,
     read_view_pose,
     write_part_pose,
@@ -149,6 +151,68 @@ def test_the_one_camera_that_located_a_part_sees_it_there_whatever_its_own_file_
     stated(tmp_path, Rigid(), CAMERA)  # by several: which of them is this?
     view = read_view_pose(tmp_path / "pose.json", camera_from_world=CAMERA)
     np.testing.assert_allclose(view.matrix, (CAMERA @ POSE).matrix, atol=1e-12 * 600)
+    with pytest.raises(UnreadableFile, match="where this camera has no known place"):
+        read_view_pose(tmp_path / "pose.json")
+
+
+OTHER = Rigid.exp([9, 9, 99, 1, 0, 0])  # a place in another world
+
+
+def test_a_pose_by_several_cameras_is_of_use_to_one_alone(tmp_path: Path) -> None:
+    """Whose own frame is the world: by its name, before its file's pose, which may be in yet another world."""
+    stated(tmp_path, CAMERA, OTHER)
+    for name in ("1.png", "1"):  # of a rig's cameras the names have no suffix
+        for known in (None, CAMERA):
+            seen = read_pose_by_one(tmp_path / "pose.json", name, camera_from_world=known)
+            np.testing.assert_allclose(seen.matrix, (OTHER @ POSE).matrix, atol=1e-12 * 600)
+    seen = read_pose_by_one(tmp_path / "pose.json", "7.png", camera_from_world=CAMERA)
+    np.testing.assert_allclose(seen.matrix, (CAMERA @ POSE).matrix, atol=1e-12 * 600)
+    said = "in the world in which 0.png, 1.png were placed, where the camera of 7.png has no known place; give a camera"
+    with pytest.raises(UnreadableFile, match=said):
+        read_pose_by_one(tmp_path / "pose.json", "7.png")
+    stated(tmp_path, CAMERA)  # by one, wherever it was placed
+    seen = read_pose_by_one(tmp_path / "pose.json", "7.png", camera_from_world=OTHER)
+    np.testing.assert_allclose(seen.matrix, (CAMERA @ POSE).matrix, atol=1e-12 * 600)
+
+
+def test_a_pose_in_a_camera_of_its_own_is_of_use_to_several(tmp_path: Path) -> None:
+    """If it is one of them: by its name, or as the one whose frame is theirs."""
+    stated(tmp_path, Rigid())
+    camera = Camera.from_focal((64, 48), 60.0)
+
+    def world_from_part(**places: Rigid) -> Rigid:
+        views = [Viewpoint.exact(f"{name}.png", camera, place, sigma_px=0.1) for name, place in places.items()]
+        return read_pose_by_several(tmp_path / "pose.json", views)
+
+    names = {"0": CAMERA, "1": Rigid()}
+    np.testing.assert_allclose(world_from_part(**names).matrix, (CAMERA.inv @ POSE).matrix, atol=1e-12 * 600)
+    np.testing.assert_array_equal(world_from_part(left=CAMERA, right=Rigid()).matrix, POSE.matrix)
+    with pytest.raises(UnreadableFile, match=r"camera that took 0\.png, which is none of left\.png, right\.png; give"):
+        world_from_part(left=CAMERA, right=OTHER)
+    stated(tmp_path, CAMERA, OTHER)  # placed by their files, as these are
+    np.testing.assert_array_equal(world_from_part(left=OTHER, right=CAMERA).matrix, POSE.matrix)
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_result_says_how_its_first_camera_sees_the_part(tmp_path: Path, count: int) -> None:
+    photos = [{"path": f"shots/{k}.png"} for k in range(count)]
+    said = {"pose": pose_estimate_as_json(PoseEstimate(POSE, np.eye(6))), "photos": photos}
+    (tmp_path / "said.json").write_text(json.dumps(said | {"camera_from_part": pose_as_json(CAMERA @ POSE)}))
+    seen = read_pose_by_one(tmp_path / "said.json", "0.png")
+    np.testing.assert_allclose(seen.matrix, (CAMERA @ POSE).matrix, atol=1e-12 * 600)
+    if count > 1:
+        with pytest.raises(UnreadableFile, match=r"where the camera of 1\.png has no known place"):
+            read_pose_by_one(tmp_path / "said.json", "1.png")
+
+
+@pytest.mark.parametrize("saying", SAYINGS)
+def test_other_starts_are_in_the_world_of_whoever_reads_them(tmp_path: Path, saying: str) -> None:
+    text, expected = SAYINGS[saying]
+    (tmp_path / "pose").write_text(text)
+    np.testing.assert_allclose(read_pose_by_one(tmp_path / "pose", "0.png").matrix, POSE.matrix, atol=1e-12 * 600)
+    views = [Viewpoint.exact("0", Camera.from_focal((64, 48), 60.0), CAMERA, sigma_px=0.1)]
+    pose = read_pose_by_several(tmp_path / "pose", views)
+    np.testing.assert_allclose(pose.matrix, expected.matrix, atol=1e-12 * 600)
 
 
 def test_cameras_that_see_another_pose_are_refused(tmp_path: Path) -> None:

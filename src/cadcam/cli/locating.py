@@ -42,7 +42,8 @@ if TYPE_CHECKING:
 START_FILE_HELP = """\
 A start file is either JSON of `cadcam locate --pose-out`, or a first line '# camera_from_part, mm' (or world_from_part;
 or m, in ...) and a 3x4 or 4x4 matrix. With one camera, the world is that camera. With several, it is the frame in which
-their files place them.
+their files place them. JSON by several cameras is in their frame, too: for a photo alone it serves if it tells of the
+photo's camera by name, or if the camera's file says where it stands in that frame.
 """
 
 FREEDOM_HELP = """\
@@ -208,25 +209,39 @@ def cache_folder() -> Path | None:
     return Path(os.environ.get("XDG_CACHE_HOME") or usual) / "cadcam" / "aspects"
 
 
-def start_as_asked(arguments: argparse.Namespace, view: Viewpoint) -> Rigid | None:
-    """Return world_from_part of --start or --points, picked in the photo of `view`; None for neither."""
+def start_as_asked(
+    arguments: argparse.Namespace, viewpoints: Sequence[Viewpoint], camera_from_world: Rigid | None
+) -> Rigid | None:
+    """Return world_from_part of --start or --points, picked in the first photo; None for neither.
+
+    camera_from_world: of the one camera whose file says where it stands.
+    """
     if arguments.start:
         refuse(arguments, "--points", why="beside --start", expected="one of them")
     if arguments.points is None:
         refuse(arguments, *POINTS_OPTIONS, why="without --points", expected="both, or leave it out")
     if arguments.start:
-        from cadcam.files.pose_estimate import read_part_pose
-
-        return read_part_pose(arguments.start, camera_from_world=view.camera_from_world)
+        return pose_in_file(arguments, arguments.start, viewpoints, camera_from_world)
     if arguments.points:
         from cadcam.calibrate.points.camera import locate_camera
 
-        observations = read_points_as_asked(arguments, arguments.points)
+        view, observations = viewpoints[0], read_points_as_asked(arguments, arguments.points)
         check_in_picture(observations, view.camera.size)
         with working("finding the start from points"):
             camera_from_part = locate_camera(observations, view.camera).camera_from_world
         return view.camera_from_world.inv @ camera_from_part
     return None
+
+
+def pose_in_file(
+    arguments: argparse.Namespace, path: str, viewpoints: Sequence[Viewpoint], camera_from_world: Rigid | None
+) -> Rigid:
+    """Return world_from_part of a file, in the world of the photos' cameras; camera_from_world: as `start_as_asked`."""
+    from cadcam.files.pose_estimate import read_pose_by_one, read_pose_by_several
+
+    if arguments.rig or len(viewpoints) > 1:
+        return read_pose_by_several(path, viewpoints)
+    return read_pose_by_one(path, viewpoints[0].name, camera_from_world=camera_from_world)
 
 
 def freedom_as_asked(arguments: argparse.Namespace, *, posed: bool = False) -> Freedom:

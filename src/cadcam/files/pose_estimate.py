@@ -16,17 +16,20 @@ from __future__ import annotations
 
 import os
 from collections.abc import Mapping, Sequence
-from typing import Any
+from pathlib import Path
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
+from cadcam.errors import UnreadableFile, listed
 from cadcam.files.jsontext import Place, as_json, head_as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at, pose_in, rigid_in
 from cadcam.files.text import read_text
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.image.suffixes import READABLE
 from cadcam.kinds import expect, expect_by_name, expect_each, expect_path
 from cadcam.whole import write_whole
 
@@ -160,6 +163,44 @@ def read_part_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | N
     return pose if said is _OF_PART or camera_from_world is None else camera_from_world.inv @ pose
 
 
+def read_pose_by_one(path: str | os.PathLike[str], name: str, *, camera_from_world: Rigid | None = None) -> Rigid:
+    """Return camera_from_part (mm), as `read_part_pose`, for a camera alone that took the photo `name`.
+
+    A file that says where several cameras stood is in their world. Where this camera stood there, the file tells of one
+    of its name; else it is camera_from_world. Raises `UnreadableFile` where neither does.
+    """
+    said, pose, seen = _said(path, _OF_PART)
+    if said is not _OF_PART or not seen:
+        return pose
+    known = seen[0].camera_from_part if len(seen) == 1 else _namesake(seen, name)
+    if known is not None:
+        return known
+    if camera_from_world is None:
+        raise _placeless(path, seen, f"the camera of {name}")
+    return camera_from_world @ pose
+
+
+def read_pose_by_several(path: str | os.PathLike[str], viewpoints: Sequence[Viewpoint]) -> Rigid:
+    """Return world_from_part (mm), as `read_part_pose`, in the world in which these cameras are placed.
+
+    The world of a file by one photo is the camera that took it. It is the one of that name here, else that at the
+    world's origin. Raises `UnreadableFile` where it is none of these.
+    """
+    said, pose, seen = _said(path, _OF_PART)
+    if said is not _OF_PART:
+        return viewpoints[0].camera_from_world.inv @ pose
+    if len(seen) != 1 or seen[0].camera_from_part is None or not _same(seen[0].camera_from_part, pose):
+        return pose
+    for view in viewpoints:
+        if _bare(view.name) == _bare(seen[0].name):
+            return view.camera_from_world.inv @ pose
+    if any(_same(view.camera_from_world, Rigid()) for view in viewpoints):
+        return pose
+    names = listed([view.name for view in viewpoints], 3)
+    where = f"is a pose in the frame of the camera that took {seen[0].name}, which is none of {names}"
+    raise UnreadableFile(path, where, "give world_from_part in the world in which these are placed")
+
+
 def read_pose_estimate(path: str | os.PathLike[str]) -> PoseEstimate:
     """Return the pose of a part with its covariance, as `write_part_pose` or `cadcam locate --pose-out` wrote it.
 
@@ -175,38 +216,72 @@ def read_view_pose(path: str | os.PathLike[str], *, camera_from_world: Rigid | N
 
     world_from_part requires `camera_from_world` of its world; by default that world is the camera. Where one camera
     located the part, the file says where that stood: by one photo it is the world itself, whatever its own file says.
+    Where several did, camera_from_world is required.
     """
-    said, pose, stood = _said(path, _OF_CAMERA)
-    place = camera_from_world if stood is None else stood
-    return place @ pose if said is _OF_PART and place is not None else pose
+    said, pose, seen = _said(path, _OF_CAMERA)
+    if len(seen) == 1 and seen[0].camera_from_part is not None:
+        return seen[0].camera_from_part
+    if camera_from_world is None and len(seen) > 1:
+        raise _placeless(path, seen, "this camera")
+    return camera_from_world @ pose if said is _OF_PART and camera_from_world is not None else pose
 
 
-def _said(path: str | os.PathLike[str], usual: tuple[str, str]) -> tuple[tuple[str, str], Rigid, Rigid | None]:
-    """Return the motion of a pose file with its direction, or its inverse, and camera_from_world of the one camera.
+class _Seen(NamedTuple):
+    """A camera by which a part was located: its name, and how it sees the part where the file tells that."""
 
-    usual: the direction if none is stated. The camera is None where the file does not tell, or tells of several.
+    name: str
+    camera_from_part: Rigid | None
+
+
+def _said(path: str | os.PathLike[str], usual: tuple[str, str]) -> tuple[tuple[str, str], Rigid, list[_Seen]]:
+    """Return the motion of a pose file with its direction, or its inverse, and the cameras that located the part.
+
+    usual: the direction if none is stated. There are no cameras where the file does not tell of them.
     """
     file = read_text(path)
     said = next((pair for pair in _DIRECTIONS if any(name in file.text for name in pair)), usual)
     if not file.text.lstrip().startswith("{"):
-        return said, rigid_in(file, said), None
+        return said, rigid_in(file, said), []
     place = parsed(file)
     if place.object.get("format") == FORMAT:
         place.check_head(FORMAT, VERSION)
         _refuse_contradiction(place)
     pose = pose_in(place.at("pose") if isinstance(place.object.get("pose"), dict) else place, said)
-    seen = _seen_by_one(place) if said is _OF_PART else None
-    return said, pose, None if seen is None else seen @ pose.inv
+    return said, pose, _cameras(place) if said is _OF_PART else []
 
 
-def _seen_by_one(place: Place) -> Rigid | None:
-    """Return camera_from_part where a file, of `--pose-out` or `--json`, tells of one camera; else None."""
+def _cameras(place: Place) -> list[_Seen]:
+    """Return the cameras that a file of `--pose-out` or `--json` tells of; the latter says what the first one sees."""
     cameras, photos = place.object.get("cameras"), place.object.get("photos")
-    if isinstance(cameras, list) and len(cameras) == 1:
-        return pose_at(place.at("cameras").items()[0].at("camera_from_part"))
-    if isinstance(photos, list) and len(photos) == 1 and "camera_from_part" in place.object:
-        return pose_at(place.at("camera_from_part"))
-    return None
+    if isinstance(cameras, list):
+        each = place.at("cameras").items()
+        return [_Seen(str(one.object.get("name", "")), pose_at(one.at("camera_from_part"))) for one in each]
+    if isinstance(photos, list) and photos and "camera_from_part" in place.object:
+        first, *more = [Path(str(one.object.get("path", ""))).name for one in place.at("photos").items()]
+        return [_Seen(first, pose_at(place.at("camera_from_part"))), *(_Seen(name, None) for name in more)]
+    return []
+
+
+def _namesake(seen: Sequence[_Seen], name: str) -> Rigid | None:
+    """Return how the camera of a name sees the part; None if there is none, or there are two."""
+    found = [one.camera_from_part for one in seen if _bare(one.name) == _bare(name)]
+    return found[0] if len(found) == 1 else None
+
+
+def _placeless(path: str | os.PathLike[str], seen: Sequence[_Seen], camera: str) -> UnreadableFile:
+    """Return the error for a pose in the world of several cameras, in which another one's place is not known."""
+    where = f"is a pose in the world in which {listed([one.name for one in seen], 3)} were placed"
+    remedy = "give a camera file with camera_from_world in that world, or the pose as camera_from_part"
+    return UnreadableFile(path, f"{where}, where {camera} has no known place", remedy)
+
+
+def _bare(name: str) -> str:
+    """Return the name of a camera, which may be that of its photo, without the photo's suffix."""
+    return str(Path(name).with_suffix("")) if name.lower().endswith(READABLE) else name
+
+
+def _same(one: Rigid, other: Rigid) -> bool:
+    return bool(np.abs(one.matrix - other.matrix).max() <= _SAME * max(1.0, float(np.abs(other.matrix).max())))
 
 
 def _refuse_contradiction(place: Place) -> None:

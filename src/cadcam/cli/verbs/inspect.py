@@ -34,6 +34,7 @@ from cadcam.cli.locating import (
     add_view_options,
     freedom_as_asked,
     located,
+    pose_in_file,
     views_as_asked,
 )
 from cadcam.cli.models import add_model_options, check_order, load_as_asked
@@ -223,13 +224,11 @@ class _Cell:
 
 
 def _cell(arguments: argparse.Namespace) -> _Cell:
-    from cadcam.files.pose_estimate import read_part_pose
-
     viewpoints, said = viewpoints_of(arguments.photos, arguments.camera, arguments.rig)
     freedom = freedom_as_asked(arguments, posed=arguments.start is not None)
     views, start, placed_by = views_as_asked(arguments, said, "--start"), None, []
     if arguments.start is not None:
-        start = read_part_pose(arguments.start, camera_from_world=viewpoints[0].camera_from_world)
+        start = pose_in_file(arguments, arguments.start, viewpoints, said)
         placed_by = [("start", arguments.start, hash_of(arguments.start))]  # a wrong one, mended, is another question
     tolerances, cameras = tolerances_as_asked(arguments), camera_sources(arguments)
     mesh, report = load_as_asked(arguments)

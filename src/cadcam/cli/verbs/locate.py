@@ -106,7 +106,8 @@ def run(arguments: argparse.Namespace) -> int:
             raise BadValue("--instances", arguments.instances, "a whole number of at least 1")
         searched = "no start: instances are searched for"
         refuse(arguments, "--start", "--points", "--freedom", why="beside --instances", expected=searched)
-    start, freedom = start_as_asked(arguments, shots.photos[0].viewpoint), freedom_as_asked(arguments)
+    viewpoints, freedom = [photo.viewpoint for photo in shots.photos], freedom_as_asked(arguments)
+    start = start_as_asked(arguments, viewpoints, shots.camera_from_world)
     views = views_as_asked(arguments, shots.camera_from_world, "--start", "--points")
     mesh, report = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)

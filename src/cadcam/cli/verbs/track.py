@@ -119,7 +119,7 @@ def run(arguments: argparse.Namespace) -> int:
 
     _check_options(arguments)
     viewpoints, said = viewpoints_of(arguments.frames, arguments.camera, arguments.rig)
-    start, freedom = start_as_asked(arguments, viewpoints[0]), freedom_as_asked(arguments)
+    start, freedom = start_as_asked(arguments, viewpoints, said), freedom_as_asked(arguments)
     if freedom.basis.shape[1] < 6:
         alone = "one of them: such a part is looked for around its start alone"
         refuse(arguments, *VIEW_OPTIONS, why="beside --freedom", expected=alone)

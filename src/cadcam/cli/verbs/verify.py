@@ -23,6 +23,7 @@ from cadcam.cli.locating import (
     add_start_options,
     add_view_options,
     freedom_as_asked,
+    pose_in_file,
     start_as_asked,
     views_as_asked,
 )
@@ -171,19 +172,18 @@ class _Asked:
 
 def _asked(arguments: argparse.Namespace) -> _Asked | None:
     """Return what is asked; None without photos."""
-    from cadcam.files.pose_estimate import read_part_pose
-
     check_order(arguments.photos, arguments.model)
     if not arguments.photos:
         return None
     shots = read_shots(arguments.photos, arguments)
-    view, freedom = shots.photos[0].viewpoint, freedom_as_asked(arguments, posed=bool(arguments.pose))
+    viewpoints = [photo.viewpoint for photo in shots.photos]
+    freedom = freedom_as_asked(arguments, posed=bool(arguments.pose))
     if arguments.start or arguments.points:
         refuse(arguments, "--pose", why="beside --start or --points", expected="one of them")
-    start = start_as_asked(arguments, view)
+    start = start_as_asked(arguments, viewpoints, shots.camera_from_world)
     views = views_as_asked(arguments, shots.camera_from_world, "--start", "--points", "--pose")
     if arguments.pose:
-        start = read_part_pose(arguments.pose, camera_from_world=view.camera_from_world)
+        start = pose_in_file(arguments, arguments.pose, viewpoints, shots.camera_from_world)
     tolerances, options = tolerances_as_asked(arguments), options_as_asked(arguments)
     return _Asked(shots, tolerances, start, freedom, views, options)
 
