@@ -147,6 +147,7 @@ def test_a_part_that_is_not_there_is_exit_3(cadcam: Callable[..., Ran], job: Pat
         (["photo.png", "--count", "0"], "count"),
         (["points.csv"], "expected a picture (.png .jpg"),
         (["large.png"], "large.png is 700 x 600 px, larger than the photo"),
+        (["block.obj", "--camera", "alone.json"], "expected a camera file with camera_from_world, or --pose FILE\n"),
         (["photo.png", "--mask", "small.png"], "small.png is 4 x 4 px; expected the template's 320 x 240 px"),
     ],
 )
@@ -155,7 +156,8 @@ def test_wrong_wishes_are_exit_2_with_one_message(
 ) -> None:
     write_picture(job / "small.png", np.full((4, 4), 0.5))
     write_picture(job / "large.png", np.random.default_rng(1).uniform(size=(600, 700)))
-    at = [str(job / w) if w.endswith((".png", ".obj", ".svg", ".csv")) else w for w in words]
+    write_camera(job / "alone.json", SEEN_BY)
+    at = [str(job / w) if w.endswith((".png", ".obj", ".svg", ".csv", ".json")) else w for w in words]
     ran = cadcam("match", job / "photo.png", *at)
     assert ran.code == 2
     assert said in ran.err

@@ -89,12 +89,14 @@ def test_the_distance_to_the_photos_edges_is_measured(cadcam: Cadcam, job: Path)
         (("--mode", "sum", "-o", "o.svg"), "overlay for an .svg file"),
         (("--mode", "sum", "--shaded", "0.5", "-o", "o.png"), "overlay or side-by-side"),
         (("-o", "o.bmp"), "unknown suffix"),
+        (("--camera", "alone.json", "-o", "o.png"), "with camera_from_world, or --pose FILE or --points FILE"),
     ],
 )
 def test_a_wrong_option_is_one_message_and_exit_2(
     cadcam: Cadcam, job: Path, options: tuple[str, ...], message: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(job)
+    write_camera("alone.json", CAMERA)
     before = sorted(job.rglob("*"))
     ran = cadcam("overlay", "photo.png", "block.obj", "--camera", "camera.json", *options)
     assert (ran.code, ran.out) == (2, "")

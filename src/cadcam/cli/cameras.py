@@ -21,8 +21,11 @@ where the part was found: JSON of `cadcam locate --pose-out`, or such a matrix o
 """
 
 
-def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[CameraFile, Rigid]:
-    """Return the contents of a camera file, ours or another program's, and its pose unless a pose file says another."""
+def camera_and_pose(camera_file: str, pose_file: str | None, *, else_: str = "--pose FILE") -> tuple[CameraFile, Rigid]:
+    """Return the contents of a camera file, ours or another program's, and its pose unless a pose file says another.
+
+    else_: the verb's options in place of a camera file with its pose, as named where there is none.
+    """
     from cadcam.files.pose_estimate import read_view_pose
 
     known = read_any_camera(camera_file)
@@ -30,11 +33,7 @@ def camera_and_pose(camera_file: str, pose_file: str | None) -> tuple[CameraFile
     if pose_file:
         pose = read_view_pose(pose_file, camera_from_world=pose)
     if pose is None:
-        raise BadValue(
-            f"the pose in {camera_file}",
-            "missing",
-            "a camera file with camera_from_world, --pose FILE, or --points FILE",
-        )
+        raise BadValue(f"the pose in {camera_file}", "missing", f"a camera file with camera_from_world, or {else_}")
     return known, pose
 
 

@@ -113,7 +113,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
 
 def _camera(arguments: argparse.Namespace) -> tuple[Camera, Rigid, CameraEstimate | None]:
     if arguments.points is None:
-        known, pose = camera_and_pose(arguments.camera, arguments.pose)
+        known, pose = camera_and_pose(arguments.camera, arguments.pose, else_="--pose FILE or --points FILE")
         return known.camera, pose, None
     from cadcam.calibrate.points.camera import locate_camera
 
