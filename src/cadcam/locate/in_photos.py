@@ -30,6 +30,7 @@ from cadcam.locate.search.lying import Lying, met_by_search
 from cadcam.locate.search.without_start import search
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
+ALIKE = "the part looks the same in this pose"  # reason of one that is equivalent by the part's symmetry
 _RIVAL = 0.85  # share of the best hypothesis' score from which another one is refined as well
 _TRIED = (4, 10)  # most hypotheses that are refined: with a start, without one
 _AS_GOOD = 0.15  # difference of quality up to which an alternative is as good
@@ -362,8 +363,7 @@ def equivalent(part: Part, best: Location, lying: Lying | None = None) -> list[L
         if lying is None or not lying.off(moved):
             matches = best.matches.among(part_from_part, part.chain_images[number])
             judged = replace(best.judged, p=part_from_part.inv @ best.judged.p)
-            why = "the part looks the same in this pose"
-            out.append(replace(best, pose=moved, matches=matches, judged=judged, reason=why))
+            out.append(replace(best, pose=moved, matches=matches, judged=judged, reason=ALIKE))
     return out
 
 

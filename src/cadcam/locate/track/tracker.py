@@ -19,7 +19,7 @@ from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.kinds import expect, expect_flag, expect_several
 from cadcam.locate.evidence import Evidence
 from cadcam.locate.freedom import FREE, Freedom
-from cadcam.locate.in_photos import locate_part
+from cadcam.locate.in_photos import ALIKE, locate_part
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -29,6 +29,7 @@ from cadcam.locate.search.lying import Lying
 from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
+from cadcam.locate.uncertainty import weakest_direction
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been lost for long
@@ -176,12 +177,22 @@ class Tracker:
                 tried[0] = Location.nowhere(where, str(error))
                 continue
             if location.found:
-                location = memory.nearest(location)
+                location = self._reasoned(memory.nearest(location), location, frame.photos)
                 if how in _ANYWHERE or location.quality >= _CLEAR or not memory.left(location.pose, frame.photos):
                     return how, location
                 location = location.uncertain(f"far from where the part was, which takes a quality of {_CLEAR}")
             tried.append(location)
         return "lost", max(reversed(tried), key=lambda one: one.quality)
+
+    def _reasoned(self, nearest: Location, found: Location, photos: tuple[Photo, ...]) -> Location:
+        """Return the pose nearest to the last; where it only looks the same as the found one, with that one's reason.
+
+        The reason's direction that is least certain is along the axes of the part, which the two have elsewhere.
+        """
+        if nearest.reason != ALIKE:
+            return nearest
+        was, now = (weakest_direction(one.pose, self._part.aspects.centre, photos) for one in (found, nearest))
+        return replace(nearest, reason=found.reason.replace(was, now))
 
     def _ways(self, frame: Frame, followed: Followed | None) -> Iterator[tuple[str, Callable[[], Location]]]:
         """Yield the ways of finding the part in a frame, cheapest first, each with what tries it."""
