@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -375,6 +376,28 @@ def test_a_place_without_the_part_is_said_to_be_that(cadcam: Cadcam, here: Path)
     ran = cadcam(*LOCATE, "-o", "overlay.png")
     assert ran.code == 3, ran.out
     assert "was not found in photo.png" in ran.err
+
+
+def test_a_part_that_is_not_found_asks_for_the_start_and_the_restriction_too(cadcam: Cadcam, here: Path) -> None:
+    """As for the photo: not found, because it moved across what was said."""
+    picture(background)(here)
+    start, line = (*LOCATE, *START), "plane:0,0,1@part"
+    asked = "is it this part, this camera, not mirrored, all in view, near enough to the start"
+    assert f"{asked}?" in cadcam(*start).err
+    assert f"{asked}, moved from there only as stated?" in cadcam(*start, "--freedom", line).err
+    for option in ("--start", "--pose"):
+        ran = cadcam("verify", *LOCATE[1:], option, "start.txt", "--freedom", line)
+        assert f"{asked}, moved from there only as stated?" in ran.out
+
+
+def test_a_start_that_makes_the_part_a_few_px_large_is_said_to(cadcam: Cadcam, here: Path) -> None:
+    """Millimetres written as metres: the part would be 430 km away."""
+    (here / "start.txt").write_text((here / "start.txt").read_text().replace(", mm", ", m"))
+    ran = cadcam(*LOCATE, *START)
+    assert ran.code == 3
+    said = r"the start makes the part 0\.\d+ px large, [\de+.]+ mm from camera 'photo.png', as if in another unit"
+    assert re.search(said, ran.out)
+    assert "px large" in cadcam("verify", *LOCATE[1:], *START).out
 
 
 def test_another_part_is_not_found(cadcam: Cadcam, here: Path) -> None:

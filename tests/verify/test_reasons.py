@@ -9,6 +9,8 @@ import pytest
 from scipy import ndimage
 
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import FREE, Freedom
+from cadcam.locate.location import AROUND_START, Location
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.verify.adjustment.datum_fit import CAUSES
 from cadcam.verify.judge import Verification, verify_part
@@ -140,6 +142,15 @@ def test_a_part_that_is_not_found_says_what_is_wrong_with_its_photo() -> None:
     assert found.reason.startswith("the part was not found: ")
     assert found.reason.count("not found") == 1
     assert "photo: it is out of focus or moved: its sharpest edges are blurred by" in found.reason
+
+
+def test_a_part_that_is_not_found_where_its_motion_was_restricted_asks_for_that() -> None:
+    seen = photo(displaced("rib 1", np.zeros(3)), np.random.default_rng(5))
+    nowhere = Location.nowhere(Rigid(), f"not found: nothing {AROUND_START} holds")
+    asked = "nothing around the start holds; is it this part, this camera, not mirrored, all in view"
+    for freedom, said in ((FREE, ""), (Freedom.planar([0, 0, 1]), ", moved from there only as stated")):
+        found = verify_part(part(), [seen], nowhere, whole_parts(part().scene), freedom=freedom)
+        assert f"{asked}, near enough to the start{said}?" in found.reason
 
 
 @pytest.mark.parametrize(("U", "decimals"), [(0.02, 2), (0.005, 2), (0.0049, 3), (0.0004, 4), (0.0, 2), (np.nan, 2)])

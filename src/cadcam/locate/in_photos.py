@@ -15,7 +15,7 @@ from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
 from cadcam.kinds import expect, expect_each
 from cadcam.locate.freedom import FREE, Freedom
-from cadcam.locate.location import FOUND, Location
+from cadcam.locate.location import AROUND_START, FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.answer import DOUBT
@@ -24,7 +24,7 @@ from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.refinement import Refinement
 from cadcam.locate.refine.retaken import at_their_sharpness
 from cadcam.locate.rivals import Rivals, far_looser
-from cadcam.locate.search.approach import REACH, Reach, approach
+from cadcam.locate.search.approach import REACH, Reach, approach, in_few_px
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.search.lying import Lying, met_by_search
 from cadcam.locate.search.without_start import search
@@ -149,7 +149,7 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
     if not best.found:
         if outside is not None:
             raise outside
-        return _not_found(best, len(hypotheses), alike)
+        return _not_found(task, best, len(hypotheses), alike)
     if not (clear(ranked[0]) or (none_clear and _alone(task.part, best, trials))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
     if task.start is None or best.quality < DOUBT[1] or rivals.contested(best).any():
@@ -277,10 +277,13 @@ def _led_by(ranked: Sequence[Trial], preferred: Callable[[Location], bool]) -> l
     return [first, *(trial for trial in ranked if trial is not first)]
 
 
-def _not_found(best: Location, tried: int, equivalent: Sequence[Location]) -> Location:
+def _not_found(task: _LocateTask, best: Location, tried: int, equivalent: Sequence[Location]) -> Location:
     why = best.reason.removeprefix("not found: ").removeprefix("not certain: ")
-    reason = f"not found: the best of {tried} hypotheses does not hold: {why}"
-    return replace(best, reason=reason, alternatives=tuple(equivalent))
+    around, small = "", ""
+    if task.start is not None:
+        around, small = f" {AROUND_START}", in_few_px(task.part, task.photos, task.start)
+    reason = f"not found: the best of {tried} hypotheses{around} does not hold: {why}"
+    return replace(best, reason="; ".join(filter(None, (reason, small))), alternatives=tuple(equivalent))
 
 
 def _uncertain(best: Location, why: str, alternatives: Sequence[Location]) -> Location:

@@ -10,10 +10,12 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.freedom import Freedom
 from cadcam.locate.matches import EdgeMatches, JudgedSamples
 
 FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
 MORE_THAN_LIGHT = "more than light explains: are model, focal length and lens as told?"
+AROUND_START = "around the start"  # in the reason why a part is not found that was looked for nowhere else
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose without any measurement
 _UNCERTAIN = 0.45  # largest quality of a pose that is not certain for a reason beside its own lines
 
@@ -102,6 +104,12 @@ class Location:
     def amiss(self) -> str:
         """Return in words that model or camera may not be what was told; "" where the edges do not say so."""
         return f"edges are off by {self.off_px:.2f} px as a whole, {MORE_THAN_LIGHT}" if self.off_px else ""
+
+    def doubts(self, freedom: Freedom) -> str:
+        """Return what to ask where a part is not found, restricted to a freedom, in photos that are fit for use."""
+        near = ", near enough to the start" if AROUND_START in self.reason else ""
+        moves = "" if freedom.full else ", moved from there only as stated"
+        return f"is it this part, this camera, not mirrored, all in view{near}{moves}?"
 
     def uncertain(self, why: str) -> Location:
         """Return the location as not found, because its pose is not certain; why: in words, beside its own reason."""

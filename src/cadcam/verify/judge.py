@@ -97,7 +97,7 @@ def verify_part(
     tell = tell or untold
     tolerances.check(part.scene)
     if not located.found:
-        return _nothing(not_found(located, photos), tolerances, located, None)
+        return _nothing(not_found(located, photos, freedom), tolerances, located, None)
     pose: Rigid = located.pose.world_from_part
     kept = [k for k in range(len(photos)) if k not in located.left_out]
     few = [_as_sure(photos[k], part, located) for k in kept]

@@ -9,6 +9,7 @@ import numpy as np
 
 from cadcam.errors import listed
 from cadcam.image.faults import faults_of
+from cadcam.locate.freedom import Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
 from cadcam.locate.search.lying import OFF_PLANE
@@ -99,11 +100,14 @@ def contradicting(names: Sequence[str]) -> str:
     return f"the datum contradicts itself: {', '.join(names)} {stand} out; leave {them} out of the datum"
 
 
-def not_found(located: Location, photos: Sequence[Photo]) -> str:
-    """Return in one line why the part was not found, and the faults of the photos that may be to blame."""
+def not_found(located: Location, photos: Sequence[Photo], freedom: Freedom) -> str:
+    """Return in one line why the part was not found, and the faults of the photos that may be to blame.
+
+    freedom: the motions to which the search was restricted.
+    """
     why = (located.reason or "no pose fits").removeprefix("not found: ")
     faults = [f"{photo.viewpoint.name}: {fault}" for photo in photos for fault in faults_of(photo.gray)]
-    ask = "is it this part, this camera, not mirrored, all in view?"
+    ask = located.doubts(freedom)
     if OFF_PLANE in why:
         ask = "if it does: is that plane in the world of the camera's pose, and known as well as stated?"
     return f"the part was not found: {'; '.join([why, *(faults or [ask])])}"

@@ -257,5 +257,5 @@ def _print(
         elif OFF_PLANE in best.reason:
             said.append("if it does: is --on in the world of the camera's pose, and known as well as stated (:MM)?")
         elif not faults:
-            said.append("the picture itself is fit for use: is it this part, this camera, not mirrored, all in view?")
+            said.append(f"the picture itself is fit for use: {best.doubts(freedom_as_asked(arguments))}")
         say("\n".join(said))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import Verbs, add_json, refuse, verb
@@ -191,6 +191,7 @@ def _asked(arguments: argparse.Namespace) -> _Asked | None:
 def _located(arguments: argparse.Namespace, part: Part, asked: _Asked) -> Location:
     """Return the pose of the part, as given by the options."""
     from cadcam.cli.locating import located
+    from cadcam.locate.location import AROUND_START
     from cadcam.locate.refine.options import EdgeOptions
     from cadcam.locate.refine.refinement import refine_pose
 
@@ -198,7 +199,9 @@ def _located(arguments: argparse.Namespace, part: Part, asked: _Asked) -> Locati
         return located(part, asked.shots, asked.start, asked.freedom, asked.views)
     options = EdgeOptions(search_px=_POSED_PX)
     with working("finding the part"):
-        return refine_pose(part, asked.shots.photos, asked.start, freedom=asked.freedom, options=options)
+        found = refine_pose(part, asked.shots.photos, asked.start, freedom=asked.freedom, options=options)
+    alone = "" if found.found else f"; looked for within {_POSED_PX:g} px {AROUND_START} alone, --pose"
+    return replace(found, reason=f"{found.reason}{alone}")
 
 
 def _verified(arguments: argparse.Namespace, part: Part, asked: _Asked, tolerances: Tolerances) -> int:

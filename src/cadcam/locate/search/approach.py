@@ -17,7 +17,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, significant
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry import rotation as so3
@@ -31,6 +31,7 @@ from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.views.aspects import Aspects
 
 _FINE_PX = 360.0  # largest size of the part in the finest field: enough to tell poses apart at low cost
+_FEW_PX = 12.0  # a part that is smaller in a photo has hardly any edges there
 _COARSE_PX, _LEVELS = 33.0, 3  # least size of the part in the coarsest field, px; the most fields
 _TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half a step is within the basin of the climb
 _SLID = 56  # samples of an aspect that are slid over the field
@@ -144,6 +145,17 @@ def _outside(aspects: Aspects, photo: Photo, start: Rigid) -> str:
     else:
         why = "beside its picture: is the pose inverted, or in another unit?"
     return f"the start puts the part outside of every photo, {place}, {why}"
+
+
+def in_few_px(part: Part, photos: Sequence[Photo], start: Rigid) -> str:
+    """Return that a start makes the part too small in all photos for its edges to tell much; "" where it does not."""
+    spans = [_span(part.aspects, photo.camera, photo.camera_from_world @ start) for photo in photos]
+    size = max((float(np.max(span[1] - span[0])) for span in spans if span is not None), default=np.inf)
+    if size >= _FEW_PX:
+        return ""
+    mm = float(np.linalg.norm((photos[0].camera_from_world @ start) @ part.aspects.centre))
+    where = f"{significant(size)} px large, {mm:.4g} mm from camera {photos[0].viewpoint.name!r}"
+    return f"the start makes the part {where}, as if in another unit"
 
 
 def _span(aspects: Aspects, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array] | None:
