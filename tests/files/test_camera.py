@@ -158,8 +158,17 @@ def test_what_is_not_understood_is_refused_with_its_key(tmp_path: Path, change: 
         ('{"size_px": [640, 480], "fx_px": NaN, "fy_px": 1, "cx_px": 1, "cy_px": 1}', "fx_px is not finite"),
         ('{"size_px": [640, 480], "size_px": [1, 1]}', "has the key 'size_px' twice"),
         ('{"fx_px": 1}', "has no 'size_px'"),
+        ("[image]\n\nwidth\n640\n", r"is not JSON, as .*; cadcam\.read_cameras"),
+        ("", "is not JSON.*cut off|is empty"),
         ('{"size_px": [640, 480]}', "has no camera matrix"),
-        ('{"width": 640, "fx": 500}', r"is JSON, but no camera file \(it has width, fx\); the least that is read is"),
+        (
+            '{"width": 640, "fx": 500}',
+            r"is JSON, but no camera file \(it has width, fx\).*read_cameras.*the least read here is",
+        ),
+        (
+            "%YAML:1.0\n---\nimage_width: 640\n",
+            r"is not JSON, as .*; cadcam\.read_cameras reads those of OpenCV, Kalibr",
+        ),
     ],
 )
 def test_broken_json_is_refused_with_its_place(tmp_path: Path, text: str, message: str) -> None:

@@ -15,6 +15,7 @@ that of the camera, so that a file edited by hand cannot keep a stale covariance
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +28,7 @@ from cadcam.camera.extended_pinhole import NAMES, ExtendedPinhole
 from cadcam.camera.extended_pinhole import UNITS as PINHOLE_UNITS
 from cadcam.camera.lens import LENSES, Ideal, Lens
 from cadcam.camera.observations import Observations
-from cadcam.errors import BadValue, UnknownName
+from cadcam.errors import BadValue, UnknownName, UnreadableFile
 from cadcam.files.jsontext import Place, as_json, head_as_json, or_null, parsed
 from cadcam.files.matrix import pose_as_json, pose_at
 from cadcam.files.text import TextFile, read_text
@@ -43,6 +44,8 @@ _CONVENTION = (
     "pixels (column, row), (0, 0) the centre of the top-left one, as OpenCV counts; p_camera = rotation @ p_world + "
     "translation_mm, mm; camera axes x right, y down, z forward; the world is the frame of the points it was posed by"
 )
+_OF_OTHERS = "cadcam.read_cameras reads those of OpenCV, Kalibr, ROS and other programs"
+_JSON = re.compile(r"\s*($|\{|\[\s*[^\sA-Za-z])")  # begins so, or is empty; sections of an INI file do not
 _KEYS = (
     "format",
     "version",
@@ -75,18 +78,23 @@ def read_camera(path: str | os.PathLike[str]) -> CameraFile:
     """Return the contents of a camera file (layout: see this module).
 
     Raises `UnreadableFile` naming the key: unknown keys, models and versions are refused with the nearest known one.
+    Files of other programs are read by `read_cameras`.
     """
     return camera_file_of(read_text(path, max_bytes=256_000_000))
 
 
 def camera_file_of(file: TextFile) -> CameraFile:
     """Return the contents of a camera file's text, as `read_camera`."""
+    if not _JSON.match(file.text):
+        raise UnreadableFile(file.path, "is not JSON, as cadcam's camera files are", _OF_OTHERS)
     place = parsed(file)
     place.check_head(FORMAT, VERSION, stated=False)  # first: a newer version may well have other keys
     if place.object and not set(_KEYS) & set(place.object):
         least = '{"size_px": [W, H], "fx_px": ..., "fy_px": ..., "cx_px": ..., "cy_px": ...}'
         keys = ", ".join(list(place.object)[:3])
-        raise place.error(f"is JSON, but no camera file (it has {keys})", f"the least that is read is {least}")
+        raise place.error(
+            f"is JSON, but no camera file (it has {keys})", f"{_OF_OTHERS}; the least read here is {least}"
+        )
     place.only(*_KEYS)
     camera = camera_at(place)
     posed = "camera_from_world" in place.object
