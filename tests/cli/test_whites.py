@@ -42,6 +42,23 @@ def test_locate_finds_the_same_as_in_a_file_that_says_its_white(cadcam: Cadcam, 
     np.testing.assert_array_equal(read_picture("raw.png"), read_picture("said.png"))
 
 
+@pytest.mark.parametrize("verb", ["locate", "match"])
+def test_of_several_pages_the_first_is_read_and_that_is_said(cadcam: Cadcam, here: Path, verb: str) -> None:
+    """Not of a picture with a thumbnail, as cameras write it."""
+    raw, half = tifffile.imread("raw.tif"), tifffile.imread("raw.tif")[::2, ::2]
+    for name, second in (("pages.tif", {}), ("thumb.tif", {"subfiletype": 1})):
+        with tifffile.TiffWriter(name) as file:
+            file.write(raw)
+            file.write(half, **second)
+    words = PART if verb == "locate" else ("raw.tif", "--angles", "0,0")
+    for more in ((), ("--full-scale", "4095")):
+        ran = cadcam(verb, "pages.tif", *words, *more)
+        assert (ran.code, ran.err.count("pages.tif (2): of several pages only the first is read")) == (0, 1), ran.err
+    assert "pages" not in cadcam(verb, "thumb.tif", *words).err
+    if verb == "match":
+        assert "pages.tif (2)" in cadcam("match", "raw.tif", "pages.tif", "--angles", "0,0").err
+
+
 def test_full_scale_says_otherwise(cadcam: Cadcam, here: Path) -> None:
     dark = cadcam("locate", "raw.tif", *PART, "--json", "--full-scale", "65535", "-o", "dark.png")
     assert "bits in 16" not in dark.err

@@ -1,4 +1,4 @@
-"""White of photos of 10, 12 or 14 bits in 16 on the command line: found from all photos of a camera, or as asked."""
+"""Photos of 10, 12 or 14 bits in 16 and of several pages on the command line: how they are read, found or as asked."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from cadcam.cli.arguments import real
 from cadcam.cli.output import say, working
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, listed
 
 if TYPE_CHECKING:
     from cadcam.image.camera_picture import FullScale
@@ -28,11 +28,12 @@ def add_full_scale(parser: argparse.ArgumentParser | argparse._ArgumentGroup) ->
 def white_as_asked(arguments: argparse.Namespace, files: Sequence[str]) -> float | None:
     """Return the stored value of white in photos of one camera, None where it is not in question.
 
-    Says so where fewer than 16 bits are found to be used. Raises `UnreadableFile`, or `BadValue` for a white that
-    counts for none of the files.
+    Says so where fewer than 16 bits are found to be used, and of which files only the first page is read. Raises
+    `UnreadableFile`, or `BadValue` for a white that counts for none of the files.
     """
     from cadcam.image.camera_picture import full_scale_of
 
+    say_pages(files)
     if arguments.full_scale is not None:
         check_counts(arguments.full_scale, files)
         return float(arguments.full_scale)
@@ -49,6 +50,16 @@ def say_white(which: str, found: FullScale | None) -> None:
             f"{which}: read as {found.bits} bits in 16: no value exceeds {found.brightest} "
             "(--full-scale 65535 if it is 16 bits and dark)"
         )
+
+
+def say_pages(files: Sequence[str]) -> None:
+    """Say which files hold several pictures, of which only the first is read."""
+    from cadcam.image.camera_picture import pictures_in
+
+    several = {file: count for file in files if (count := pictures_in(file)) > 1}
+    if several:
+        each = listed([f"{file} ({count})" for file, count in several.items()], 3)
+        say(f"{each}: of several pages only the first is read; save the others as files of their own")
 
 
 def check_counts(white: float, files: Sequence[str]) -> None:

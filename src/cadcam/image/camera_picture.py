@@ -15,6 +15,7 @@ from dataclasses import dataclass
 
 from cadcam.arrays import Picture
 from cadcam.image.decode import Decoded, Stored, finished, stored
+from cadcam.image.high_bit_depth import tiff_pages
 from cadcam.image.picture import MAX_PIXELS, PictureInfo, check_full_scale, file_bytes, filled_from_top, with_info
 
 DEPTHS = (10, 12, 14)  # bits that cameras store in 16, apart from 8 and 16
@@ -82,6 +83,11 @@ def full_scale_of(paths: Iterable[str | os.PathLike[str]]) -> FullScale | None:
         if brightest >= 1 << DEPTHS[-1]:
             break
     return FullScale(_white(brightest, from_top), brightest)
+
+
+def pictures_in(path: str | os.PathLike[str]) -> int:
+    """Return how many pictures a file holds, of which the first is read; thumbnails are none. Only TIFF tells more."""
+    return tiff_pages(file_bytes(path)) if os.fspath(path).lower().endswith((".tif", ".tiff")) else 1
 
 
 def is_deep(path: str | os.PathLike[str]) -> bool:

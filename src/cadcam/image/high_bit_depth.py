@@ -151,6 +151,17 @@ def _tiff_page(data: bytes) -> Any:
         raise ValueError(f"{_CUT} ({error})") from None
 
 
+def tiff_pages(data: bytes) -> int:
+    """Return how many pictures a TIFF holds beside those reduced from another, as thumbnails; 1 for any other file."""
+    if data[:4] not in _TIFF:
+        return 1
+    try:
+        pages = _tiff_page(data).parent.pages
+        return max(1, sum(not (page.is_reduced or page.is_mask) for page in pages))
+    except Exception:  # tifffile's, as for the first page; whoever reads that says what is wrong
+        return 1
+
+
 def _tiff_size(data: bytes) -> tuple[int, int] | None:
     page = _tiff_page(data)
     kind = page.dtype.kind if page.dtype is not None else ""

@@ -11,7 +11,7 @@ from cadcam.cli.arguments import NO, Verbs, add_json, real, refuse, span, verb, 
 from cadcam.cli.cameras import POSE_HELP, add_camera_options, camera_and_pose, view_as_json
 from cadcam.cli.models import add_reading_options, check_order, load_as_asked, model_as_json
 from cadcam.cli.output import check_target, print_json, print_tables, say_written, working
-from cadcam.cli.whites import add_full_scale, white_as_asked
+from cadcam.cli.whites import add_full_scale, say_pages, white_as_asked
 from cadcam.errors import BadValue
 from cadcam.image.suffixes import READABLE, WRITABLE
 
@@ -166,6 +166,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
         either_sign=arguments.either_sign,
     )
     picture, read = _picture(arguments)
+    say_pages([arguments.what])
     photo, template = to_gray(picture), read_template(arguments.what, mask=arguments.mask)
     _check_size(arguments, photo, template.gray)
     with working("matching"):

@@ -35,7 +35,7 @@ from cadcam.cli.output import (
     working,
 )
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
-from cadcam.cli.whites import check_counts, say_white
+from cadcam.cli.whites import check_counts, say_pages, say_white
 from cadcam.cli.wires import LOOKS, add_line_options
 
 if TYPE_CHECKING:
@@ -173,6 +173,7 @@ def _check_options(arguments: argparse.Namespace) -> None:
 
 def _settle_white(arguments: argparse.Namespace, frames: Frames) -> None:
     """Find what is white in the pictures of each camera, and say so; refuse a white that counts for none of them."""
+    say_pages(frames.files)
     if arguments.full_scale is not None:
         check_counts(arguments.full_scale, frames.pictures)
         return
