@@ -146,7 +146,9 @@ def test_a_part_that_is_not_there_is_exit_3(cadcam: Callable[..., Ran], job: Pat
         (["photo.png", "-o", "where.svg"], "suffix"),
         (["photo.png", "--count", "0"], "count"),
         (["points.csv"], "expected a picture (.png .jpg"),
-        (["large.png"], "large.png is 700 x 600 px, larger than the photo"),
+        (["large.png"], "large.png is 700 x 600 px, which does not fit into the photo"),
+        (["wide.png"], "wide.png is 330 x 100 px, which does not fit into the photo"),
+        (["tall.png", "--angles", "-10,10"], "tall.png is 100 x 260 px, which does not fit into the photo"),
         (["block.obj", "--camera", "alone.json"], "expected a camera file with camera_from_world, or --pose FILE\n"),
         (["photo.png", "--mask", "small.png"], "small.png is 4 x 4 px; expected the template's 320 x 240 px"),
     ],
@@ -156,12 +158,30 @@ def test_wrong_wishes_are_exit_2_with_one_message(
 ) -> None:
     write_picture(job / "small.png", np.full((4, 4), 0.5))
     write_picture(job / "large.png", np.random.default_rng(1).uniform(size=(600, 700)))
+    write_picture(job / "wide.png", np.random.default_rng(1).uniform(size=(100, 330)))
+    write_picture(job / "tall.png", np.random.default_rng(1).uniform(size=(260, 100)))
     write_camera(job / "alone.json", SEEN_BY)
     at = [str(job / w) if w.endswith((".png", ".obj", ".svg", ".csv", ".json")) else w for w in words]
     ran = cadcam("match", job / "photo.png", *at)
     assert ran.code == 2
     assert said in ran.err
     assert ran.err.count("cadcam match:") == 1
+
+
+def test_a_template_that_fits_when_turned_or_where_it_counts_is_searched_for(
+    cadcam: Callable[..., Ran], job: Path, photo: Path
+) -> None:
+    """It must lie in the photo of 320 x 240 px with the pixels that count."""
+    gray = read_picture(photo)
+    write_picture(job / "upright.png", np.rot90(gray[60:160, 10:310]))
+    ran = cadcam("match", photo, job / "upright.png", "--angles", "85,95")
+    assert ran.code == 0, ran.err
+    y, x = np.mgrid[:240, :240] - 119.5
+    write_picture(job / "round.png", gray[:, 40:280], alpha=np.hypot(x, y) < 119)
+    assert cadcam("match", photo, job / "round.png", "--angles", "40,50").code in (0, 3)
+    large, counts = np.pad(gray, 50, mode="edge"), np.pad(np.ones((180, 240)), ((80, 80), (90, 90)))
+    write_picture(job / "padded.png", large, alpha=counts)
+    assert cadcam("match", photo, job / "padded.png", "--angles", "-1,1").code == 0
 
 
 def test_along_an_edge_the_place_is_said_not_to_be_determined(cadcam: Callable[..., Ran], tmp_path: Path) -> None:

@@ -18,6 +18,7 @@ from cadcam.image.suffixes import READABLE, WRITABLE
 if TYPE_CHECKING:
     from cadcam.arrays import Picture
     from cadcam.image.picture import PictureInfo
+    from cadcam.image.template import Template
     from cadcam.locate.match.closeness import Closeness
     from cadcam.locate.match.templates import TemplateMatches
     from cadcam.locate.photo import Photo
@@ -27,6 +28,7 @@ _PART_OPTIONS = (
     *("--camera", "--pose", "--unit", "--mesh-tolerance"),
     *("--appearance", "--reach", "--turn", "--measure", "--peaks"),
 )
+_TURN, _OVER_PX = math.radians(0.25), 2.0  # step of angles at which a template is to fit, and by how much it may not
 _EXAMPLES = f"""\
   cadcam match photo.png corner.png -o where.png
   cadcam match photo.png corner.png --angles -20,20 --scales 0.9,1.1 --count 5 --json
@@ -138,13 +140,35 @@ def _check_model(what: str) -> None:
         raise BadValue("template", repr(what), known)
 
 
-def _check_size(arguments: argparse.Namespace, photo: Picture, template: Picture) -> None:
-    """Refuse a template that no rotation makes fit into the photo, as where the two were swapped."""
-    least = min(arguments.scales)
-    if least * min(template.shape) > max(photo.shape):
-        (height, width), (h, w) = template.shape, photo.shape
-        sizes = f"{width} x {height} px, larger than the photo {arguments.photo}, {w} x {h} px"
-        raise BadValue(f"template {arguments.what}", sizes, "the photo first, then what is looked for in it")
+def _check_size(arguments: argparse.Namespace, photo: Picture, template: Template) -> None:
+    """Refuse a template that no angle makes fit into the photo, as where the two were swapped."""
+    if _fits(arguments, photo, template):
+        return
+    (height, width), (w, h) = photo.shape, template.size
+    sizes = f"{w} x {h} px, which does not fit into the photo {arguments.photo}, {width} x {height} px"
+    raise BadValue(
+        f"template {arguments.what}",
+        sizes,
+        "the photo first, then what is looked for in it; or a part cut out of it, or smaller --scales",
+    )
+
+
+def _fits(arguments: argparse.Namespace, photo: Picture, template: Template) -> bool:
+    """Return whether what counts of a template lies within the photo at the least scale and any angle asked for."""
+    import numpy as np
+
+    mask = template.mask
+    rows = np.flatnonzero(mask.any(axis=1))
+    ends = np.concatenate([mask[rows].argmax(axis=1), mask.shape[1] - 1 - mask[rows, ::-1].argmax(axis=1)])
+    low, high = np.radians(arguments.angles)
+    angle = np.linspace(low, high, 1 + math.ceil((high - low) / _TURN))
+    c, s = np.cos(angle)[:, None], np.sin(angle)[:, None]
+    y = np.concatenate([rows, rows])
+    need = min(arguments.scales) * np.stack(
+        [np.ptp(c * ends - s * y, axis=1), np.ptp(s * ends + c * y, axis=1)], axis=1
+    )
+    room = np.array(photo.shape[::-1]) - 1 + _OVER_PX + _TURN / 2 * math.hypot(*template.size)
+    return bool((need <= room).all(axis=1).any())
 
 
 def _run_template(arguments: argparse.Namespace) -> int:
@@ -168,7 +192,7 @@ def _run_template(arguments: argparse.Namespace) -> int:
     picture, read = _picture(arguments)
     say_pages([arguments.what])
     photo, template = to_gray(picture), read_template(arguments.what, mask=arguments.mask)
-    _check_size(arguments, photo, template.gray)
+    _check_size(arguments, photo, template)
     with working("matching"):
         peaks = correlate(photo, template, options=options)
     if arguments.output:
