@@ -183,11 +183,26 @@ def test_float_colour_tiff_is_read(tmp_path, rng):
 
 def test_float_values_outside_zero_to_one_are_refused_until_the_caller_says_what_is_white(tmp_path):
     Image.fromarray(np.array([[0, 200.0]], np.float32)).save(tmp_path / "a.tif")
-    with pytest.raises(UnreadableFile, match=r"a\.tif: has values from 0 to 200, .*full_scale=200"):
+    with pytest.raises(UnreadableFile, match=r"a\.tif: has values from 0 to 200, .*full_scale=255 "):
         read_picture(tmp_path / "a.tif")
     np.testing.assert_array_equal(read_picture(tmp_path / "a.tif", full_scale=400), [[0, 0.5]])
     with pytest.raises(BadValue, match="full_scale"):
         read_picture(tmp_path / "a.tif", full_scale=0)
+
+
+@pytest.mark.parametrize(("high", "white"), [(1.25, 1.25), (255.0, 255), (900.0, 1023), (4000.0, 4095), (7e4, 70000)])
+def test_of_floats_a_likely_white_is_suggested(tmp_path, high, white):
+    Image.fromarray(np.array([[0, high]], np.float32)).save(tmp_path / "a.tif")
+    with pytest.raises(UnreadableFile, match=rf"pass full_scale={white:g} \(the value"):
+        read_picture(tmp_path / "a.tif")
+
+
+@pytest.mark.parametrize(("kind", "said"), [(np.int16, "signed 16"), (np.int32, "signed 32"), (np.uint32, "32")])
+def test_whole_numbers_without_a_known_white_are_named_as_they_are_stored(tmp_path, kind, said):
+    tifffile.imwrite(tmp_path / "a.tif", np.array([[0, 900]], kind))
+    with pytest.raises(UnreadableFile, match=f"a.tif: has {said}-bit integer samples from 0 to 900, whose white is"):
+        read_picture(tmp_path / "a.tif")
+    np.testing.assert_allclose(read_picture(tmp_path / "a.tif", full_scale=1000), [[0, 0.9]])
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])

@@ -41,6 +41,7 @@ _MODES: dict[str, tuple[str, int, float | None]] = {
     "I": ("I", 32, None),
     "F": ("F", 32, 1.0),
 }
+_WHITES = tuple(float((1 << bits) - 1) for bits in (8, 10, 12, 14, 16))
 _BITS, _SAMPLE_FORMAT, _SIGNED = 258, 339, 2  # TIFF 6.0
 _PARSING = (OSError, ValueError, SyntaxError, TypeError, LookupError, EOFError, OverflowError, struct.error, zlib.error)
 _pillow_limit = threading.Lock()  # Pillow's own pixel limit is a module variable
@@ -56,13 +57,17 @@ class Decoded(NamedTuple):
 
 
 class Stored(NamedTuple):
-    """What a file holds: samples (H, W) or (H, W, C), bits of each, value of white, orientation, turn yet to do."""
+    """What a file holds: samples (H, W) or (H, W, C), bits of each, value of white, orientation, turn yet to do.
+
+    signed: whether the file says that its whole numbers have a sign.
+    """
 
     samples: npt.NDArray[Any]
     bits: int
     white: float | None
     orientation: int
     turn: int
+    signed: bool = False
 
 
 def stored(path: str | os.PathLike[str], data: bytes, *, max_pixels: int) -> Stored:
@@ -79,7 +84,7 @@ def stored(path: str | os.PathLike[str], data: bytes, *, max_pixels: int) -> Sto
 
 def finished(path: str | os.PathLike[str], held: Stored, white: float | None) -> Decoded:
     """Return the picture of a file's samples, `white` the stored value that means white (None: not known)."""
-    picture, white = _scaled(path, held.samples, white)
+    picture, white = _scaled(path, held, white)
     return Decoded(_upright(_composited(picture), held.turn), held.bits, held.orientation, white)
 
 
@@ -115,7 +120,8 @@ def _stored_by_pillow(path: str | os.PathLike[str], data: bytes, max_pixels: int
             # Pillow spreads samples of 1, 2 or 4 bits over 0 to 255, but not the one that is transparent
             image.info["transparency"] = key[0] * 255 // ((1 << data[24]) - 1)
         samples, bits, white = _pillow_samples(image)
-        return Stored(samples, bits, white, orientation, _orientation(image))  # Pillow turns TIFF at loading
+        signed = image.format == "TIFF" and _SIGNED in image.tag_v2.get(_SAMPLE_FORMAT, ())  # type: ignore[attr-defined]
+        return Stored(samples, bits, white, orientation, _orientation(image), signed)  # Pillow turns TIFF at loading
 
 
 def _check_size(path: str | os.PathLike[str], size: tuple[int, int], max_pixels: int) -> None:
@@ -142,6 +148,8 @@ def _pillow_samples(image: Image.Image) -> tuple[npt.NDArray[Any], int, float | 
             raise ValueError("its 8-bit samples are signed")  # Pillow takes -1 for 255
         if bits == 16 and 8 < stated < 16:  # 12, packed: two samples in three bytes
             bits, white = stated, float((1 << stated) - 1)
+        if image.mode == "I":  # 32 bits, in which Pillow holds signed ones of 16 as well
+            bits = stated
     return np.asarray(image if image.mode == mode else image.convert(mode)), bits, white
 
 
@@ -172,21 +180,23 @@ def _explained(error: BaseException) -> tuple[str, str]:
     return f"cannot be decoded ({text})", "export it again, for instance as PNG"
 
 
-def _scaled(path: str | os.PathLike[str], samples: npt.NDArray[Any], white: float | None) -> tuple[Picture, float]:
+def _scaled(path: str | os.PathLike[str], held: Stored, white: float | None) -> tuple[Picture, float]:
     """Return samples / white as float32, checked: finite and within [0, 1]; and white."""
+    samples = held.samples
     real = samples.dtype.kind == "f"
     if real and not np.isfinite(samples).all():
         where = first_pixel(~np.isfinite(samples))
         raise UnreadableFile(path, f"has a value that is not finite at {where}", "fill such pixels before saving")
     low, high = (samples.min(), samples.max()) if real or white != np.iinfo(samples.dtype).max else (0, 0)
     if white is None:
+        kind = f"{'signed ' * held.signed}{held.bits}-bit integer"
         raise UnreadableFile(
             path,
-            f"has 32-bit integer samples from {low} to {high}, whose white is not known",
+            f"has {kind} samples from {low} to {high}, whose white is not known",
             "say it: --full-scale (full_scale=)",
         )
     if low < 0 or high > white:
-        least = high if real else (1 << int(high).bit_length()) - 1  # of whole numbers, the white of their bits
+        least = _likely_white(float(high)) if real else (1 << int(high).bit_length()) - 1  # the white of their bits
         raise UnreadableFile(
             path,
             f"has values from {low:g} to {high:g}, outside 0 to {white:g}",
@@ -196,6 +206,14 @@ def _scaled(path: str | os.PathLike[str], samples: npt.NDArray[Any], white: floa
         )
     picture: Picture = np.divide(samples, np.float32(white), dtype=np.float32, casting="same_kind")
     return picture, white
+
+
+def _likely_white(high: float) -> float:
+    """Return what is likely white in samples of floats up to `high`, above 1: that of whole numbers, if they were such.
+
+    Up to 2 they are of a picture in 0 to 1 that goes beyond it.
+    """
+    return next((white for white in _WHITES if 2 <= high <= white), high)
 
 
 def _composited(samples: Picture) -> Picture:
