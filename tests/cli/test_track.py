@@ -139,6 +139,8 @@ def test_a_part_that_is_in_no_frame_is_not_found(cadcam: Cadcam, here: Path) -> 
     ran = cadcam("track", "empty", *TRACK[2:])
     assert ran.code == 3
     assert "lost: 0 to 1" in ran.out
+    reasons = [entry["reason"] for entry in read_track_log(TRACK[-1])]
+    assert [f"photo 'empty/{i}.png' is empty" in reason for i, reason in enumerate(reasons)] == [True, True]
 
 
 @pytest.mark.parametrize(

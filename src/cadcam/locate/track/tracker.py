@@ -174,7 +174,7 @@ class Tracker:
                 tried[0] = Location.nowhere(where, str(error))
                 continue
             except BadValue as error:  # a picture without contrast
-                tried[0] = Location.nowhere(where, str(error))
+                tried[0] = Location.nowhere(where, _of_frame(str(error), frame))
                 continue
             if location.found:
                 location = self._reasoned(memory.nearest(location), location, frame.photos)
@@ -321,6 +321,13 @@ class _Memory:
         was = self.last @ self._corners
         found = [location, *(other for other in location.alternatives if other.found)]
         return min(found, key=lambda one: float(np.abs(one.pose.world_from_part @ self._corners - was).sum()))
+
+
+def _of_frame(said: str, frame: Frame) -> str:
+    """Return what is said of a photo, which is called as its camera, with the name of its file or frame."""
+    for name, photo in zip(frame.names, frame.photos, strict=False):  # a frame may be without names
+        said = said.replace(f"photo {photo.viewpoint.name!r}", f"photo {name!r}")
+    return said
 
 
 def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
