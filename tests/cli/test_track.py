@@ -218,6 +218,18 @@ def test_a_log_without_frames_is_begun_anew(cadcam: Cadcam, here: Path) -> None:
     assert (here / "track.jsonl").read_bytes() == (here / "whole.jsonl").read_bytes()
 
 
+def test_a_log_with_a_damaged_first_line_is_kept_and_the_way_out_said(cadcam: Cadcam, here: Path) -> None:
+    Path("track.jsonl").write_text('{"format": "cadcam tr\n')
+    ran = cadcam(*TRACK, "--overwrite")
+    assert ran.code == 2
+    assert "line 1 is not JSON" in ran.err
+    assert (
+        "what is no track log is kept, --overwrite or not; if it is one whose first line is damaged, delete it"
+        in ran.err
+    )
+    assert Path("track.jsonl").read_text() == '{"format": "cadcam tr\n'
+
+
 def test_the_log_s_lines_are_json_for_other_programs(cadcam: Cadcam, here: Path) -> None:
     cadcam(*TRACK)
     lines = [json.loads(line) for line in (here / "track.jsonl").read_text().splitlines()]

@@ -106,7 +106,7 @@ def add_to(verbs: Verbs) -> None:
     group.add_argument("--csv", metavar="FILE", help="the same as a table: .csv")
     group.add_argument("--smooth", action="store_true", help="table and overlays show the filtered poses")
     group.add_argument("--overlays", metavar="FOLDER", help="write each frame with the model's lines on it")
-    group.add_argument("--overwrite", action="store_true", help="start a new log where there is one already")
+    group.add_argument("--overwrite", action="store_true", help="start a new log where there is a track log already")
     add_line_options(parser, color_by="one")
     parser.set_defaults(resumes=True)
     add_json(parser)

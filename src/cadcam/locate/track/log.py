@@ -268,8 +268,7 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any], *, anew: bool
     A log without them is of a run that failed at its first frame, perhaps by inputs that were mended since.
     """
     if anew:
-        with Path(path).open("rb") as file:
-            _check_is_log(path, _object(path, 1, file.readline(_LONGEST_HEAD).decode(errors="replace")))
+        _check_overwritable(path)
         return Entries(path)
     entries, wanted = Entries(path), json_line(head) + "\n"
     with Path(path).open("rb") as file:
@@ -289,6 +288,17 @@ def _continued(path: str | os.PathLike[str], head: dict[str, Any], *, anew: bool
     if entries and end < Path(path).stat().st_size:
         os.truncate(path, end)
     return entries
+
+
+def _check_overwritable(path: str | os.PathLike[str]) -> None:
+    """Raise `UnreadableFile` where a file that is to be overwritten is, by its first line, no log of tracked frames."""
+    with Path(path).open("rb") as file:
+        first = file.readline(_LONGEST_HEAD).decode(errors="replace")
+    try:
+        _check_is_log(path, _object(path, 1, first))
+    except UnreadableFile as error:
+        kept = "what is no track log is kept, --overwrite or not; if it is one whose first line is damaged, delete it"
+        raise UnreadableFile(path, error.reason, kept) from None
 
 
 def _check_same(path: str | os.PathLike[str], there: dict[str, Any], head: dict[str, Any]) -> None:
