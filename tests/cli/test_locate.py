@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,14 +16,12 @@ from cadcam.cad.write import write_model
 from cadcam.calibrate.points.camera import calibrate_camera, locate_camera
 from cadcam.camera.error_source import distinct_sources
 from cadcam.camera.observations import Observations
-from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.camera.viewpoint import Viewpoint
 from cadcam.cli.photos import file_of, viewpoints_of
 from cadcam.cli.verbs.locate import MOST_INSTANCES
 from cadcam.files.camera import write_camera
 from cadcam.files.jsontext import parsed
 from cadcam.files.points import write_points
-from cadcam.files.pose_estimate import pose_estimate_at, read_part_pose, write_part_pose
+from cadcam.files.pose_estimate import pose_estimate_at, read_part_pose
 from cadcam.files.text import read_text
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import read_picture, write_picture
@@ -215,29 +212,6 @@ def test_two_cameras_know_the_place_better_than_one(cadcam: Cadcam, here: Path) 
     assert read_picture("both.png").shape[1] > 2 * 480
 
 
-def test_a_pose_by_two_cameras_is_a_start_for_one_whose_place_is_known(cadcam: Cadcam, here: Path) -> None:
-    """Alone its own frame is the world, not that in which the two were placed."""
-    world_from_part = Rigid.from_rotation_vector([0, 0, 0.7], [300.0, -200, 50])
-    places = [
-        Rigid.look_at(MIDDLE + np.array([-200, -200, 150]), MIDDLE) @ world_from_part.inv,
-        POSE @ world_from_part.inv,
-    ]
-    views = [Viewpoint.exact(name, CAMERA, place, sigma_px=0.1) for name, place in zip("ab", places, strict=True)]
-    write_part_pose("both.json", PoseEstimate(world_from_part, np.eye(6)), viewpoints=views)
-    for verb, option in (("locate", "--start"), ("verify", "--pose")):
-        start = (verb, *LOCATE[1:], option, "both.json")
-        ran = cadcam(*start)
-        assert ran.code == 2
-        assert "in the world in which a, b were placed, where the camera of photo.png has no known place" in ran.err
-    write_camera("camera.json", CAMERA, camera_from_world=places[1])
-    for verb, option in (("locate", "--start"), ("verify", "--pose")):
-        assert cadcam(verb, *LOCATE[1:], option, "both.json").code == 0
-    Path("b.png").symlink_to("photo.png")
-    write_camera("camera.json", CAMERA)
-    assert cadcam("locate", "b.png", *LOCATE[2:], "--start", "both.json", "--pose-out", "pose.json").code == 0
-    assert off_mm(read_part_pose("pose.json")) < 0.3
-
-
 def test_photos_of_one_name_are_told_apart_by_their_folders(cadcam: Cadcam, here: Path) -> None:
     """As cameras store them: left/0008.png, right/0008.png. What is said of a photo has to say of which."""
     write_camera("camera.json", CAMERA, camera_from_world=POSE)
@@ -376,28 +350,6 @@ def test_a_place_without_the_part_is_said_to_be_that(cadcam: Cadcam, here: Path)
     ran = cadcam(*LOCATE, "-o", "overlay.png")
     assert ran.code == 3, ran.out
     assert "was not found in photo.png" in ran.err
-
-
-def test_a_part_that_is_not_found_asks_for_the_start_and_the_restriction_too(cadcam: Cadcam, here: Path) -> None:
-    """As for the photo: not found, because it moved across what was said."""
-    picture(background)(here)
-    start, line = (*LOCATE, *START), "plane:0,0,1@part"
-    asked = "is it this part, this camera, not mirrored, all in view, near enough to the start"
-    assert f"{asked}?" in cadcam(*start).err
-    assert f"{asked}, moved from there only as stated?" in cadcam(*start, "--freedom", line).err
-    for option in ("--start", "--pose"):
-        ran = cadcam("verify", *LOCATE[1:], option, "start.txt", "--freedom", line)
-        assert f"{asked}, moved from there only as stated?" in ran.out
-
-
-def test_a_start_that_makes_the_part_a_few_px_large_is_said_to(cadcam: Cadcam, here: Path) -> None:
-    """Millimetres written as metres: the part would be 430 km away."""
-    (here / "start.txt").write_text((here / "start.txt").read_text().replace(", mm", ", m"))
-    ran = cadcam(*LOCATE, *START)
-    assert ran.code == 3
-    said = r"the start makes the part 0\.\d+ px large, [\de+.]+ mm from camera 'photo.png', as if in another unit"
-    assert re.search(said, ran.out)
-    assert "px large" in cadcam("verify", *LOCATE[1:], *START).out
 
 
 def test_another_part_is_not_found(cadcam: Cadcam, here: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,10 +19,12 @@ from cadcam.locate.in_photos import equivalent, locate_part
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.refinement import refine_pose
+from cadcam.locate.track import tracker
 from cadcam.render import open_renderer
 from cadcam.render.view import Channel
 
 from ..cad.solids import box, prism
+from .moving import FIRST, block, frames, location, measured
 from .photos import CAMERA, noisy, photo, view
 
 
@@ -177,3 +180,20 @@ def test_an_alternative_s_matches_are_on_its_own_edges(rng: np.random.Generator)
         own = [np.flatnonzero(scene.edges.chain == chain)[0] for chain in m.chain]
         u = (b[own] - a[own]) / np.linalg.norm(b[own] - a[own], axis=1, keepdims=True)
         assert np.linalg.norm(np.cross(m.p - a[own], u), axis=1).max() < 1e-9
+
+
+def test_a_tracked_pose_keeps_the_reason_of_the_one_it_equals(monkeypatch: pytest.MonkeyPatch) -> None:
+    """With the least certain direction in its own axes: half a turn about x turns y and z."""
+    part, along = block(), np.array([0.8, 0.36, 0.48])
+    noise = np.diag([1e-4] * 3 + [1e-12] * 3)
+    noise[:3, :3] += np.outer(along, along)
+    reason = "6 of 7 edges; least certain along (0.80, {}) of the part, 1 mm; 3 other poses look as good"
+    found = replace(
+        location(FIRST), pose=replace(measured(FIRST), from_noise=noise), reason=reason.format("0.36, 0.48")
+    )
+    both = replace(found, alternatives=tuple(equivalent(part, found)))
+    monkeypatch.setattr(tracker, "locate_part", lambda *_, **__: both)
+    turned = FIRST @ Rigid.from_rotation_vector([np.pi, 0, 0], [0, 40, 20])
+    (one,) = tracker.track_part(part, frames(1), turned)
+    np.testing.assert_allclose(one.location.pose.world_from_part.matrix, turned.matrix, atol=1e-9)
+    assert one.location.reason == reason.format("-0.36, -0.48")

@@ -1,0 +1,79 @@
+"""A start of `cadcam locate` and `verify` from another run's cameras; and one near which the part is not found."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from cadcam.camera.pose_estimate import PoseEstimate
+from cadcam.camera.viewpoint import Viewpoint
+from cadcam.files.camera import write_camera
+from cadcam.files.pose_estimate import read_part_pose, write_part_pose
+from cadcam.geometry.rigid import Rigid
+from cadcam.image.picture import write_picture
+
+from .job import Ran
+from .locating import CAMERA, MIDDLE, MODELS, POSE, make_photo_job
+
+Cadcam = Callable[..., Ran]
+LOCATE = ("locate", "photo.png", str(MODELS / "bracket.stl"), "--camera", "camera.json")
+START = (*LOCATE, "--start", "start.txt")
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with the photo, the camera and a rough start, and the working folder."""
+    monkeypatch.chdir(tmp_path)
+    make_photo_job(tmp_path)
+    return tmp_path
+
+
+def off_mm(pose: Rigid) -> float:
+    """Return how far a pose puts the part's middle from the truth, mm."""
+    return float(np.linalg.norm(pose @ MIDDLE - POSE @ MIDDLE))
+
+
+def test_a_pose_by_two_cameras_is_a_start_for_one_whose_place_is_known(cadcam: Cadcam, here: Path) -> None:
+    """Alone its own frame is the world, not that in which the two were placed."""
+    world_from_part = Rigid.from_rotation_vector([0, 0, 0.7], [300.0, -200, 50])
+    places = [
+        Rigid.look_at(MIDDLE + np.array([-200, -200, 150]), MIDDLE) @ world_from_part.inv,
+        POSE @ world_from_part.inv,
+    ]
+    views = [Viewpoint.exact(name, CAMERA, place, sigma_px=0.1) for name, place in zip("ab", places, strict=True)]
+    write_part_pose("both.json", PoseEstimate(world_from_part, np.eye(6)), viewpoints=views)
+    for verb, option in (("locate", "--start"), ("verify", "--pose")):
+        ran = cadcam(verb, *LOCATE[1:], option, "both.json")
+        assert ran.code == 2
+        assert "in the world in which a, b were placed, where the camera of photo.png has no known place" in ran.err
+    write_camera("camera.json", CAMERA, camera_from_world=places[1])
+    for verb, option in (("locate", "--start"), ("verify", "--pose")):
+        assert cadcam(verb, *LOCATE[1:], option, "both.json").code == 0
+    Path("b.png").symlink_to("photo.png")
+    write_camera("camera.json", CAMERA)
+    assert cadcam("locate", "b.png", *LOCATE[2:], "--start", "both.json", "--pose-out", "pose.json").code == 0
+    assert off_mm(read_part_pose("pose.json")) < 0.3
+
+
+def test_a_part_that_is_not_found_asks_for_the_start_and_the_restriction_too(cadcam: Cadcam, here: Path) -> None:
+    write_picture("photo.png", np.random.default_rng(3).normal(0.5, 0.1, (360, 480)).clip(0, 1), bits=16)
+    line = "plane:0,0,1@part"
+    asked = "is it this part, this camera, not mirrored, all in view, near enough to the start"
+    assert f"{asked}?" in cadcam("verify", *START[1:]).out
+    assert f"{asked}, moved from there only as stated?" in cadcam(*START, "--freedom", line).err
+    ran = cadcam("verify", *LOCATE[1:], "--pose", "start.txt", "--freedom", line)
+    assert f"{asked}, moved from there only as stated?" in ran.out
+
+
+def test_a_start_that_makes_the_part_a_few_px_large_is_said_to(cadcam: Cadcam, here: Path) -> None:
+    """Millimetres written as metres: the part would be 430 km away."""
+    (here / "start.txt").write_text((here / "start.txt").read_text().replace(", mm", ", m"))
+    ran = cadcam(*START)
+    assert ran.code == 3
+    said = r"the start makes the part 0\.\d+ px large, [\de+.]+ mm from camera 'photo.png', as if in another unit"
+    assert re.search(said, ran.out)
+    assert "px large" in cadcam("verify", *START[1:]).out
