@@ -195,8 +195,8 @@ def assumptions(found: Verification) -> list[str]:
     if seen.sized_by_datum:
         out.append(
             "One photo shows a part that is larger as a whole, datum and all, as it shows one that is nearer: "
-            "distances and diameters are right if the datum has its size in the CAD. A second camera, or a plane on which the "
-            "part is known to lie, shows that."
+            "distances and diameters are right if the datum has its size in the CAD. A second camera, or a plane on "
+            "which the part is known to lie, shows that."
         )
     if seen.survey.mate.max(initial=-1) >= 0:
         out.append(
