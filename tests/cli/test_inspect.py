@@ -5,12 +5,14 @@ from __future__ import annotations
 import json
 import os
 import re
+import shutil
 import signal
 import socket
 import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -19,7 +21,10 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
+from cadcam.cli.arrivals import Source
+from cadcam.cli.stores import judging_alone
 from cadcam.cli.verbs import inspect
+from cadcam.errors import UnusableStore
 from cadcam.files.camera import write_camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
@@ -205,8 +210,11 @@ def test_it_watches_until_it_is_stopped(cadcam: Cadcam, cell: Path, monkeypatch:
 def test_a_program_reads_each_part_as_it_is_judged_and_sigterm_ends_it_as_ctrl_c_does(
     cadcam: Cadcam, cell: Path
 ) -> None:
-    """Meanwhile another `inspect` of the same photos is refused, and one of others is not."""
+    """Meanwhile another `inspect` of the same photos is refused, however they are named, and one of others is not."""
     (cell / "in/A 10.png").rename(cell / "A 10.png")
+    (cell / "link").symlink_to("in")
+    (cell / "others").mkdir()
+    shutil.copy(cell / "in/A 9.png", cell / "others")
     words = ["inspect", "in", "plate.glb", "--camera", "camera.json", "--start", "pose.txt", "--reports", "out"]
     first = subprocess.Popen(
         [sys.executable, "-m", "cadcam", *words, "--tolerances", "tolerances.yaml", "--watch", "--json"],
@@ -217,10 +225,12 @@ def test_a_program_reads_each_part_as_it_is_judged_and_sigterm_ends_it_as_ctrl_c
     assert first.stdout is not None
     try:
         assert json.loads(first.stdout.readline())["verdict"] == "PASS"
-        second = inspected(cadcam)
-        assert second.code == 2
-        assert f"{cell}/in on {socket.gethostname()} is at work already: process {first.pid}, since" in second.err
-        assert inspected(cadcam, photos=("in/*.png",)).code == 0
+        at_work = f"{cell}/in on {socket.gethostname()} is at work already: process {first.pid}, since"
+        for photos in ("in", "in/*.png", "in/A*", "link"):
+            second = inspected(cadcam, photos=(photos,))
+            assert second.code == 2
+            assert at_work in second.err
+        assert inspected(cadcam, photos=("others",)).code == 0
         write_picture("in/B.png", np.zeros((40, 50)))
         assert "50 x 40" in json.loads(first.stdout.readline())["error"]
         (cell / "A 10.png").rename(cell / "in/A 10.png")
@@ -235,6 +245,28 @@ def test_a_program_reads_each_part_as_it_is_judged_and_sigterm_ends_it_as_ctrl_c
     assert "A 10" in (cell / "out/index.html").read_text()
     assert sorted(path.name for path in cell.glob("parts.sqlite*")) == ["parts.sqlite"]
     assert inspected(cadcam, "--json").json["parts"][0]["judged_before"]
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "shared"),
+    [
+        (("in/*_L.png", "right"), ("right/*_R.png",), "right"),
+        (("in", "right"), ("left", "right", "in"), "in"),
+        (("in/*_L.png", "in/*_R.png"), ("left", "right"), None),
+    ],
+)
+def test_photos_in_several_folders_are_judged_by_one_where_any_folder_is_shared(
+    cell: Path, first: tuple[str, ...], second: tuple[str, ...], shared: str | None
+) -> None:
+    for folder in ("left", "right"):
+        (cell / folder).mkdir()
+    one, other = ([Source.of(text) for text in texts] for texts in (first, second))
+    with open_store("parts.sqlite") as store, judging_alone(store, "plate", one):
+        expected = nullcontext() if shared is None else pytest.raises(UnusableStore, match=f"/{shared} on .* at work")
+        with expected, judging_alone(store, "plate", other):
+            pass
+        with judging_alone(store, "another kind", other):
+            pass
 
 
 def test_a_sigterm_before_the_end_is_told_as_an_interruption(

@@ -7,7 +7,7 @@ import signal
 import subprocess
 import sys
 import time
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -48,6 +48,14 @@ def test_the_second_is_told_who_the_first_is_until_that_is_killed(where: str) ->
             with suppress(*[UnusableStore] * (left > 0)), store.claimed("judging in/", "process 9"):
                 break
             time.sleep(0.1)
+
+
+def test_as_much_as_one_likes_can_be_claimed_at_once(where: str) -> None:
+    """More than a database's connections that are kept for other work."""
+    with open_store(where) as store, ExitStack() as claims:
+        for number in range(20):
+            claims.enter_context(store.claimed(f"judging {number}/", "process 7"))
+        assert store.count() == 0
 
 
 def test_what_was_claimed_and_let_go_leaves_nothing(tmp_path: Path) -> None:

@@ -6,8 +6,7 @@ import argparse
 import os
 import socket
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
-from dataclasses import replace
+from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -36,8 +35,14 @@ def store_address(arguments: argparse.Namespace) -> str:
 
 @contextmanager
 def judging_alone(store: Store, part: str, sources: Iterable[Source]) -> Iterator[None]:
-    """Be the one on this computer that judges parts of a kind by the photos from these sources, or say who is."""
-    where = ", ".join(str(replace(source, folder=source.folder.resolve())) for source in sources)
-    what = f"`cadcam inspect` of {part} in {where} on {socket.gethostname()}"
-    with store.claimed(what, f"process {os.getpid()}, since {datetime.now(UTC):%Y-%m-%d %H:%M} UTC"):
+    """Be the one on this computer that judges parts of a kind by the photos in these folders, or say who is.
+
+    Each folder is claimed as a whole: one that is named and patterns in it may stand for the same photos.
+    """
+    who = f"process {os.getpid()}, since {datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
+    folders = {str(source.folder.resolve()) for source in sources}
+    with ExitStack() as claims:
+        for folder in sorted(folders):  # in one order: of two that begin at once, one goes on
+            what = f"`cadcam inspect` of {part} in {folder} on {socket.gethostname()}"
+            claims.enter_context(store.claimed(what, who))
         yield

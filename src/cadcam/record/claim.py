@@ -93,10 +93,8 @@ def claimed_in_database(engine: sql.Engine, what: str, who: str) -> Iterator[Non
     name = utf8(who)[:_NAME_BYTES].decode(errors="ignore")
     connection = engine.connect().execution_options(isolation_level="AUTOCOMMIT")
     with connection:
+        connection.detach()  # at its end it is closed with lock and name; those that the store works with are others
         if not connection.execute(sql.text("SELECT pg_try_advisory_lock(:key)"), key).scalar_one():
             raise Claimed(connection.execute(sql.text(_HOLDER), key).scalar() or "")
         connection.execute(sql.text("SELECT set_config('application_name', :name, false)"), {"name": name})
-        try:
-            yield
-        finally:
-            connection.invalidate()  # closed, not given back to the others with lock and name
+        yield

@@ -90,7 +90,7 @@ limits. After a change of other options, --again judges all anew.
 
 --watch is ended by Ctrl-C or SIGTERM (systemd, docker stop); page and exit code are those of the parts until then.
 --json prints one document at the end; with --watch one a line, of each part as it is judged. A second `inspect` of
-the same photos into the same store is refused while the first one runs.
+photos in the same folder, into the same store, is refused while the first one runs.
 
 {TOLERANCES_HELP}
 start:    --start FILE    about where all parts are; it may be off by some 20 degrees, 40 px and 10 % of the distance.
