@@ -11,8 +11,6 @@ import socket
 import subprocess
 import sys
 import time
-from collections.abc import Callable
-from contextlib import nullcontext
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -21,41 +19,23 @@ from urllib.parse import unquote
 import numpy as np
 import pytest
 
-from cadcam.cli.arrivals import Source
-from cadcam.cli.stores import judging_alone
 from cadcam.cli.verbs import inspect
-from cadcam.errors import UnusableStore
 from cadcam.files.camera import write_camera
-from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 from cadcam.record.store import open_store
 from cadcam.verify import judge
 
 from ..verify.scene import CAMERA, POSE, photographed, plate
-from .cell import TOLERANCES, make_cell, with_rib_off
-from .job import Ran
-
-Cadcam = Callable[..., Ran]
-SIDE = Rigid.look_at((-620.0, -520.0, 500.0), (10.0, 0.0, 10.0))
+from .cell import SIDE, TOLERANCES, Cadcam, inspected, make_line, put_like, with_rib_off
 
 
 @pytest.fixture
 def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder of a cell: model, camera, a start, tolerances, and photos of a good and a bad part in `in`."""
+    """Return the folder of a line: see `make_line`."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.delenv("CADCAM_STORE", raising=False)
-    make_cell(tmp_path)
-    Path("in").mkdir()
-    rng = np.random.default_rng(5)
-    moved = POSE @ Rigid(translation=(4.0, -6.0, 3.0))
-    write_picture("in/A 9.png", photographed(plate(), rng, moved))
-    write_picture("in/A 10.png", photographed(with_rib_off(), rng))
+    make_line(tmp_path)
     return tmp_path
-
-
-def inspected(cadcam: Cadcam, *more: str, photos: tuple[str, ...] = ("in",), camera: str = "camera.json") -> Ran:
-    files = ("--camera", camera, "--start", "pose.txt", "--tolerances", "tolerances.yaml", "--reports", "out")
-    return cadcam("inspect", *photos, "plate.glb", *files, *more)
 
 
 def never(*given: object, **named: object) -> None:
@@ -100,13 +80,13 @@ def test_what_was_judged_is_not_judged_again_but_by_other_limits_it_is(
 def test_many_are_asked_for_at_once_and_none_is_taken_for_another(
     cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """One photo under three serial numbers, two of them judged; asked for two at a time, and one cannot be read."""
+    """Three parts, two of them judged; asked for two at a time, and one photo cannot be read."""
     monkeypatch.setattr(inspect, "_ASKED_AT_ONCE", 2)
-    photo = (cell / "in/A 9.png").read_bytes()
     (cell / "in/A 10.png").unlink()
-    (cell / "in/B.png").write_bytes(photo)
+    put_like(cell / "in/A 9.png", cell / "B.png", cell / "AA.png")
+    (cell / "B.png").rename(cell / "in/B.png")
     inspected(cadcam)
-    (cell / "in/AA.png").write_bytes(photo)
+    (cell / "AA.png").rename(cell / "in/AA.png")
     (cell / "in/A.png").mkdir()
     ran = inspected(cadcam, "--json")
     assert [(part["serial"], part["judged_before"]) for part in ran.json["parts"]] == [
@@ -247,28 +227,6 @@ def test_a_program_reads_each_part_as_it_is_judged_and_sigterm_ends_it_as_ctrl_c
     assert inspected(cadcam, "--json").json["parts"][0]["judged_before"]
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "shared"),
-    [
-        (("in/*_L.png", "right"), ("right/*_R.png",), "right"),
-        (("in", "right"), ("left", "right", "in"), "in"),
-        (("in/*_L.png", "in/*_R.png"), ("left", "right"), None),
-    ],
-)
-def test_photos_in_several_folders_are_judged_by_one_where_any_folder_is_shared(
-    cell: Path, first: tuple[str, ...], second: tuple[str, ...], shared: str | None
-) -> None:
-    for folder in ("left", "right"):
-        (cell / folder).mkdir()
-    one, other = ([Source.of(text) for text in texts] for texts in (first, second))
-    with open_store("parts.sqlite") as store, judging_alone(store, "plate", one):
-        expected = nullcontext() if shared is None else pytest.raises(UnusableStore, match=f"/{shared} on .* at work")
-        with expected, judging_alone(store, "plate", other):
-            pass
-        with judging_alone(store, "another kind", other):
-            pass
-
-
 def test_a_sigterm_before_the_end_is_told_as_an_interruption(
     cadcam: Cadcam, cell: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -307,10 +265,8 @@ def test_a_part_that_lacks_a_photo_is_told_while_it_waits(
 
 def test_reports_of_long_and_of_unreadable_names_are_linked(cadcam: Cadcam, cell: Path) -> None:
     """Serial numbers as long as a name may be, alike but for their ends, and one of bytes that are no UTF-8."""
-    photo = (cell / "in/A 9.png").read_bytes()
     serials = ["\u00fc" * 125 + "A", "\u00fc" * 125 + "B", os.fsdecode(b"gr\xfcn")]
-    for serial in serials:
-        (cell / f"in/{serial}.png").write_bytes(photo)
+    put_like(cell / "in/A 9.png", *(cell / f"in/{serial}.png" for serial in serials))
     ran = inspected(cadcam, "--json")
     assert ran.json["errors"] == {}
     link = re.compile(r'<td[^>]*><a href="([^"]*)"><span[^>]*>([^<]*)')

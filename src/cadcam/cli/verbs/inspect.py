@@ -44,7 +44,7 @@ from cadcam.cli.stopping import stopped_as_by_ctrl_c
 from cadcam.cli.stores import STORE_HELP, add_store_option, judging_alone, store_address
 from cadcam.cli.telling import Telling
 from cadcam.cli.whites import white_as_asked
-from cadcam.errors import BadValue, CadcamError, UnreadableFile
+from cadcam.errors import BadValue, CadcamError, UnreadableFile, UnusableStore
 from cadcam.image.suffixes import READABLE
 from cadcam.whole import utf8
 
@@ -85,6 +85,7 @@ judged when all of them have a photo of it.
 A part is judged once: when its record is in the store, with the same photos, model, camera, tolerances and start by
 their contents, it is left out. So the same command goes on where it was, and judges anew what was judged by other
 limits. After a change of other options, --again judges all anew.
+A photo that is, byte for byte, one of another serial number in the store is not judged: the camera may have stopped.
 
 --reports FOLDER gets index.html, the page of all parts, and parts/SERIAL.html, the report of each.
 
@@ -99,7 +100,7 @@ start:    --start FILE    about where all parts are; it may be off by some 20 de
 {FREEDOM_HELP}
 {VIEWS_HELP}
 {STORE_HELP}
-exit codes: 2 where photos could not be judged (unreadable, of another size ...; the others were), else 1 where a part
+exit codes: 2 where photos could not be judged (unreadable, another part's ...; the others were), else 1 where a part
 FAILs, else 3 where one is UNDECIDED or not found, else 0. Without --tolerances nothing is judged: 3 where a part was
 not found, else 0. 130 where it was stopped before its end without --watch."""
 
@@ -269,11 +270,25 @@ class _Line:
         begun = time.monotonic()
         try:
             shots = self._cell.shots(arrival, self._whites or [None] * len(arrival.files))
+            self._check_own(arrival, shots)
             found = self._cell.judged(shots)
+        except UnusableStore:
+            raise
         except CadcamError as error:  # of these photos: there are others
             self.told.failed(arrival.serial, str(error))
             return
         self._note(self._keep(arrival, found, shots), number, time.monotonic() - begun)
+
+    def _check_own(self, arrival: Arrival, shots: Shots) -> None:
+        """Raise `UnreadableFile` where a photo was another part's first: noise alone makes any two photos differ."""
+        from cadcam.record.record import as_kept
+
+        for info in shots.read:
+            of = self._store.query(part=self._cell.name, sha256=info.sha256)
+            first = next((record.serial for record in of if record.serial), None)
+            if first not in (None, as_kept(arrival.serial)):
+                said = f"is the same photo, byte for byte, as that of {first}"
+                raise UnreadableFile(info.path, said, "has the camera stopped?")
 
     def _find_whites(self, arrivals: Sequence[Arrival]) -> list[float | None]:
         """Return what is white in the photos of each camera, by the first that can be read; [] where none can."""
