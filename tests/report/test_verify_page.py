@@ -23,9 +23,10 @@ from cadcam.locate.photo import Photo
 from cadcam.record.export import read_records
 from cadcam.record.record import Source
 from cadcam.record.trend import trend
+from cadcam.render.view import Scene
 from cadcam.report.locate import alternatives_table, location_as_json
 from cadcam.report.verify.json import VerificationOrigin, record_of, verification_as_json
-from cadcam.report.verify.model import _lines
+from cadcam.report.verify.model import _lines, model_figure
 from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import in_unit, to_do
@@ -136,6 +137,35 @@ def test_what_fails_is_named_with_its_size_and_labelled_with_what_was_judged(fou
     assert found[0].reason == f"rib <1> is {said} off its place, limit 0.5 mm"
     page = verification_page(found[0], [found[1]], ORIGIN)
     assert f"rib &lt;1&gt;: {said.replace('+-', '±')}" in page
+
+
+@pytest.mark.parametrize(
+    ("quantity", "value", "off", "said"),
+    [
+        (Quantity.ANGLE, np.radians(0.5), np.radians(0.98), "turned by 0.98 ± 0.11 deg"),
+        (Quantity.PROFILE, 0.5, -0.98, "a piece of edge -0.980 ± 0.002 mm off"),
+        (Quantity.DIAMETER, 0.5, -0.98, "diameter 0.980 ± 0.002 mm less"),
+        (Quantity.ANGLE, np.radians(0.97), np.radians(0.98), "1.500 ± 0.002 mm"),
+    ],
+)
+@pytest.mark.parametrize("state", [State.DISPLACED, State.IN_PLACE])
+def test_what_fails_is_labelled_with_what_fails_worst(
+    found: tuple[Verification, Photo], quantity: Quantity, value: float, off: float, said: str, state: State
+) -> None:
+    """In photos and on the model; also a feature that is in its place."""
+    verdict, taken = found
+    assert verdict.inspection is not None
+    rib = replace(verdict.inspection.feature("rib <1>"), state=state)
+    position = Judgement("rib <1>", Limit(Quantity.POSITION, 1.4), 1.5, 0.001, Verdict.FAIL)
+    other = Judgement("rib <1>", Limit(quantity, value), off, 0.001, Verdict.FAIL)
+    of = replace(
+        verdict, judgements=(position, other), inspection=replace(verdict.inspection, features=(rib,), edges=())
+    )
+    label = f"rib &lt;1&gt;: {said}"
+    assert of.inspection is not None
+    assert f">{label}</text>" in overlay_svg(taken, 0, of.inspection, judgements=of.judgements)
+    on_model = json.dumps(f"rib <1>: {said}").replace("<", "\\u003c")
+    assert f'"text":{on_model}' in model_figure(of, of.inspection, [taken], Scene.of(plate()))
 
 
 def test_the_page_says_first_what_to_do(found: tuple[Verification, Photo]) -> None:

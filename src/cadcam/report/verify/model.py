@@ -11,7 +11,7 @@ from cadcam.arrays import Longs, Mask
 from cadcam.locate.photo import Photo
 from cadcam.render.view import Scene
 from cadcam.report.solid.figure import CLEAR, HOW_TO_TURN, WHOLE, LineStyle, Look, Mark, Paint, SolidFigure
-from cadcam.report.verify.overlay import MISSING, deviation_color, displacement_words, full_scale
+from cadcam.report.verify.overlay import MISSING, deviation_color, displacement_words, failing, full_scale
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
@@ -97,15 +97,17 @@ def _look(photo: Photo, number: int, seen: Inspection) -> Look:
 
 
 def _marks(found: Verification, seen: Inspection, diagonal: float) -> tuple[list[Mark], float]:
-    """Return arrows of displaced features, magnified alike, and labels of these and of missing ones."""
-    told = [f for f in seen.features if f.state in (State.DISPLACED, State.MISSING) and np.isfinite(f.p).all()]
+    """Return arrows of displaced features, magnified alike, and labels of these, the missing and the failing ones."""
+    failed = failing(found.judgements)
+    told = [f for f in seen.features if f.state in (State.DISPLACED, State.MISSING) or f.name in failed]
+    told = [f for f in told if np.isfinite(f.p).all()]
     longest = max((f.size for f in told if f.state is State.DISPLACED), default=0.0)
     times = float(np.clip(_ARROW * diagonal / longest, 1.0, _MOST_TIMES)) if longest > 0 else 0.0
     marks = []
     for f in told:
-        gone = f.state is State.MISSING
         text = f"{f.name}: {displacement_words(f, found.judgements)}"
-        marks.append(Mark(f.p, text, MISSING if gone else "#a33d00", None if gone else f.p + times * f.vector))
+        tip = f.p + times * f.vector if f.state is State.DISPLACED else None
+        marks.append(Mark(f.p, text, MISSING if f.state is State.MISSING else "#a33d00", tip))
     return marks, times
 
 

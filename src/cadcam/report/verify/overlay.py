@@ -70,7 +70,7 @@ def write_overlay_svg(
 def overlay_svg(
     photo: Photo, number: int, seen: Inspection, *, judgements: Sequence[Judgement] = (), quality: int = 85
 ) -> str:
-    """Return the <svg> of a photo: edges in the colours of their deviations, displaced and missing features marked."""
+    """Return the <svg> of a photo: edges in the colours of their deviations; what is displaced, missing or fails."""
     width, height = photo.camera.size
     data = base64.b64encode(encoded(photo.gray, "JPEG", quality=quality)).decode()
     full = full_scale(seen)
@@ -120,7 +120,7 @@ def _dots(q: Array, color: str, title: str) -> str:
 
 def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: Sequence[Judgement]) -> list[str]:
     """Return arrows of displaced features, all magnified by one factor, lines of distances that fail, and labels."""
-    moves = _moves(photo, seen)
+    moves = _moves(photo, seen, judgements)
     longest = max((float(np.hypot(*d)) for _, _, d in moves), default=0.0)
     times = min(max(_ARROW_SHARE * width / longest, 1.0), _MOST_TIMES) if longest > 0 else 1.0
     arrows = [(q, times * d) for _, q, d in moves if np.hypot(*d) * times > width / _LEAST_ARROW]
@@ -146,21 +146,28 @@ def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: 
     return out
 
 
-def _moves(photo: Photo, seen: Inspection) -> list[tuple[FeatureDeviation, Array, Array]]:
-    """Return the missing and displaced features in the picture, each with its pixel (2,) and its displacement, px.
+def _moves(
+    photo: Photo, seen: Inspection, judgements: Sequence[Judgement]
+) -> list[tuple[FeatureDeviation, Array, Array]]:
+    """Return the missing, displaced and failing features in the picture, each with its pixel (2,) and displacement, px.
 
-    In the order in which labels get their room: the missing ones, and those displaced the farthest.
+    In the order in which labels get their room: the missing ones, those that fail, and those displaced the farthest.
     """
-    camera_from_part = photo.camera_from_world @ seen.pose.world_from_part
+    camera_from_part, failed = photo.camera_from_world @ seen.pose.world_from_part, failing(judgements)
     moves = []
     for f in seen.features:
-        if f.state not in (State.DISPLACED, State.MISSING) or not np.isfinite(f.p).all():
+        told = f.state in (State.DISPLACED, State.MISSING) or f.name in failed
+        if not told or not np.isfinite(f.p).all():
             continue
         ends = np.stack([f.p, f.p + (f.vector if f.state is State.DISPLACED else 0.0)])
         q = photo.camera.project(camera_from_part @ ends)
         if np.isfinite(q).all() and photo.camera.sees(q[0]):
             moves.append((f, q[0], q[1] - q[0]))
-    return sorted(moves, key=lambda move: -np.inf if move[0].state is State.MISSING else -move[0].size)
+
+    def urgency(f: FeatureDeviation) -> tuple[bool, bool, float]:
+        return f.state is not State.MISSING, f.name not in failed, -np.nan_to_num(f.size)
+
+    return sorted(moves, key=lambda move: urgency(move[0]))
 
 
 def _distances(photo: Photo, seen: Inspection, judgements: Sequence[Judgement]) -> list[tuple[Judgement, Array]]:
@@ -249,7 +256,7 @@ def _spaced(labels: Sequence[_Label], size: tuple[int, int], notes: Sequence[str
 
 
 def _label_text(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
-    """Return a feature's name with the judgement of its position, else with the displacement that the photo shows."""
+    """Return a feature's name with what fails, the judgement of its position, or the displacement that is seen."""
     return _shortened(f.name, displacement_words(f, judgements))
 
 
@@ -266,24 +273,48 @@ def _is_right_to_left(name: str) -> bool:
 
 
 def displacement_words(f: FeatureDeviation, judgements: Sequence[Judgement]) -> str:
-    """Return the judgement of a feature's position, else its displacement; of a missing one, that it is missing."""
+    """Return what fails worst of a feature, by its limit; else the judgement of its position, else its displacement.
+
+    Of a missing one, that it is missing.
+    """
     if f.state is State.MISSING:
         return "missing"
-    for j in judgements:
-        if j.feature == f.name and j.limit.quantity is Quantity.POSITION and np.isfinite(j.U):
-            return _plus_minus(j.deviation + j.limit.middle, j.U)
-    return _plus_minus(f.size, 2 * f.sigma)
+    measured = [j for j in judgements if j.feature == f.name and np.isfinite(j.U)]
+    if failed := [j for j in measured if j.verdict is Verdict.FAIL]:
+        return _failed(max(failed, key=lambda j: abs(j.deviation) / j.limit.value))
+    for j in measured:
+        if j.limit.quantity is Quantity.POSITION:
+            return _plus_minus(j)
+    return _value(f.size, 2 * f.sigma)
+
+
+def failing(judgements: Sequence[Judgement]) -> set[str]:
+    """Return the names of the features and distances that fail."""
+    return {j.feature for j in judgements if j.verdict is Verdict.FAIL}
+
+
+def _failed(j: Judgement) -> str:
+    if j.limit.quantity is Quantity.ANGLE:
+        return f"turned by {_plus_minus(j)}"
+    if j.limit.quantity is Quantity.PROFILE:
+        return f"a piece of edge {_plus_minus(j)} off"
+    return f"diameter {_off(j)}" if j.limit.quantity is Quantity.DIAMETER else _plus_minus(j)
 
 
 def _off(j: Judgement) -> str:
-    """Return by how much a distance is larger or smaller than in the CAD."""
+    """Return by how much a distance or diameter is larger or smaller than in the CAD."""
     off = j.deviation + j.limit.middle
-    return f"{_plus_minus(abs(off), j.U)} {'more' if off > 0 else 'less'}"
+    return f"{_value(abs(off), j.U)} {'more' if off > 0 else 'less'}"
 
 
-def _plus_minus(mm: float, U: float) -> str:
+def _plus_minus(j: Judgement) -> str:
+    scale = j.limit.quantity.per_unit
+    return _value(scale * (j.deviation + j.limit.middle), scale * j.U, j.limit.quantity.unit)
+
+
+def _value(value: float, U: float, unit: str = "mm") -> str:
     decimals = shown_decimals(2, U)
-    return f"{mm:.{decimals}f} ± {U:.{decimals}f} mm"
+    return f"{value:.{decimals}f} ± {U:.{decimals}f} {unit}"
 
 
 def _arrow(q: Array, d: Array, width: int) -> str:
