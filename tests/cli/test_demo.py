@@ -179,7 +179,7 @@ def test_the_displaced_and_the_forgotten_part_fail_and_nothing_else_is_blamed(de
     ]
     states = {f["name"]: f["state"] for f in report["features"]}
     assert (states.pop("bracket"), states.pop("inner longitudinal")) == ("displaced", "missing")
-    assert set(states.values()) <= {"in place", "unclear", "out of view"}
+    assert set(states.values()) <= {"in place", "unclear", "out of view", "datum"}
     assert all("why" in f for f in report["features"] if f["state"] == "unclear")
 
 

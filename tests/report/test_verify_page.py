@@ -30,7 +30,7 @@ from cadcam.report.verify.model import _lines, model_figure
 from cadcam.report.verify.overlay import overlay_svg
 from cadcam.report.verify.page import verification_page, write_verification_page
 from cadcam.report.verify.words import in_unit, to_do
-from cadcam.verify.deviations.deviation import State
+from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.judge import Verification, verify_part
 from cadcam.verify.reasons import direction_words
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances, whole_parts
@@ -117,6 +117,24 @@ def test_a_feature_is_datum_or_judged_by_a_limit_or_only_compared(found: tuple[V
     assert {name: role for name, role in again.items() if name not in named} == {
         name: role for name, role in told.items() if name not in named
     }
+
+
+def test_what_is_the_datum_alone_has_a_color_of_its_own_and_no_finding(found: tuple[Verification, Photo]) -> None:
+    seen = found[0].inspection
+    assert seen is not None
+
+    def with_plate(**of: object) -> Verification:
+        features = tuple(replace(f, **of) if f.name == "plate" else f for f in seen.features)
+        return replace(found[0], inspection=replace(seen, features=features))
+
+    datum = with_plate(state=State.DATUM, why=None, displacement=None)
+    unclear = with_plate(state=State.UNCLEAR, why=Unclear.POSE, displacement=None)
+    told = [{f.feature: f.reason for f in record_of(v, ORIGIN).findings} for v in (datum, unclear)]
+    assert told[1].keys() - told[0].keys() == {"plate"}
+    assert told[1]["plate"] == f"unclear: {Unclear.POSE.value}"
+    legends = [verification_page(v, [found[1]], ORIGIN, scene=Scene.of(plate())) for v in (datum, unclear)]
+    assert ["background:#faeba8" in page for page in legends] == [False, True]
+    assert ["</i>datum</span>" in page for page in legends] == [True, False]
 
 
 def test_a_judged_feature_of_the_datum_is_judged_and_its_uncertainty_told(found: tuple[Verification, Photo]) -> None:

@@ -9,7 +9,9 @@ import numpy as np
 import pytest
 
 from cadcam.geometry.rigid import Rigid
-from cadcam.report.verify.words import unclear_words
+from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
+from cadcam.report.verify.words import feature_notes, unclear_words
 from cadcam.verify.adjustment.datum_fit import Estimate
 from cadcam.verify.deviations.deviation import State, Unclear
 from cadcam.verify.deviations.measured import Displacement, MeasuredEdges
@@ -17,15 +19,18 @@ from cadcam.verify.deviations.unclear import _by_cause, why_doubtful
 from cadcam.verify.edges.presence import Presence
 from cadcam.verify.edges.survey import Survey
 from cadcam.verify.inspection import Inspection, inspect
+from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 
-from .scene import part, photo, plate
+from .drilled import ABOVE, around, drilled
+from .drilled import CAMERA as WIDE
+from .scene import part, photo, photographed, plate
 
 EYES = {"near": (420.0, -620.0, 640.0), "far": (1100.0, -1700.0, 1700.0), "above": (60.0, -200.0, 1500.0)}
 
 
-def seen_from(eye: tuple[float, float, float]) -> Inspection:
+def seen_from(eye: tuple[float, float, float], asked: Tolerances | None = None) -> Inspection:
     taken = photo(plate(), np.random.default_rng(1), Rigid.look_at(eye, (10.0, 0.0, 10.0)))
-    return inspect(part(), [taken], Rigid())
+    return inspect(part(), [taken], Rigid(), tolerances=asked)
 
 
 @pytest.mark.parametrize("where", EYES)
@@ -38,7 +43,33 @@ def test_from_far_away_ribs_are_told_by_the_line_they_stand_on_alone() -> None:
     """At 2.6 m their upper edges are 3 px apart: what is left to measure is feet, and another view is asked for."""
     found = {f.name: f.why for f in seen_from(EYES["far"]).features}
     assert found["rib 1"] is found["rib 2"] is Unclear.FOOT
-    assert found["plate"] is Unclear.POSE  # ribs alone do not hold the pose that it would be compared with
+
+
+@pytest.mark.parametrize("where", ["far", "above"])
+def test_what_alone_holds_the_pose_is_the_datum_and_not_unclear(where: str) -> None:
+    """Ribs do not hold the pose that the plate would be compared with, or only by far; unless it is to be judged."""
+    eye = EYES[where]
+    assert seen_from(eye).feature("plate").state is State.DATUM
+    limits = (Limit(Quantity.POSITION, 0.5),)
+    ribs = Tolerances((Feature("rib", Selection("rib 1"), limits),), (Selection("plate"),))
+    measured = seen_from(EYES["near"], ribs)
+    assert measured.feature("plate").state is State.DATUM
+    (note,) = [line for line in feature_notes(measured) if "plate" in line]
+    assert note == "datum, plate: what the others are measured from, so that there is nothing else to compare it with"
+    judged = Tolerances((Feature("plate", Selection("plate"), limits),), (Selection("*"),))
+    assert seen_from(eye, judged).feature("plate").why is Unclear.POSE
+
+
+def test_what_is_left_of_the_only_part_is_the_datum_of_what_is_judged_in_it() -> None:
+    every = drilled()
+    plain = every.select(every.part == every.part_names.index("plate"))
+    mesh = replace(plain, part_names=("plate",), part_colors=plain.part_colors[:1])
+    taken = Photo.of(photographed(mesh, np.random.default_rng(1), ABOVE, WIDE), WIDE, ABOVE, name="photo")
+    limits = (Limit(Quantity.POSITION, 0.5),)
+    for asked, state in ((Tolerances((Feature("A", around("A"), limits),)), State.DATUM), (None, State.UNCLEAR)):
+        found = inspect(Part.of(mesh), [taken], Rigid(), tolerances=asked).feature("plate")
+        assert found.state is state
+        assert found.why is (None if asked else Unclear.ALONE_IN_MODEL)
 
 
 def test_a_block_as_bright_as_what_it_stands_on_wants_other_light() -> None:

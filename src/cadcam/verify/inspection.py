@@ -197,7 +197,8 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
     names = survey.names
     measured, doubts, p_values = _doubted(case, look)
     presence = _placed(survey, presence, measured)
-    evidence = FeatureEvidence(survey, measured, presence, doubts, p_values, options.reach_px, options.alarms)
+    judged = {f.name for f in case.asked.judged}
+    evidence = FeatureEvidence(survey, measured, presence, doubts, p_values, options.reach_px, options.alarms, judged)
     fitted = measured.adjustment.pose()
     by_calibration = fitted.by_cause @ fitted.by_cause.T
     moved = case.world_from_part @ Rigid.exp(fitted.xi)

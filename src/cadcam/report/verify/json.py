@@ -50,12 +50,14 @@ def record_of(found: Verification, origin: VerificationOrigin) -> Record:
     """Return the record of a verification for a store of measured parts.
 
     Of each feature in view of which nothing was judged it holds the position that was measured, without limits, or
-    that it is missing or why it is unclear. Where nothing was judged at all, it has no verdict.
+    that it is missing or why it is unclear; of what all is measured from, nothing. Where nothing was judged at all, it
+    has no verdict.
     """
     expect(found, "found", Verification)
     expect(origin, "origin", VerificationOrigin)
     seen, judged = () if found.inspection is None else found.inspection.features, {j.feature for j in found.judgements}
-    in_view = [f for f in seen if f.name not in judged and f.state is not State.OUT_OF_VIEW]
+    told = [f for f in seen if f.state not in (State.OUT_OF_VIEW, State.DATUM)]
+    in_view = [f for f in told if f.name not in judged]
     measured = [f for f in in_view if f.state in (State.IN_PLACE, State.DISPLACED) and f.displacement is not None]
     return Record(
         part=origin.part,

@@ -18,6 +18,7 @@ from cadcam.verify.judge import Verification
 
 _COLORS = {  # from the state that is least worth telling to the one that is most
     State.OUT_OF_VIEW: "#e6e6e6",
+    State.DATUM: "#c3ccd9",
     State.IN_PLACE: "#b8e0d1",
     State.UNCLEAR: "#faeba8",
     State.DISPLACED: "#faad80",

@@ -111,6 +111,9 @@ def feature_notes(seen: Inspection) -> list[str]:
         "as the photos show it"
     ]
     notes += [str(seen.covered)] if seen.covered else []
+    if datum := [f.name for f in seen.features if f.state is State.DATUM]:
+        what = "what the others are measured from, so that there is nothing else to compare it with"
+        notes.append(f"datum, {', '.join(datum)}: {what}")
     notes += unclear_words(seen)
     if seen.left_out:
         notes.append(f"left out of the datum, for they do not agree with the rest: {', '.join(seen.left_out)}")

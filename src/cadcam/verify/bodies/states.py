@@ -1,8 +1,8 @@
-"""The state of each feature: in place, displaced, missing, out of view; or unclear, and why."""
+"""The state of each feature: in place, displaced, missing, out of view, the datum itself; or unclear, and why."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,7 @@ from cadcam.verify.bodies.snooping import OF_DISPLACED
 from cadcam.verify.deviations.astray import Doubt
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
 from cadcam.verify.deviations.measured import DISAGREE, Displacement, MeasuredEdges, of_known_size
-from cadcam.verify.deviations.unclear import why_doubtful, why_untold
+from cadcam.verify.deviations.unclear import holds_pose, why_doubtful, why_untold
 from cadcam.verify.edges.presence import Presence
 from cadcam.verify.edges.shifts import CAPTURE_PX
 from cadcam.verify.edges.survey import Survey
@@ -29,7 +29,8 @@ class FeatureEvidence:
 
     Of each feature, presence: the evidence that it is there; doubts: about its edges; p_values: the probability, for a
     feature in place, of what they show, nan where they show nothing. reach_px: how far beside their places features
-    were searched for; alarms: accepted share of false alarms.
+    were searched for; alarms: accepted share of false alarms; judged: names of the features of which something is
+    asked.
     """
 
     survey: Survey
@@ -39,6 +40,7 @@ class FeatureEvidence:
     p_values: Sequence[float]
     reach_px: float
     alarms: float
+    judged: Collection[str] = ()
 
     def deviations(self) -> tuple[FeatureDeviation, ...]:
         """Return the state and displacement of each feature."""
@@ -62,8 +64,16 @@ class FeatureEvidence:
             state, why = State.UNCLEAR, Unclear.ASTRAY
         if state is State.UNCLEAR and why is None:
             why = why_untold(self.survey, self.measured, number, moved)
+        if self._is_the_datum(number, why):
+            state, why = State.DATUM, None
         told = moved if state is State.DISPLACED else None if why in _MAY_BE_ABSENT else believed(moved)
         return replace(self._feature(number, state, told), p_value=self.p_values[number], why=why)
+
+    def _is_the_datum(self, number: int, why: Unclear | None) -> bool:
+        """Return whether nothing is left to compare a feature with because what is judged is measured from it."""
+        if self.survey.names[number] in self.judged or not holds_pose(self.measured, number):
+            return False
+        return why is Unclear.POSE or (why is Unclear.ALONE_IN_MODEL and bool(self.judged))
 
     def _beyond_reach(self, number: int, moved: Displacement | None) -> bool:
         """Return whether a displacement exceeds the search range: then its edges are not those assigned to it."""

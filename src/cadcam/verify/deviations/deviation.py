@@ -13,13 +13,17 @@ from cadcam.verify.edges.presence import Presence
 
 
 class State(Enum):
-    """The state of a feature. UNCLEAR: its edges do not show where it is; OUT_OF_VIEW: nothing of it is visible."""
+    """The state of a feature. UNCLEAR: its edges do not show where it is; OUT_OF_VIEW: nothing of it is visible.
+
+    DATUM: the others are measured from it, and nothing else holds the pose that it could be compared with.
+    """
 
     IN_PLACE = "in place"
     DISPLACED = "displaced"
     MISSING = "missing"
     UNCLEAR = "unclear"
     OUT_OF_VIEW = "out of view"
+    DATUM = "datum"
 
 
 class Unclear(Enum):

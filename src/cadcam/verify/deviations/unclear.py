@@ -36,6 +36,12 @@ def why_untold(survey: Survey, measured: MeasuredEdges, number: int, moved: Disp
     return Unclear.LITTLE if moved is None else _by_cause(moved)
 
 
+def holds_pose(measured: MeasuredEdges, number: int) -> bool:
+    """Return whether a feature is what the pose is fitted to: all of the datum, or most of it."""
+    datum, own = measured.adjustment.datum, measured.members[number]
+    return bool((own & datum).any()) and (measured.pose_without(own) is None or own[datum].mean() > _MOST)
+
+
 def _why_unmeasured(survey: Survey, number: int) -> Unclear:
     seen = survey.rows(number) & survey.matched.support
     if not seen.any():
