@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -13,6 +14,7 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import AROUND_START, Location
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.verify.adjustment.datum_fit import CAUSES
+from cadcam.verify.deviations.deviation import Unclear
 from cadcam.verify.judge import Verification, verify_part
 from cadcam.verify.reasons import explained, shown_decimals, summary, with_remedy
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Rule, Selection, Tolerances, whole_parts
@@ -93,6 +95,26 @@ def test_what_was_not_measured_is_named_once_for_each_reason() -> None:
         "rib: position and profile cannot be decided (unseen: more light); web, pin, nut: position cannot be decided "
         "(unseen: more light)"
     )
+
+
+@pytest.mark.parametrize(
+    ("unseen", "seen", "of_another"),
+    [(2, 4, True), (2, 5, False), (1, 0, False), (4, 4, True)],
+)
+def test_where_many_features_are_unseen_it_may_be_another_revision(unseen: int, seen: int, of_another: bool) -> None:
+    """As where holes were never drilled in a smooth plate, which light does not help; beside what fails, too."""
+    why = Unclear.UNSEEN
+    assert why.remedy == "is it there? else give more light, or light from another side"
+    gone = [
+        with_remedy(Judgement(f"H{i}", limit, np.nan, np.nan, Verdict.UNDECIDED, why.value, why.remedy))
+        for i in range(unseen)
+        for limit in (POSITION, Limit(Quantity.PRESENCE, 0.0))
+    ]
+    rest = [replace(judgement(0.1, 0.01, POSITION), feature=f"rib {i}") for i in range(seen)]
+    asks = "; is it another revision of the part?"
+    assert summary(Verdict.UNDECIDED, [*gone, *rest]).endswith(asks) is of_another
+    rest = [replace(judgement(1.0, 0.1, POSITION), feature=f"rib {i}") for i in range(seen)]
+    assert summary(Verdict.FAIL, [*gone, *rest]).endswith(asks) is of_another
 
 
 def asked(limit_mm: float) -> Tolerances:

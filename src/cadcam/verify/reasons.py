@@ -14,12 +14,13 @@ from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
 from cadcam.locate.search.lying import OFF_PLANE
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
-from cadcam.verify.deviations.deviation import FeatureDeviation, State
+from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
 from cadcam.verify.tolerances.tolerance import SIGNED, Limit, Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
 ANOTHER_VIEW, IN_VIEW = "take another view", "take a photo that shows it"
 _NAMED = 3  # most features named in the summary
+_SEVERAL, _GOOD_PART = 2, 1 / 3  # features unseen, of those asked, from which the part may be of another revision
 _AXIS = 1e-9  # largest deviation of a direction from an axis by rounding
 _BUT = ", but "  # in a reason, before what keeps a value from being decided apart from its U
 _SURELY = "measure it more surely: "
@@ -63,7 +64,8 @@ def with_remedy(j: Judgement) -> Judgement:
 def summary(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
     """Return in one line why the part has its verdict: what failed, by how much; or what could not be decided, and why.
 
-    At most three things are said, each of one feature or of up to three alike.
+    At most three things are said, each of one feature or of up to three alike. Where none of the edges of several
+    features is seen, it asks for the part's revision: what is not there gives the same picture as what is not lit.
     """
     if not judgements:
         return "no limits given: nothing was judged"
@@ -79,7 +81,8 @@ def summary(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
     else:
         said, also = _undecided(undecided), []
     more = [f"and {len(said) - _NAMED} more"] if len(said) > _NAMED else []
-    return "; ".join([*said[:_NAMED], *more, *also])
+    other = ["is it another revision of the part?"] if _perhaps_another_part(judgements) else []
+    return "; ".join([*said[:_NAMED], *more, *also, *other])
 
 
 def unjudged(features: Sequence[FeatureDeviation]) -> str:
@@ -174,6 +177,13 @@ def shown_decimals(decimals: int, U: float) -> int:
     while decimals < _MOST_DECIMALS and 0 < U < 0.5 * 10.0**-decimals:
         decimals += 1
     return decimals
+
+
+def _perhaps_another_part(judgements: Sequence[Judgement]) -> bool:
+    """Return whether of several features, a good part of those asked, none of the edges that should show is seen."""
+    asked = {j.feature for j in judgements if not j.between}
+    unseen = {j.feature for j in judgements if not j.between and j.remedy == Unclear.UNSEEN.remedy}
+    return len(unseen) >= max(_SEVERAL, _GOOD_PART * len(asked))
 
 
 def _undecided(judgements: Sequence[Judgement]) -> list[str]:

@@ -29,7 +29,7 @@ class State(Enum):
 class Unclear(Enum):
     """Why the photos do not show where a feature is, and the remedy."""
 
-    UNSEEN = "none of its edges that should show is seen: give more light, or light from another side"
+    UNSEEN = "none of its edges that should show is seen: is it there? else give more light, or light from another side"
     SHORT_EDGES = "its edges in view are too short to tell whether it is there: go closer, or take another view"
     SHOWN = "its surfaces show that it is there, but its edges are too short to tell where: go closer, or another view"
     DOUBTFUL = "too few of its edges that should show are seen to be sure that it is there: more light, or another view"
