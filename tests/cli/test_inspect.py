@@ -363,7 +363,7 @@ def test_photos_of_two_cameras_are_paired_by_serial(cadcam: Cadcam, cell: Path) 
     ("words", "says"),
     [
         (("in/A 9.png", "plate.glb"), "`cadcam verify` judges one part"),
-        (("empty", "plate.glb"), "none of a part in empty; expected pictures"),
+        (("empty", "plate.glb"), "number of parts in empty is 0; expected pictures"),
         (("in", "plate.glb", "--reports", "in"), "holds the pictures that are read"),
         (("in", "in", "plate.glb"), "--camera is given once for 2 photos"),
         (("plate.glb", "in"), "the model last"),

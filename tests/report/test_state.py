@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from cadcam.record.record import Deviation, Record
-from cadcam.report.state.tables import list_table
+from cadcam.report.state.tables import features_table, list_table, record_tables
 
 
 @pytest.mark.parametrize(
@@ -32,3 +32,20 @@ def test_the_worst_is_the_nearest_to_its_limits_or_farthest_beyond(
     face = Deviation("face", 0.5, 0.01, lower=-1.0, upper=1.0)
     table = list_table([Record("p", deviations=(face, given))], of=1)
     assert table.rows[0][-1] == says
+
+
+@pytest.mark.parametrize(
+    ("kind", "lower", "upper", "says"),
+    [
+        ("position", None, 0.25, "0.25 mm"),
+        ("position", -0.25, 0.25, "0.25 mm"),
+        ("diameter", -0.1, 0.25, "-0.1 to 0.25 mm"),
+        ("diameter", None, 0.25, "up to 0.25 mm"),
+        ("diameter", -0.25, None, "from -0.25 mm"),
+        ("position", None, None, "none"),
+    ],
+)
+def test_limits_are_told_as_verify_tells_them(kind: str, lower: float | None, upper: float | None, says: str) -> None:
+    record = Record("p", deviations=(Deviation("gap", 0.1, 0.01, kind, lower=lower, upper=upper),))
+    assert record_tables(record)[1].rows[0][3] == says
+    assert features_table([record]).rows[0][-1] == ("" if says == "none" else says)

@@ -186,6 +186,14 @@ def test_what_fails_is_labelled_with_what_fails_worst(
     assert f'"text":{on_model}' in model_figure(of, of.inspection, [taken], Scene.of(plate()))
 
 
+def test_the_record_of_a_length_has_no_lower_limit(found: tuple[Verification, Photo]) -> None:
+    along = Limit(Quantity.POSITION, 0.5, direction=np.array([0.0, 1.0, 0.0]), middle=0.1)
+    limits = (Limit(Quantity.POSITION, 0.5), Limit(Quantity.POSITION, 0.5, axis=np.array([0.0, 0.0, 1.0])), along)
+    of = replace(found[0], judgements=tuple(Judgement("rib <1>", one, 0.2, 0.01, Verdict.PASS) for one in limits))
+    told = [(d.lower, d.upper) for d in record_of(of, ORIGIN).deviations if d.feature == "rib <1>"]
+    assert told == [(None, 0.5), (None, 0.5), (-0.4, 0.6)]
+
+
 def test_the_page_says_first_what_to_do(found: tuple[Verification, Photo]) -> None:
     """What failed before what is undecided, of which every limit has a remedy."""
     page = verification_page(found[0], [found[1]], ORIGIN)

@@ -224,7 +224,7 @@ def test_a_distance_stands_beside_its_features_is_the_remedy_for_one_that_does_n
     with pytest.raises(UnreadableFile, match=r"features.C.distance_mm is between two features; under distances, write"):
         read_tolerances(tmp_path / "t.yaml")
     (tmp_path / "t.yaml").write_text("features:\n  A: {part: plate}\n")
-    with pytest.raises(UnreadableFile, match=r"features.A has no limit"):
+    with pytest.raises(UnreadableFile, match=r"features.A has no limit; give .*, presence, or name it in `distances`"):
         read_tolerances(tmp_path / "t.yaml")
 
 

@@ -30,7 +30,7 @@ class Deviation:
     """A feature's deviation from its CAD, in `unit` (mm or deg), +- expanded uncertainty (k sigma).
 
     kind: of deviation, such as "position" or "angle". lower, upper: the tolerance, None where there is none on that
-    side. verdict: PASS, FAIL, UNDECIDED, or empty where it was not judged.
+    side, as below a length. verdict: PASS, FAIL, UNDECIDED, or empty where it was not judged.
     """
 
     feature: str

@@ -113,7 +113,7 @@ def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -
         raise UnknownName("feature", feature, {one.feature for _, one in all_judged})
     kinds, measured = {one.kind for _, one in named}, {one.kind for _, one in named if isinstance(one, Deviation)}
     if kind is None and len(measured or kinds) > 1:
-        raise BadValue(f"kinds of {feature!r}", ", ".join(sorted(kinds)), "one of them: name it")
+        raise BadValue(f"kind of {feature!r}", "not named", f"one of {', '.join(sorted(kinds))}")
     if kind is not None and kind not in kinds:
         raise UnknownName(f"kind of {feature!r}", kind, kinds)
     (meant,) = {kind} if kind is not None else measured or kinds
@@ -136,7 +136,7 @@ def trends(records: Sequence[Record]) -> list[Trend]:
 def _trend(feature: str, judged: Sequence[tuple[Record, Deviation | Finding]], records: Sequence[Record]) -> Trend:
     units = {one.unit for _, one in judged if isinstance(one, Deviation)}
     if len(units) > 1:
-        raise BadValue(f"units of {feature!r}", ", ".join(sorted(units)), "one: ask for fewer records")
+        raise BadValue(f"unit of {feature!r}", " and ".join(sorted(units)), "one of them: ask for fewer records")
     parts, having = {r.part for r, _ in judged}, {r.id for r, _ in judged}
     without = tuple(r for r in records if r.part in parts and r.id not in having)
     return Trend(feature, next(iter(units), ""), tuple(judged), without)

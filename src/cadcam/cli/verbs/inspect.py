@@ -136,7 +136,7 @@ def run(arguments: argparse.Namespace) -> int:
     arrivals = Arrivals([Source.of(text) for text in arguments.photos])
     refuse_own_folder(arguments.reports, [str(source.folder / "photo") for source in arrivals.sources])
     if not arguments.watch and not arrivals.there():
-        raise BadValue("photos", f"none of a part in {', '.join(arguments.photos)}", _wanted(arrivals))
+        raise BadValue(f"number of parts in {', '.join(arguments.photos)}", 0, _wanted(arrivals))
     with stopped_as_by_ctrl_c():
         cell = _cell(arguments)
         with open_store(store_address(arguments)) as store, judging_alone(store, cell.name, arrivals.sources):

@@ -182,11 +182,14 @@ def deviation_text(deviation: Deviation) -> str:
 
 
 def _tolerance(d: Deviation) -> str:
+    """Return the limits of a deviation: one where both are alike, or where it is a length, which is never negative."""
     if d.lower is None and d.upper is None:
         return "none"
-    low = "" if d.lower is None else f"{d.lower:g}"
-    high = "" if d.upper is None else f"{d.upper:g}"
-    return f"{low} ... {high} {d.unit}"
+    if d.upper is None:
+        return f"from {d.lower:g} {d.unit}"
+    if d.lower == -d.upper or (d.lower is None and d.kind == "position"):  # as `cadcam verify` writes it
+        return f"{d.upper:g} {d.unit}"
+    return f"{'up' if d.lower is None else f'{d.lower:g}'} to {d.upper:g} {d.unit}"
 
 
 def worst(record: Record) -> str:

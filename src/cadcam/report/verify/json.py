@@ -122,7 +122,7 @@ def _deviation(j: Judgement) -> Deviation:
         kind=quantity.name.lower(),
         unit=quantity.unit,
         k=j.limit.k,
-        lower=scale * low,
+        lower=None if j.limit.of_length else scale * low,
         upper=scale * high,
         verdict=_VERDICTS.get(j.verdict, "UNDECIDED"),
     )

@@ -23,7 +23,7 @@ def tolerance_bar(j: Judgement) -> str:
     """Return a bar from -1.5 to 1.5 limits, of a displacement's length from 0: the limits, the deviation with its U."""
     if j.limit.quantity is Quantity.PRESENCE or not np.isfinite(j.deviation):
         return ""
-    length = j.limit.quantity is Quantity.POSITION and j.limit.direction is None
+    length = j.limit.of_length
     low = 0.0 if length else -1.5
     width, height = 180.0, 26.0
 

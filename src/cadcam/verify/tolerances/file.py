@@ -214,7 +214,8 @@ def limits_at(place: Place, k: float, rule: Rule, of: Collection[Quantity] = _OF
     stated = [q for q in of if q.value in place.object]
     limits = tuple(place.build(partial(_limit, place.at(q.value), q, k, rule, way)) for q in stated)
     if not limits:
-        raise place.error("has no limit", f"give one of {', '.join(q.value for q in of)}")
+        beside = ", or name it in `distances`" if of is _OF_FEATURES else ""
+        raise place.error("has no limit", f"give one of {', '.join(q.value for q in of)}{beside}")
     for name in way:
         if not {Quantity.POSITION, Quantity.DISTANCE} & set(stated):
             needs = f"it is that of a {Quantity.POSITION.value}: give one, or leave it out"

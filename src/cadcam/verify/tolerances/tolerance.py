@@ -120,7 +120,7 @@ class Selection(Brief):
             kinds = ", ".join(EdgeKind(k).name.lower() for k in np.unique(edges.kind[own]))
             low, high = at[own].min(axis=0).round(1).tolist(), at[own].max(axis=0).round(1).tolist()
             raise BadValue(
-                f"edges of {self.part!r}", "none chosen", f"a box_mm within {low} to {high}, kinds among {kinds}"
+                f"choice of edges of {self.part!r}", "empty", f"a box_mm within {low} to {high}, kinds among {kinds}"
             )
 
     def _meets(self, scene: Scene) -> bool:
@@ -207,6 +207,11 @@ class Limit(Brief):
     def bounds(self) -> tuple[float, float]:
         """Return the least and the greatest deviation from the CAD that keep the limit."""
         return self.middle - self.value, self.middle + self.value
+
+    @property
+    def of_length(self) -> bool:
+        """Return whether it limits a length, which is never negative: of a displacement along no one direction."""
+        return self.quantity is Quantity.POSITION and self.direction is None
 
     @property
     def basis(self) -> Array | None:
