@@ -152,7 +152,7 @@ def test_a_judged_feature_of_the_datum_is_judged_and_its_uncertainty_told(found:
 def test_what_fails_is_named_with_its_size_and_labelled_with_what_was_judged(found: tuple[Verification, Photo]) -> None:
     j = found[0].judgements[0]
     said = f"{j.deviation:.2f} +- {j.U:.2f} mm"
-    assert found[0].reason == f"rib <1> is {said} off its place, limit 0.5 mm"
+    assert found[0].reason == f"rib <1> is {said} off its place, limit 0.5 mm; 1 more limit cannot be decided"
     page = verification_page(found[0], [found[1]], ORIGIN)
     assert f"rib &lt;1&gt;: {said.replace('+-', '±')}" in page
 

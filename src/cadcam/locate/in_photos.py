@@ -393,7 +393,9 @@ def check_photos(photos: Sequence[Photo]) -> None:
         name, gray = f"photo {photo.viewpoint.name!r}", photo.gray[::every, ::every].copy()
         low, high = quantile(gray, 0.01), quantile(gray, 0.99)
         if high - low < _FLAT:
-            raise BadValue(name, f"empty: 98 % of it lies within {low:.3f} to {high:.3f}", "a picture with contrast")
+            raise BadValue(
+                name, f"empty: 98 % of it lies within {low:.3f} to {high:.3f} of white", "a picture with contrast"
+            )
         clipped = float(np.mean((gray <= 0.001) | (gray >= 0.999)))
         if clipped > _CLIPPED:
             raise BadValue(name, f"{clipped:.0%} black or white", "a picture exposed so that edges show")

@@ -47,6 +47,7 @@ _NEAR_AXIS = np.cos(np.radians(15.0))
 _MISTAKEN = 4.0  # scatter along edges, over what is expected (variances), that no noise of a circle's edges makes
 _SHOWN = 0.5  # share of an edge that has to be measured before its worst place is known
 _NAMED = 3  # most edges named in a reason
+_LIGHT = "give more light, or take another view"
 _OTHER_SIDE = "add a photo from another side"
 _ALONG = f"judge a direction, or {_OTHER_SIDE}"
 
@@ -167,7 +168,7 @@ def _presence(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
         reason, remedy = (found.why.value, found.why.remedy) if found.why else ("not in view", IN_VIEW)
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, reason, remedy)
     remedy = found.why.remedy if found.why else ANOTHER_VIEW
-    too_few = f"too few to be sure that these are its own: {remedy}"
+    too_few = f"too few to be sure that these are its own: {remedy}" if p.seen else remedy
     why = f"{said}: {Unclear.BEHIND.value if found.why is Unclear.BEHIND else too_few}"
     return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, why, remedy)
 
@@ -320,7 +321,7 @@ def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection)
     found_there = Judgement(name, each, float(station[1]), float(station[2]), verdict, reason)
     if verdict is Verdict.PASS and (unseen := _unseen_edges(name, seen)):
         but = f"but {listed(unseen, _NAMED)} {'is' if len(unseen) == 1 else 'are'} not seen, or only in part"
-        return replace(found_there, verdict=Verdict.UNDECIDED, reason=f"{reason}, {but}", remedy=Unclear.UNSEEN.remedy)
+        return replace(found_there, verdict=Verdict.UNDECIDED, reason=f"{reason}, {but}", remedy=_LIGHT)
     return explained(found_there, shares_of(edge.variances))
 
 
