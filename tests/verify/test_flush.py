@@ -10,7 +10,8 @@ import pytest
 
 from cadcam.arrays import Array, Longs
 from cadcam.cad.edges import NO_EDGES
-from cadcam.cad.mesh import Mesh
+from cadcam.cad.mesh import Mesh, merge
+from cadcam.cad.parts.shape import box, circle, extruded, filled
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import to_gray
 from cadcam.image.sensor.presets import preset
@@ -29,6 +30,8 @@ from cadcam.verify.judge import verify_part
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Verdict
 
+from . import scene
+from .scene import photographed
 from .screwed import CAMERA, HIGH, POSE, RADIUS, SCREWS, part, screwed
 
 GROUND = (0.10, 0.12, 0.14)
@@ -187,3 +190,22 @@ def test_nothing_is_as_open_as_can_be() -> None:
     sky = Sky.of(part(), Photo.of(np.zeros((CAMERA.height, CAMERA.width), np.float32), CAMERA, POSE), Rigid(), WHOLE)
     assert sky.openness(np.array([[1.0, 1.0]])) == 1
     np.testing.assert_array_equal(sky.of_groups(np.zeros((0, 2)), np.zeros(0, np.int64), 2), 1.0)
+
+
+@pytest.mark.parametrize("shade", [0.7, 0.5, 1.3])
+def test_a_body_seen_through_a_hole_alone_is_not_missing_for_its_shadow(shade: float) -> None:
+    """Half of what shows of it is in other light, as if it were gone: the border there is the hole's, not its own."""
+    color, outline = (0.55, 0.55, 0.6), np.array([(-100, -70), (100, -70), (100, 70), (-100, 70)], float)
+    front = extruded([filled(outline, [circle((30, 0), 30, 96)])], 0, 12, name="front", color=color)
+    back = box((-4, -60, -60), (90, 60, -50), name="back", color=color)
+    deep = box((-90, -60, -120), (33, 60, -110), name="deep", color=color)  # shows in half of the hole without it
+    mesh, pose = merge([front, back, deep]), Rigid.look_at((60.0, -80.0, 560.0), (0.0, 0.0, 0.0))
+    gray = photographed(mesh, np.random.default_rng(1), pose)
+    photo, whole = Photo.of(gray, scene.CAMERA, pose), Part.of(mesh)
+    shown = ShownFaces.of(whole, photo, Rigid())
+    assert shown.own_border(whole, photo, Rigid(), 1) < 24 < 200 < shown.own_border(whole, photo, Rigid(), 0)
+    ends = scene.CAMERA.project(pose @ np.array([[33.0, 0.0, -110.0]]))[0, 0]
+    dark = shown.shows(1) & (np.arange(gray.shape[1]) > ends)
+    found = inspect(whole, [Photo.of(np.where(dark, shade * gray, gray), scene.CAMERA, pose)], Rigid()).feature("back")
+    assert found.state is not State.MISSING
+    assert found.presence.log_ratio == 0

@@ -26,6 +26,7 @@ from cadcam.verify.edges.survey import Survey, surveyed
 
 DOUBTFUL = 2.0  # log likelihood ratio, 7 to 1, below which a body may be missing
 _RATHER_NOT = -1.0  # log likelihood ratio by edges or tones below which the edges behind a body are searched for
+_LEAST_BORDER_PX = 24  # of a body that is told by its pixels alone: along so many it has to end in view
 _THERE = 3.5  # most that pixels say for a body: wrongly, at worst, for one missing body in 33
 _BY_CHANCE = 10.0  # log likelihood ratio of pixels that light and paint alone may make
 _AS_MANY = 0.5  # log likelihood ratio by edges of places that show as many: one that is not seen costs 1.5 or more
@@ -312,7 +313,8 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
         if body is None or found.log_ratio >= DOUBTFUL:
             continue
         if not found.expected:
-            told = _by_pixels(case, drawn, survey, body).beyond_chance if survey.in_view(i) else 0.0
+            asked = survey.in_view(i) and _ends_in_view(case, drawn, survey, body)
+            told = _by_pixels(case, drawn, survey, body).beyond_chance if asked else 0.0
             out[i] = replace(found, log_ratio=told)
             continue
         by_tones = tones.log_ratio(body, edges=found.log_ratio, any_light=found.in_any_light)
@@ -323,6 +325,16 @@ def _presences(case: Case, drawn: Part, survey: Survey) -> list[Presence]:
             told = _with_pixels(told, found.log_ratio, _by_pixels(case, drawn, survey, body))
         out[i] = replace(found, log_ratio=told)
     return out
+
+
+def _ends_in_view(case: Case, drawn: Part, survey: Survey, body: int) -> bool:
+    """Return whether a photo shows where a body ends.
+
+    One that is seen through a hole, or past something, alone has there the border of what hides the rest: all else is
+    of its tone, and that of what is behind it may be any in a shadow.
+    """
+    pose, photos = case.world_from_part, zip(survey.shown, case.photos, strict=True)
+    return any(seen.own_border(drawn, photo, pose, body) >= _LEAST_BORDER_PX for seen, photo in photos)
 
 
 def _unless_seen(by_tones: float, by_edges: Presence) -> float:

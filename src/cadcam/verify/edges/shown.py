@@ -90,6 +90,19 @@ class ShownFaces:
         box = self._boxes[body] if 0 <= body < len(self._boxes) else None
         return None if box is None else _widened(box, room, self.face.shape)
 
+    def own_border(self, part: Part, photo: Photo, world_from_part: Rigid, body: int) -> int:
+        """Return along how many pixels part number `body` ends in view, rather than where something hides the rest."""
+        from scipy.ndimage import binary_dilation
+
+        window = self.window(body, 1)
+        if window is None:
+            return 0
+        own = Scene.of(part.scene.mesh.select(part.scene.mesh.part == body), edges=NO_EDGES)
+        camera, camera_from_part = photo.camera.crop(*in_window(window)), photo.camera_from_world @ world_from_part
+        whole = open_renderer(own).render(camera, camera_from_part, channels=Channel.FACE).face >= 0
+        here = self.shows(body)[window]
+        return int(np.count_nonzero(binary_dilation(here) & ~here & ~whole))
+
     @cached_property
     def _boxes(self) -> list[Window | None]:
         """The box of each body, as far as any has pixels: found at once, for the picture may be large, bodies many."""
