@@ -21,7 +21,7 @@ import pytest
 
 from cadcam.cli.verbs import inspect
 from cadcam.files.camera import write_camera
-from cadcam.image.picture import write_picture
+from cadcam.image.picture import read_picture, write_picture
 from cadcam.record.store import open_store
 from cadcam.verify import judge
 
@@ -243,14 +243,14 @@ def test_a_part_that_lacks_a_photo_is_told_while_it_waits(
     write_camera("front.json", CAMERA, camera_from_world=POSE)
     Path("pose.txt").write_text("# world_from_part, mm\n1 0 0 0\n0 1 0 0\n0 0 1 0\n")
     (cell / "in/A 9.png").unlink()
-    photo = (cell / "in/A 10.png").read_bytes()
+    photo = np.clip(read_picture(cell / "in/A 10.png") + 1 / 255, 0, 1)
     (cell / "in/A 10.png").rename(cell / "in/1_L.png")
     slept: list[float] = []
 
     def sleep(seconds: float) -> None:
         slept.append(seconds)
         if len(slept) == 14:
-            (cell / "in/1_R.png").write_bytes(photo)
+            write_picture(cell / "in/1_R.png", photo)
         if len(slept) == 30:
             raise KeyboardInterrupt
 
