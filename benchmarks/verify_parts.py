@@ -233,7 +233,7 @@ def _truth(defect: Defect, seen: Verification) -> float:
     """Return the true deviation of what is judged, in the directions that the photo shows."""
     assert seen.inspection is not None
     if defect.quantity is Quantity.ANGLE:
-        return float(defect.truth * np.sign(seen.inspection.feature("judged").axis[2]))
+        return float(defect.truth * seen.inspection.feature("judged").axis[2])  # of a turn about z, what is about it
     if defect.by is None:  # of a profile another share shows at each piece of it
         return float("nan")
     return float(np.linalg.norm(seen.inspection.feature("judged").seen.T @ np.array(defect.by)))

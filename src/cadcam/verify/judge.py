@@ -234,13 +234,22 @@ def _across(name: str, limit: Limit, seen: Inspection) -> Judgement:
     """Judge the displacement across the axis that a limit names, of a feature in place along it."""
     assert seen.measured is not None  # only of inspections that found the part
     assert limit.axis is not None
-    rows = seen.measured.members[seen.survey.names.index(name)]
+    number = seen.survey.names.index(name)
+    rows, circles = seen.measured.members[number], seen.survey.circles[number]
     moved = seen.measured.displacement(rows, along=limit.basis)
     if moved is None:
         unseen = "the photos do not show a displacement across its axis"
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, unseen, _OTHER_SIDE)
     across = f"displaced by {vector_words(moved.vector)} mm across {direction_words(limit.axis)}"
     reason = f"{across}, as if it were in place along it"
+    told = None if circles is None else seen.measured.grown(rows, circles.axis)
+    if told is not None and _mistaken(*told):
+        size, sigma = (
+            float(np.linalg.norm(moved.estimate.value)),
+            towards(moved.estimate.value, moved.estimate.covariance, limit),
+        )
+        but = f"{reason}, but its edges do not agree on one place and size"
+        return Judgement(name, limit, size, sigma, Verdict.UNDECIDED, but, ANOTHER_VIEW)
     hidden = np.cross(limit.axis, moved.basis[:, 0]) if moved.basis.shape[1] < 2 or not moved.known else None
     return _length(name, limit, moved.estimate, moved.p_value, reason, (hidden, _OTHER_SIDE))
 
@@ -300,10 +309,15 @@ def _diameter(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
     grown, scatter = told
     value, sigma = float(grown.value[0]) - limit.middle, float(np.sqrt(grown.covariance[0, 0]))
     said = diameter_words(float(grown.value[0]), limit, circles.radii)
-    if grown.misfit > DISAGREE or scatter > _MISTAKEN:
+    if _mistaken(grown, scatter):
         reason = f"{said}, but its edges do not agree on one size"
         return Judgement(name, limit, value, sigma, Verdict.UNDECIDED, reason, ANOTHER_VIEW)
     return explained(Judgement(name, limit, value, sigma, decided(value, sigma, limit), said), grown.shares)
+
+
+def _mistaken(grown: Estimate, scatter: float) -> bool:
+    """Return whether the edges of circles show no one place and size: some of them are taken for others."""
+    return grown.misfit > DISAGREE or scatter > _MISTAKEN
 
 
 def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
