@@ -11,7 +11,7 @@ from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.errors import BadValue, NothingInView
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.in_photos import Trial, _ranked, locate_part
+from cadcam.locate.in_photos import Trial, _alone, _ranked, locate_part
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -178,3 +178,11 @@ def test_a_picture_that_is_given_twice_is_no_evidence_twice(rng: np.random.Gener
     again = replace(taken, gray=taken.gray.copy())
     with pytest.raises(BadValue, match=r"photo 2, '.*', is pixel by pixel '.*' again; expected each picture once"):
         locate_part(block(), [taken, again], pose_of(rng))
+
+
+def test_a_pose_among_many_places_is_sure_only_if_its_edges_are_where_the_part_s_are() -> None:
+    """Of tiles and boards some lines nearly fit a box, better than all else that is tried, but off as a whole."""
+    here, far = location(Rigid(translation=[0, 0, 2000.0]), 0.9), location(Rigid(translation=[9000.0, 0, 2000.0]), 0.1)
+    trials = [Trial(1.0, here), Trial(1.0, far)]
+    assert _alone(block(), here, trials)
+    assert not _alone(block(), replace(here, off_px=0.8), trials)
