@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
@@ -11,7 +10,6 @@ from cadcam.arrays import Array, significant
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
 
 _ALONG = 0.9  # cosine from which a direction is named after an axis
@@ -92,13 +90,6 @@ def weakest_direction(pose: PoseEstimate, centre: Array, photos: Sequence[Photo]
     if sd[2] < _RATIO * max(sd[1], 1e-300):
         return f"position within {_mm(sd[2])} in any direction"
     return f"least certain {_named(axes[:, 2], pose.world_from_part, centre, photos)}, {_mm(sd[2])}"
-
-
-def less_sure(location: Location, added: Array, centre: Array, photos: Sequence[Photo]) -> Location:
-    """Return a location with a further covariance (6, 6) of its pose; its reason says how well that is known now."""
-    pose = replace(location.pose, from_noise=location.pose.from_noise + added)
-    was, now = (weakest_direction(one, centre, photos) for one in (location.pose, pose))
-    return replace(location, pose=pose, reason=location.reason.replace(was, now))
 
 
 def _moves(twists: Array, centre: Array) -> Array:

@@ -39,9 +39,10 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.quality.absent import LEAST
 from cadcam.locate.quality.support import Support, support_at
+from cadcam.locate.refine.answer import less_sure
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
-from cadcam.locate.uncertainty import calibration_covariance, less_sure
+from cadcam.locate.uncertainty import calibration_covariance
 
 _TURNS = 3  # unknowns of a camera that turns
 _MOST_FITTED = 0.5  # of a photo that would show the part: share of its evidence that these unknowns may explain

@@ -19,10 +19,9 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.lines.attraction import attracted
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
-from cadcam.locate.refine.answer import PoseAnswer, location_of
+from cadcam.locate.refine.answer import PoseAnswer, less_sure, location_of
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
-from cadcam.locate.uncertainty import less_sure
 
 _UNLIKELY = 20.0  # squared sds of a difference from the restriction that counts: by chance one in 1000
 _LEAST_PX = (
