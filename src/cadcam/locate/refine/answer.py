@@ -21,6 +21,7 @@ from cadcam.locate.lines.sight import Sight, in_noise
 from cadcam.locate.location import FOUND, MORE_THAN_LIGHT, Covered, Location, unmeasured
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
 from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.contrast import showing
 from cadcam.locate.quality.occluder import CONSTRAINTS, covered, side_words
