@@ -9,7 +9,9 @@ import pytest
 
 from cadcam.cli.main import main
 
+from .cell import make_line
 from .job import Ran, make_job
+from .locating import make_photo_job
 
 
 @pytest.fixture(autouse=True)
@@ -46,3 +48,20 @@ def unread(monkeypatch: pytest.MonkeyPatch) -> None:
         raise RuntimeError
 
     monkeypatch.setattr("cadcam.report.table.show", gone)
+
+
+@pytest.fixture
+def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return a folder with the photo, the camera and a rough start, and the working folder."""
+    monkeypatch.chdir(tmp_path)
+    make_photo_job(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Return the folder of a line: see `make_line`."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.delenv("CADCAM_STORE", raising=False)
+    make_line(tmp_path)
+    return tmp_path

@@ -54,3 +54,8 @@ def write_start(path: Path, camera_from_part: Rigid) -> None:
     """Write a pose as a person would."""
     rows = "\n".join(" ".join(f"{v:.6f}" for v in row) for row in camera_from_part.matrix)
     path.write_text(f"# camera_from_part, mm\n{rows}\n")
+
+
+def off_mm(pose: Rigid) -> float:
+    """Return how far a pose puts the part's middle from the truth, mm."""
+    return float(np.linalg.norm(pose @ MIDDLE - POSE @ MIDDLE))

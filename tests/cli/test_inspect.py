@@ -26,16 +26,7 @@ from cadcam.record.store import open_store
 from cadcam.verify import judge
 
 from ..verify.scene import CAMERA, POSE, photographed, plate
-from .cell import SIDE, TOLERANCES, Cadcam, inspected, make_line, put_like, with_rib_off
-
-
-@pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder of a line: see `make_line`."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("CADCAM_STORE", raising=False)
-    make_line(tmp_path)
-    return tmp_path
+from .cell import SIDE, TOLERANCES, Cadcam, inspected, put_like, with_rib_off
 
 
 def never(*given: object, **named: object) -> None:

@@ -17,16 +17,7 @@ from cadcam.image.picture import write_picture
 from cadcam.record.store import open_store
 
 from ..verify.scene import CAMERA, POSE, photographed, plate
-from .cell import SIDE, TOLERANCES, Cadcam, inspected, make_line
-
-
-@pytest.fixture
-def cell(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Return the folder of a line: see `make_line`."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.delenv("CADCAM_STORE", raising=False)
-    make_line(tmp_path)
-    return tmp_path
+from .cell import SIDE, TOLERANCES, Cadcam, inspected
 
 
 @pytest.mark.parametrize(

@@ -30,24 +30,11 @@ from cadcam.locate.views.drawing import Drawer
 
 from ..cad.solids import prism
 from .job import Ran
-from .locating import CAMERA, MIDDLE, MODELS, POSE, make_photo_job, photo, seen, write_start
+from .locating import CAMERA, MIDDLE, MODELS, POSE, off_mm, photo, seen, write_start
 
 Cadcam = Callable[..., Ran]
 LOCATE = ("locate", "photo.png", str(MODELS / "bracket.stl"), "--camera", "camera.json")
 RANGE = ("--seen-from", "0.45,-0.73,0.51:15", "--roll", "20", "--distance", "270,330")  # a small one: quick to search
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the photo, the camera and a rough start, and the working folder."""
-    monkeypatch.chdir(tmp_path)
-    make_photo_job(tmp_path)
-    return tmp_path
-
-
-def off_mm(pose: Rigid) -> float:
-    """Return how far a pose puts the part's middle from the truth, mm."""
-    return float(np.linalg.norm(pose @ MIDDLE - POSE @ MIDDLE))
 
 
 def test_a_rough_start_is_enough(cadcam: Cadcam, here: Path) -> None:

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
@@ -17,24 +16,11 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
 
 from .job import Ran
-from .locating import CAMERA, MIDDLE, MODELS, POSE, make_photo_job
+from .locating import CAMERA, MIDDLE, MODELS, POSE, off_mm
 
 Cadcam = Callable[..., Ran]
 LOCATE = ("locate", "photo.png", str(MODELS / "bracket.stl"), "--camera", "camera.json")
 START = (*LOCATE, "--start", "start.txt")
-
-
-@pytest.fixture
-def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with the photo, the camera and a rough start, and the working folder."""
-    monkeypatch.chdir(tmp_path)
-    make_photo_job(tmp_path)
-    return tmp_path
-
-
-def off_mm(pose: Rigid) -> float:
-    """Return how far a pose puts the part's middle from the truth, mm."""
-    return float(np.linalg.norm(pose @ MIDDLE - POSE @ MIDDLE))
 
 
 def test_a_pose_by_two_cameras_is_a_start_for_one_whose_place_is_known(cadcam: Cadcam, here: Path) -> None:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from datetime import datetime, timedelta, timezone
 from html import escape
 from pathlib import Path
+from typing import cast
 
 import numpy as np
 import pytest
@@ -20,10 +21,12 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.location import Disagreement, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.photo import Photo
+from cadcam.plan.layout import Layout
 from cadcam.record.export import read_records
 from cadcam.record.record import Source
 from cadcam.record.trend import trend
 from cadcam.render.view import Scene
+from cadcam.report.layout.page import LayoutReport
 from cadcam.report.locate import alternatives_table, location_as_json
 from cadcam.report.verify.json import VerificationOrigin, record_of, verification_as_json
 from cadcam.report.verify.model import _lines, model_figure
@@ -412,6 +415,8 @@ def test_on_paper_no_table_is_wider_than_its_section_and_no_row_is_split(
 def test_a_time_of_another_zone_is_shown_in_utc_and_one_without_a_zone_refused() -> None:
     origin = VerificationOrigin("plate", time=datetime(2026, 1, 1, 12, tzinfo=timezone(timedelta(hours=5))))
     assert origin.time.isoformat() == "2026-01-01T07:00:00+00:00"
+    with pytest.raises(BadValue, match="time is 2026-01-01T12:00:00; expected a time with its zone"):
+        LayoutReport(cast("Layout", None), time=datetime(2026, 1, 1, 12))
     with pytest.raises(BadValue, match="time is 2026-01-01T12:00:00; expected a time with its zone"):
         VerificationOrigin("plate", time=datetime(2026, 1, 1, 12))
 

@@ -48,3 +48,15 @@ def test_edges_that_are_seen_pass() -> None:
     edges = part().scene.edges
     others = np.unique(edges.chain[edges.part == part().scene.mesh.part_names.index("rib 1")])
     assert judged(plate(), tuple(others[others != BACK].tolist())).verdict is Verdict.PASS
+
+
+def test_an_edge_that_another_photo_measures_is_known() -> None:
+    """Twice as far it is half as long: that the near photo, where most is asked, does not show it says nothing."""
+    near = Rigid.look_at((227.5, -341.0, 346.5), (-20.0, -40.0, 20.0))
+    beyond = Rigid.look_at((-500.0, 900.0, 800.0), (10.0, 0.0, 10.0))
+    taken = [photo(plate(), np.random.default_rng(1), near, name="near")]
+    taken.append(photo(plate(), np.random.default_rng(2), beyond, name="beyond"))
+    asked = Tolerances((Feature("rib", Selection("rib 1"), (Limit(Quantity.PROFILE, 3.0),)),))
+    for some, verdict in ((taken[:1], Verdict.UNDECIDED), (taken, Verdict.PASS)):
+        (found,) = verify_part(part(), some, refine_pose(part(), some, Rigid()), asked).judgements
+        assert found.verdict is verdict, found.reason

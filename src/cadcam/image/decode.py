@@ -120,8 +120,7 @@ def _stored_by_pillow(path: str | os.PathLike[str], data: bytes, max_pixels: int
             # Pillow spreads samples of 1, 2 or 4 bits over 0 to 255, but not the one that is transparent
             image.info["transparency"] = key[0] * 255 // ((1 << data[24]) - 1)
         samples, bits, white = _pillow_samples(image)
-        signed = image.format == "TIFF" and _SIGNED in image.tag_v2.get(_SAMPLE_FORMAT, ())  # type: ignore[attr-defined]
-        return Stored(samples, bits, white, orientation, _orientation(image), signed)  # Pillow turns TIFF at loading
+        return Stored(samples, bits, white, orientation, _orientation(image), _signed(image))  # Pillow turns TIFF
 
 
 def _check_size(path: str | os.PathLike[str], size: tuple[int, int], max_pixels: int) -> None:
@@ -144,13 +143,20 @@ def _pillow_samples(image: Image.Image) -> tuple[npt.NDArray[Any], int, float | 
         mode = "RGBA"
     if image.format == "TIFF":
         stated = image.tag_v2.get(_BITS, (bits,))[0]  # type: ignore[attr-defined]  # of a TIFF
-        if bits == 8 and _SIGNED in image.tag_v2.get(_SAMPLE_FORMAT, ()):  # type: ignore[attr-defined]  # of a TIFF
+        if bits == 8 and _signed(image):
             raise ValueError("its 8-bit samples are signed")  # Pillow takes -1 for 255
         if bits == 16 and 8 < stated < 16:  # 12, packed: two samples in three bytes
             bits, white = stated, float((1 << stated) - 1)
         if image.mode == "I":  # 32 bits, in which Pillow holds signed ones of 16 as well
             bits = stated
     return np.asarray(image if image.mode == mode else image.convert(mode)), bits, white
+
+
+def _signed(image: Image.Image) -> bool:
+    """Return whether a file says that its whole numbers have a sign, as only TIFF does."""
+    if image.format != "TIFF":
+        return False
+    return _SIGNED in image.tag_v2.get(_SAMPLE_FORMAT, ())  # type: ignore[attr-defined]  # of a TIFF
 
 
 def _orientation(image: Image.Image) -> int:

@@ -45,7 +45,7 @@ class Freedom(Locked):
     @property
     def full(self) -> bool:
         """Return whether nothing is restricted: all six motions are allowed."""
-        return len(self.basis.T) == 6
+        return bool(self.basis.shape[1] == 6)
 
     @classmethod
     def planar(cls, normal: Floats, *, frame: Frame = "world") -> Freedom:

@@ -244,12 +244,9 @@ def _across(name: str, limit: Limit, seen: Inspection) -> Judgement:
     reason = f"{across}, as if it were in place along it"
     told = None if circles is None else seen.measured.grown(rows, circles.axis)
     if told is not None and _mistaken(*told):
-        size, sigma = (
-            float(np.linalg.norm(moved.estimate.value)),
-            towards(moved.estimate.value, moved.estimate.covariance, limit),
-        )
+        size, sigma = moved.estimate.value, towards(moved.estimate.value, moved.estimate.covariance, limit)
         but = f"{reason}, but its edges do not agree on one place and size"
-        return Judgement(name, limit, size, sigma, Verdict.UNDECIDED, but, ANOTHER_VIEW)
+        return Judgement(name, limit, float(np.linalg.norm(size)), sigma, Verdict.UNDECIDED, but, ANOTHER_VIEW)
     hidden = np.cross(limit.axis, moved.basis[:, 0]) if moved.basis.shape[1] < 2 or not moved.known else None
     return _length(name, limit, moved.estimate, moved.p_value, reason, (hidden, _OTHER_SIDE))
 
@@ -340,20 +337,25 @@ def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection)
 
 
 def _unseen_edges(name: str, seen: Inspection) -> list[str]:
-    """Return which edges of a feature, in view for longer than a piece, no photo shows by half: they may be anywhere.
+    """Return which edges of a feature, in view for longer than two pieces, are not measured by half: they may be off.
 
-    One that is off by more than edges are searched for, or has no contrast, says nothing of how far it is off. Towards
-    its ends, where other lines come near, half a piece is not asked for.
+    One that is off by more than edges are searched for, or has no contrast, says nothing of how far it is off. A place
+    is known where some photo shows the edge within half a piece of it: near its ends other lines come near.
     """
+    from scipy.spatial import cKDTree
+
     assert seen.measured is not None  # only of inspections that found the part
     number = seen.survey.names.index(name)
     in_view, measured = seen.survey.lines.select(seen.survey.members[number]), seen.measured.lines
     measured = measured.select(seen.measured.members[number])
     out = []
     for chain in np.unique(in_view.chain):
-        px, shown_px = (STEP_PX * np.bincount(of.photo[of.chain == chain]).max(initial=0) for of in (in_view, measured))
-        if px - STATION_PX > STATION_PX and shown_px < _SHOWN * (px - STATION_PX):
-            kind = EdgeKind(int(in_view.kind[in_view.chain == chain][0])).name.lower()
+        asked, shown = in_view.select(in_view.chain == chain), measured.p[measured.chain == chain]
+        if STEP_PX * np.bincount(asked.photo).max() <= 2 * STATION_PX:
+            continue
+        away = np.asarray(cKDTree(shown).query(asked.p)[0]) if len(shown) else np.full(len(asked), np.inf)
+        if np.mean(away <= STATION_PX / 2 * asked.mm_per_px) < _SHOWN:
+            kind = EdgeKind(int(asked.kind[0])).name.lower()
             out.append(f"{kind} {chain}" if chain >= 0 else kind)
     return out
 

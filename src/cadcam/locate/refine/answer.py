@@ -28,7 +28,7 @@ from cadcam.locate.quality.occluder import CONSTRAINTS, covered, side_words
 from cadcam.locate.quality.support import Support, judged_support, support_at
 from cadcam.locate.refine.agreement import SCATTERED_PX
 from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
-from cadcam.locate.uncertainty import calibration_covariance, weakest_direction, with_known_poses
+from cadcam.locate.uncertainty import calibration_covariance, said_anew, weakest_direction, with_known_poses
 
 DOUBT = (0.25, 0.62)  # range of quality, of poses that half of the lines agree with, that deserves a second look
 _SOME = 0.3  # share of the lines shown beyond chance from which it is tested whether something is before the others
@@ -104,8 +104,7 @@ class PoseAnswer:
 def less_sure(location: Location, added: Array, centre: Array, photos: Sequence[Photo]) -> Location:
     """Return a location with a further covariance (6, 6) of its pose; its reason says how well that is known now."""
     pose = replace(location.pose, from_noise=location.pose.from_noise + added)
-    was, now = (weakest_direction(one, centre, photos) for one in (location.pose, pose))
-    return replace(location, pose=pose, reason=location.reason.replace(was, now))
+    return replace(location, pose=pose, reason=said_anew(location.reason, location.pose, pose, centre, photos))
 
 
 def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:

@@ -23,10 +23,8 @@ from cadcam.locate.refine.answer import PoseAnswer, less_sure, location_of
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.solution import CLOSE_PX, LOOSE_PX, PoseSolution, solved
 
-_UNLIKELY = 20.0  # squared sds of a difference from the restriction that counts: by chance one in 1000
-_LEAST_PX = (
-    0.2  # least motion of the lines by which the restriction is doubted: less may be due to the lens, or a chamfer
-)
+_UNLIKELY = 20.0  # squared sds of a difference from the restriction that counts: less than one in 800 by chance
+_LEAST_PX = 0.2  # motion of the lines from which the restriction is doubted: less may be due to the lens, or a chamfer
 
 
 def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOptions) -> Location:

@@ -29,7 +29,7 @@ from cadcam.locate.search.lying import Lying
 from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
-from cadcam.locate.uncertainty import weakest_direction
+from cadcam.locate.uncertainty import said_anew
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been lost for long
@@ -191,8 +191,8 @@ class Tracker:
         """
         if nearest.reason != ALIKE:
             return nearest
-        was, now = (weakest_direction(one.pose, self._part.aspects.centre, photos) for one in (found, nearest))
-        return replace(nearest, reason=found.reason.replace(was, now))
+        centre = self._part.aspects.centre
+        return replace(nearest, reason=said_anew(found.reason, found.pose, nearest.pose, centre, photos))
 
     def _ways(self, frame: Frame, followed: Followed | None) -> Iterator[tuple[str, Callable[[], Location]]]:
         """Yield the ways of finding the part in a frame, cheapest first, each with what tries it."""

@@ -145,9 +145,8 @@ def _longest_chain(scene: Scene, part: str) -> int | None:
 
 def quoted(name: str) -> str:
     """Return a name as YAML has it: plain where it can be, else in quotes; signs that cannot be seen as escapes."""
-    if not all(
-        c.isprintable() or "\ud800" <= c <= "\udfff" for c in name
-    ):  # halves of pairs are spelled out as written
+    halves = name.translate(dict.fromkeys(range(0xD800, 0xE000), "x"))  # of pairs: spelled out where they are written
+    if not halves.isprintable():
         seen = (c if c.isprintable() and c not in '"\\' else f"\\U{ord(c):08x}" for c in name)
         return '"' + "".join(seen) + '"'
     safe = name.replace("_", "").replace(" ", "a").replace(".", "a").replace("-", "a").isalnum()
