@@ -167,6 +167,26 @@ def test_peaks_lie_in_the_picture_and_at_its_very_border(rng: np.random.Generato
     assert (corners < [320.01, 240.01]).all()
 
 
+@pytest.mark.parametrize(
+    ("size", "scales", "x", "y", "angle"),
+    [
+        ((96, 24), (1.0, 1.0), 160.0, 11.5, 0.0),
+        ((96, 24), (1.0, 1.0), 11.5, 120.0, 90.0),
+        ((24, 96), (1.0, 1.0), 307.5, 150.0, 180.0),
+        ((96, 24), (1.0, 1.0), 47.5, 227.5, 180.0),
+        ((48, 48), (1.0, 2.0), 23.5, 23.5, 0.0),
+    ],
+)
+def test_where_a_template_would_not_fit_turned_otherwise_or_larger_it_is_found(
+    size: tuple[int, int], scales: tuple[float, float], x: float, y: float, angle: float, rng: np.random.Generator
+) -> None:
+    picture = textured(rng)
+    template = Template(seen_at(picture, x, y, math.radians(angle), size))
+    peaks = correlate(picture, template, options=CorrelateOptions(scales=scales))
+    assert np.abs(peaks.q[0] - [x, y]).max() < 0.05
+    assert abs(turn_between(peaks.angle[0], math.radians(angle))) < math.radians(0.1)
+
+
 def test_a_near_start_climbs_to_the_peak_that_the_search_finds(rng: np.random.Generator) -> None:
     picture = textured(rng)
     template = Template(seen_at(picture, 150.3, 110.8, 0.5, (48, 48)))

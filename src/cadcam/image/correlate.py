@@ -246,7 +246,7 @@ def _levels(factor: int) -> Iterator[int]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Coarse:
-    """The search at a level: best correlation and its orientation at each position, in a margin of 1.
+    """The search at a level: best correlation and its orientation at each position, in a margin.
 
     motions: angle and scale of each orientation; least: correlation of what is worth a climb; alike: rad below which
     neighbours are one maximum.
@@ -258,6 +258,7 @@ class _Coarse:
     least: float
     alike: float
     factor: int
+    margin: int
 
     def maxima(self, most: int) -> tuple[Array, Array, float]:
         """Return at most as many maxima, best first: poses (N, 4) in px of the picture, scores; the best score left."""
@@ -266,16 +267,17 @@ class _Coarse:
         score = self.best.ravel()[at].astype(np.float64)
         left = float(score[most]) if len(at) > most else least if least > self.least else 0.0
         y, x = np.divmod(at[:most], self.best.shape[1])
-        q = (np.stack([x, y], axis=1) - 0.5) * self.factor - 0.5  # less the margin of 1, from the centre of a block
+        q = (np.stack([x, y], axis=1) + 0.5 - self.margin) * self.factor - 0.5  # from the centre of a block
         return np.concatenate([q, self.motions[self.which.ravel()[at[:most]]]], axis=1), score[:most], left
 
 
 def _searched(picture: Pyramid, template: Template, factor: int, options: CorrelateOptions) -> _Coarse:
     oriented, motions = template.orientations(factor, options.angles, options.scales)
-    plane = np.pad(picture.level(factor), 1, mode="edge")
+    margin = 1 + oriented.spare  # one that lies in the picture as it is turned, where others would not, is searched for
+    plane = np.pad(picture.level(factor), margin, mode="edge")
     best, which = searched(plane, oriented, least_variance=options.least_contrast**2, either_sign=options.either_sign)
     least = 0.8 * template.worst(factor) * options.least_score
-    return _Coarse(best, which, motions, least, 2.5 * template.step(factor), factor)
+    return _Coarse(best, which, motions, least, 2.5 * template.step(factor), factor, margin)
 
 
 def _threshold(best: Picture, least: float, most: int) -> float:

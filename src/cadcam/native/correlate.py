@@ -76,19 +76,24 @@ def _core() -> c.CDLL:
 class Orientations:
     """A template on the grid of a reduced picture: taps at (dx, dy) (T,), weight (K, T) in each of K orientations.
 
-    weight has zero mean and unit norm over the taps that count; inside (1 or K, T) says which do.
+    weight has zero mean and unit norm over the taps that count; inside (1 or K, T) says which do. spare: by how many
+    px the taps of all reach, on some side, beyond those that count in one.
     """
 
     dx: Ids
     dy: Ids
     weight: Picture
     inside: Picture
+    spare: int
 
     @classmethod
     def of(cls, dx: Array, dy: Array, weight: Array, inside: npt.ArrayLike) -> Orientations:
         """Return the orientations in the core's format."""
         x, y = (np.ascontiguousarray(a, np.int32) for a in (dx, dy))
-        return cls(x, y, np.ascontiguousarray(weight, np.float32), np.ascontiguousarray(inside, np.float32))
+        kept = np.ascontiguousarray(inside, np.float32)
+        reaches = (np.where(kept > 0, a, 0).max(axis=1, initial=0) for a in (x, -x, y, -y))
+        spare = max(int(np.ptp(reach)) for reach in reaches)
+        return cls(x, y, np.ascontiguousarray(weight, np.float32), kept, spare)
 
     def __post_init__(self) -> None:
         taps = len(self.dx)
