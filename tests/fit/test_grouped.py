@@ -291,3 +291,27 @@ def test_what_is_expected_of_groups_but_is_not_there_costs_nothing(rng: np.rando
         squares.append([float(np.sum((fit.x - TRUTH) ** 2)) for fit in fits])
     told, untold = np.mean(squares, axis=0)
     assert told < 1.1 * untold
+
+
+def test_what_is_exact_tells_nothing_of_the_scatter(rng: np.random.Generator) -> None:
+    """Degrees of freedom are those of the groups that scatter, less what they have to determine by themselves."""
+    y, J, variance, group = data(rng)
+    alone = grouped_fit(y, J, variance, Groups(group), usual=0.05)
+    assert 40 - 3 - 3 < alone.dof <= 40 - 3
+    for sigma, unknowns in ((1e3, 3), (1e-6, 0)):  # that say nothing, or all
+        more = rng.normal(size=(200, 3))
+        of, exact = np.concatenate([group, 40 + np.arange(200)]), np.arange(240) >= 40
+        known = np.concatenate([variance, np.full(200, sigma**2)])
+        there, rows = np.concatenate([y, more @ TRUTH]), np.concatenate([J, more])
+        fit = grouped_fit(there, rows, known, Groups(of, exact=exact), usual=0.05)
+        assert fit.dof == pytest.approx(fit.of_group[:40].sum() - unknowns, abs=0.01)
+
+
+def test_an_unknown_with_a_prior_costs_no_degree_of_freedom_more_than_it_explains(rng: np.random.Generator) -> None:
+    y, J, variance, group = data(rng)
+    rows = np.block([[J, rng.normal(size=(len(y), 1))], [np.zeros(3), np.ones(1)]])
+    of, exact = np.append(group, 40), np.arange(41) == 40
+    for sigma, unknowns in ((1e-7, 3), (1e3, 4)):
+        known = np.append(variance, sigma**2)
+        fit = grouped_fit(np.append(y, 0.0), rows, known, Groups(of, exact=exact), usual=0.05)
+        assert fit.dof == pytest.approx(fit.of_group[:40].sum() - unknowns, abs=0.01)

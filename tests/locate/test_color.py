@@ -16,8 +16,10 @@ from cadcam.image.picture import to_gray
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.quality import support
 from cadcam.locate.quality.chequers import along_chequers
 from cadcam.locate.quality.color import by_color
+from cadcam.locate.quality.support import ShownLines
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.native.profiles import values_at
@@ -195,3 +197,17 @@ def test_a_few_samples_tell_no_pattern() -> None:
     gray = np.full((20, 60), 0.5)
     for n in range(2, 8):
         assert not along_chequers(gray, *runs(np.column_stack([np.arange(n) * 4.0 + 10.0, np.full(n, 9.5)]))).any()
+
+
+def test_where_all_that_is_shown_lies_on_chequers_nothing_speaks_for_the_part(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Some samples have no step: of those that do, none is left, though more were asked than had one."""
+    clean, _ = covered(picture(ORANGE, np.full((480, 640, 3), 0.5, np.float32)))
+    half = sight(taken(clean, rng))
+    before = ShownLines.of(half, POSE, 1.0)
+    assert 0.2 < before.here.mean() < 0.9
+    monkeypatch.setattr(support, "along_chequers", lambda *_: np.ones(len(before.which), bool))
+    on_chequers = ShownLines.of(half, POSE, 1.0)
+    assert not on_chequers.here.any()
+    assert on_chequers.share[0] == 0

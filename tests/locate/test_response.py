@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from scipy.ndimage import gaussian_filter1d
 
+from cadcam.fit.grouped import Groups, grouped_fit
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.profile import step_sums
-from cadcam.locate.lines.response import _OF_BLUR, _weighed
+from cadcam.locate.lines.response import _OF_BLUR, _weighed, bend_of
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.refinement import refine_pose
@@ -112,3 +113,28 @@ def test_what_is_expected_of_a_bend_is_its_mean_over_what_it_may_be(excess: floa
     assert told is not None
     assert told.excess == pytest.approx(there * mean, rel=1e-3)
     assert told.sd == pytest.approx(np.sqrt(variance), rel=1e-3)
+
+
+def test_edges_that_are_surely_off_by_little_count_more_where_a_bend_is_looked_for() -> None:
+    """Of 300 fits to 40 edges of unequal scatter the square error is the least possible, to four of its sd.
+
+    Clear edges lean more, as their contrast makes them. Weighed alike, all edges gave 1.8 times as much.
+    """
+    error, least = [], []
+    for seed in range(300):
+        rng = np.random.default_rng(seed)
+        relative = np.exp(rng.normal(0, 1.2, 40))
+        relative /= relative.mean()
+        of = np.repeat(np.arange(40), 10)
+        lean = 0.25 * rng.choice([-1.0, 1.0], 40) * np.minimum(1, 0.3 / np.sqrt(relative))
+        J = rng.normal(size=(40, 3))[of] + 0.1 * rng.normal(size=(400, 3))
+        sigma = 0.03 * np.sqrt(relative)[of]
+        y = 0.4 * lean[of] + (0.05 * np.sqrt(relative) * rng.normal(size=40))[of] + sigma * rng.normal(size=400)
+        fit = grouped_fit(y, J, sigma**2, Groups(of, relative=relative), usual=0.05)
+        bend = bend_of(fit, J, lean[of], np.sign(lean)[of], of)
+        if bend is not None:
+            A = np.column_stack([J.reshape(40, 10, 3).mean(axis=1), lean])
+            error.append(bend.excess - 0.4)
+            least.append(np.linalg.inv(A.T @ (A / ((0.05**2 + 0.03**2 / 10) * relative)[:, None]))[3, 3])
+    assert len(error) > 250
+    assert np.mean(np.square(error)) < (1 + 4 * np.sqrt(2 / len(error))) * np.mean(least)

@@ -15,6 +15,8 @@ from cadcam.locate.match.salient import SalientOptions
 from cadcam.locate.match.templates import TemplateOptions, match_templates
 from cadcam.locate.photo import Photo
 from cadcam.native import core
+from cadcam.report.match import matches_as_json
+from cadcam.report.match_picture import with_features
 
 from .scene import CAMERA, NOISE, block, largest_miss, off, photo_of, pose_of
 
@@ -167,3 +169,20 @@ def test_a_camera_with_a_lens_is_matched_as_well(rng: np.random.Generator) -> No
     assert matches.found
     assert matches.pose is not None
     assert largest_miss(matches.pose.world_from_part, truth) < 2
+
+
+def test_pose_and_features_are_told_of_each_of_several_cameras(rng: np.random.Generator) -> None:
+    """The world is no camera's: the lines, and the pose of the JSON, were those of the part seen from the world."""
+    truth, world = pose_of(rng), Rigid.exp([300, -200, 100, 0.4, -0.7, 0.2])
+    gray = photo_of(truth, rng).gray
+    pair = [Photo.of(gray, CAMERA, world.inv, name=name) for name in ("left", "right")]
+    found = match_templates(block(), pair, world @ off(truth, rng, degrees=3, px=8), options=FEW)
+    assert found.found
+    v, here = block().scene.mesh.vertices, Photo.of(gray, CAMERA)
+    alone = with_features(here, block(), match_templates(block(), [here], truth, options=FEW))
+    for number, taken in enumerate(pair):
+        told = matches_as_json(found, taken, number)
+        assert len(told["features"]) == np.count_nonzero(found.features.photo == number)
+        R, t = np.array(told["camera_from_part"]["rotation"]), np.array(told["camera_from_part"]["translation_mm"])
+        assert np.abs(CAMERA.project(v @ R.T + t) - CAMERA.project(truth @ v)).max() < 2.0
+        assert np.mean(with_features(taken, block(), found, number) != alone) < 0.1

@@ -18,6 +18,7 @@ from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.log import TrackLog, head_of, track_part_to_log
 from cadcam.locate.track.texture import Followed, Texture
 from cadcam.locate.track.tracker import LoggedFrame, TrackedFrame, track_part
+from cadcam.locate.uncertainty import weakest_direction
 
 from ..cad.solids import prism
 from .printed import CAMERA, FIRST, STEP, miss_mm, part, photo, truth
@@ -205,3 +206,11 @@ def test_a_round_part_is_followed_by_its_print(rng: np.random.Generator) -> None
     tracked = list(track_part(can, frames, FIRST))
     assert [one.how for one in tracked[1:]] == ["followed", "followed"]
     assert all(one.found for one in tracked)
+
+
+def test_what_a_frame_says_of_its_pose_is_that_of_the_pose_it_tells() -> None:
+    """Edges and print together; the reason told that of edges as if print were independent of them."""
+    for tracked in list(track_part(part(), film(4), FIRST))[1:]:
+        assert tracked.how == "followed"
+        known = weakest_direction(tracked.location.pose, part().aspects.centre, tracked.frame.photos)
+        assert tracked.location.reason.endswith(known)

@@ -128,3 +128,16 @@ def test_a_hole_whose_edges_agree_on_no_size_has_no_place_either(monkeypatch: py
     assert (sure.verdict, j.verdict) == (Verdict.PASS, Verdict.UNDECIDED)
     assert "but its edges do not agree on one place and size: take another view" in j.reason
     assert (j.deviation, j.sigma) == (sure.deviation, sure.sigma)
+
+
+def test_a_direction_along_which_edges_do_not_agree_is_not_judged(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    shot = [photo(plate(), rng)]
+    along = Limit(Quantity.POSITION, 5.0, direction=np.array([0.0, 1.0, 0.0]))
+    asked = Tolerances((Feature("rib", Selection("rib 1"), (along,)),))
+    for most, verdict in ((judge.DISAGREE, Verdict.PASS), (-1.0, Verdict.UNDECIDED)):
+        monkeypatch.setattr(judge, "DISAGREE", most)
+        (found,) = verify_part(part(), shot, refine_pose(part(), shot, Rigid()), asked).judgements
+        assert found.verdict is verdict
+    assert "its edges do not agree on one place" in found.reason

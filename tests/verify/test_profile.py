@@ -10,6 +10,7 @@ import pytest
 from cadcam.cad.mesh import Mesh
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.refine.refinement import refine_pose
+from cadcam.verify import judge
 from cadcam.verify.judge import verify_part
 from cadcam.verify.tolerances.tolerance import Feature, Limit, Quantity, Selection, Tolerances
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
@@ -60,3 +61,27 @@ def test_an_edge_that_another_photo_measures_is_known() -> None:
     for some, verdict in ((taken[:1], Verdict.UNDECIDED), (taken, Verdict.PASS)):
         (found,) = verify_part(part(), some, refine_pose(part(), some, Rigid()), asked).judgements
         assert found.verdict is verdict, found.reason
+
+
+def test_what_makes_a_piece_uncertain_is_told_of_that_piece(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Not of its edge, whose noise averages out."""
+    told: list[dict[str, float]] = []
+    explained = judge.explained
+
+    def spy(found: Judgement, shares: dict[str, float]) -> Judgement:
+        told.append(shares)
+        return explained(found, shares)
+
+    monkeypatch.setattr(judge, "explained", spy)
+    edges = part().scene.edges
+    others = np.unique(edges.chain[edges.part == part().scene.mesh.part_names.index("rib 1")])
+    taken = [photo(plate(), np.random.default_rng(1))]
+    limits = (Limit(Quantity.PROFILE, 1.0),)
+    asked = Tolerances((Feature("rib", Selection("rib 1", tuple(others[others != BACK].tolist())), limits),))
+    found = verify_part(part(), taken, refine_pose(part(), taken, Rigid()), asked)
+    (judgement,), (shares,) = found.judgements, told
+    (worst,) = [
+        s for e in found.inspection.edges for s in e.station if s[1] == judgement.deviation and s[2] == judgement.sigma
+    ]
+    assert worst[3:].sum() == pytest.approx(worst[2] ** 2)
+    assert shares["noise"] == pytest.approx(worst[3] / worst[3:].sum())

@@ -95,6 +95,7 @@ def test_a_file_says_what_it_says(tmp_path: Path) -> None:
         ("[0, 3, 4]\n", "[0, 3, 4]\n    axis: [1, 0, 0]\n", r"direction is given beside an axis; expected one of them"),
         ("position_mm: 0.5", "position_mm: .nan", r"features.rib.position_mm is not finite"),
         ("position_mm: 0.5", "position_mm: 0.5 mm", r'features.rib.position_mm is "0.5 mm"; a number is expected'),
+        ("position_mm: 0.5\n", "position_mm: [-0.5, 0.2]\n", r"is \[-0.5, 0.2\]; a number is expected, or a direction"),
         ("position_mm: 0.5", "position_um: 500", r"unknown key 'position_um'; did you mean 'position_mm'"),
         ("angle_deg: 0.3", "angle_deg: 180", r"angle_deg is 180.0; expected less than 180"),
         ("presence: required", "presence: 1", r"features.rib.presence is 1.0; write presence: required"),

@@ -214,3 +214,18 @@ def test_a_narrow_surface_of_another_tone_leaves_its_body_where_it_stands(
     guesses = [g for g in (redrawn(whole, b) for b in by) if g is not None]
     found, without, _ = log_likelihoods([shot], Rigid(), guesses, 5, [shown])
     assert found[0] > max(found[1:].max(), without) + 6.5
+
+
+def test_guesses_of_a_small_body_leave_its_places_as_they_were(
+    rng: np.random.Generator, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Where its feet are used as well: those in all photos but one were lost from the survey."""
+    monkeypatch.setattr("cadcam.verify.edges.survey._LEAST_GUESSED", 1000)
+    beside = Rigid.look_at((500.0, -500.0, 700.0), (0.0, 0.0, 0.0))
+    shots = [photo(plate(), rng), photo(plate(), rng, beside, name="beside")]
+    seen = surveyed(part(), shots, Rigid(), whole_parts(part().scene), reach_px=8.0)
+    number = seen.names.index("rib 1")
+    before = seen.members[number].copy()
+    assert len(np.unique(seen.lines.photo[before])) == 2
+    assert seen.guesses(number, reach_px=8.0)
+    np.testing.assert_array_equal(seen.members[number], before)

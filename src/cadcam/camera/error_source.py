@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -47,6 +47,19 @@ def distinct_sources(sources: Sequence[ErrorSource]) -> list[ErrorSource]:
             said = f"another than that of {other.name}, which has the same owner"
             raise BadValue(f"covariance of {one.name}", said, "one covariance for one owner, or owners of their own")
     return [s for i, s in enumerate(sources) if first[i] == i]
+
+
+def covariance_of(effects: Iterable[tuple[ErrorSource, Array]], n: int) -> Array:
+    """Return the covariance (n, n) of n numbers that sources move by E (n, k) each; effects of the same source add.
+
+    Raises `BadValue` where one owner has two covariances.
+    """
+    every = list(effects)
+    total = np.zeros((n, n))
+    for source in distinct_sources([s for s, _ in every]):
+        E = sum((own for s, own in every if s.owner is source.owner), np.zeros((n, len(source.covariance))))
+        total += E @ source.covariance @ E.T
+    return total
 
 
 def index_of(sources: Sequence[ErrorSource], source: ErrorSource) -> int:

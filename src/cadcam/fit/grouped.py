@@ -57,7 +57,8 @@ class GroupedFit:
     that, within groups and of the offset of a group of relative variance 1, of which alike is common to its family.
     weight (n,) in [0, 1]: of each datum by itself; of_group (G,) the same of each group; offset (G,) each group's mean
     residual, sd_offset (G,) its noise, off (G,) the standard deviation assumed for the offset itself. group (n,): of
-    each datum, family (G,): of each group. gain (k, n): dx/dy, the response of x to shifts of the data.
+    each datum, family (G,): of each group. gain (k, n): dx/dy, the response of x to shifts of the data. dof: degrees of
+    freedom of the scatter between groups.
     """
 
     x: Array
@@ -74,17 +75,7 @@ class GroupedFit:
     group: Longs
     family: Longs
     gain: Array
-
-    @property
-    def dof(self) -> float:
-        """Return the degrees of freedom of the scatter between groups, at least 1.
-
-        For the sum of its two parts, after B. L. Welch (Biometrika 34, 1947).
-        """
-        counts = np.maximum.reduceat(self.of_group, np.flatnonzero(np.diff(self.family, prepend=-1)))
-        groups, families = (max(float(a.sum()) - len(self.x), 1.0) for a in (self.of_group, counts))
-        common = (self.alike / self.between) ** 2 if self.between > 0 else 0.0
-        return 1 / ((1 - common) ** 2 / groups + common**2 / families)
+    dof: float
 
 
 def grouped_fit(
@@ -121,7 +112,21 @@ def grouped_fit(
     within, between, alike = (math.sqrt(v) for v in (found.within2, found.own + found.alike, found.alike))
     sd, off = 1 / np.sqrt(np.maximum(found.total, 1e-300)), np.sqrt(found.off)
     about = (found.counts, found.of_group, found.mean, sd, off, groups.of, tried.family)
-    return GroupedFit(found.x, found.covariance, found.excess, within, between, alike, *about, gain)
+    common = found.alike / between**2 if between > 0 else 0.0
+    exact = scatter[groups.of] == 0
+    left = J.shape[1] - float(np.einsum("nk,kn->", J[exact], gain[:, exact]))  # that the exact data do not determine
+    dof = _dof(found.of_group * scatter, tried.family, left, common)
+    return GroupedFit(found.x, found.covariance, found.excess, within, between, alike, *about, gain, dof)
+
+
+def _dof(of_group: Array, family: Longs, unknowns: float, common: float) -> float:
+    """Return the degrees of freedom of the scatter between groups, at least 1, of which a share is common to families.
+
+    For the sum of its two parts, after B. L. Welch (Biometrika 34, 1947). of_group (G,): weight of each, 0 if exact.
+    """
+    counts = np.maximum.reduceat(of_group, np.flatnonzero(np.diff(family, prepend=-1)))
+    groups, families = (max(float(a.sum()) - unknowns, 1.0) for a in (of_group, counts))
+    return 1 / ((1 - common) ** 2 / groups + common**2 / families)
 
 
 def _tried(groups: Groups, scatter: Array, usual: float) -> Tried:

@@ -107,6 +107,8 @@ class Rivals:
             if not other.found:
                 return _doubted(found, f"elsewhere the part is shown as well: {best.apart}")
             found = other
+        else:
+            rivals = self._rivals(found, sights)  # those there were are of the pose before
         found = replace(found, alternatives=tuple(self._as_good(found, rivals)))
         undecided = any(one.like.mirrored and one.apart.open for one in rivals)
         either = "; of the part and its mirror image either may be seen"

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from cadcam.arrays import Array, significant
+from cadcam.camera.error_source import ErrorSource, covariance_of
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.geometry.rigid import Rigid
@@ -33,7 +34,7 @@ def calibration_covariance(
     through what else was measured in its photo (`evidence.moved_by_cameras`), default nothing. Errors of one source
     (one calibration, one motion) act on all photos alike.
     """
-    effects: dict[int, tuple[Array, Array]] = {}
+    effects: list[tuple[ErrorSource, Array]] = []
     for k, (photo, p, normal, gain) in enumerate(zip(photos, points, normals, gains, strict=True)):
         view = photo.viewpoint
         if not view.errors:
@@ -42,13 +43,8 @@ def calibration_covariance(
         by_local = gain @ np.einsum("ni,nij->nj", normal, J)
         if beside:
             by_local = by_local + beside[k]
-        for source, D in view.errors:
-            before = effects.get(id(source.owner), (source.covariance, np.zeros((6, len(source.covariance)))))[1]
-            effects[id(source.owner)] = (source.covariance, before + by_local @ D)
-    total = np.zeros((6, 6))
-    for covariance, E in effects.values():
-        total += E @ covariance @ E.T
-    return total
+        effects += [(source, by_local @ D) for source, D in view.errors]
+    return covariance_of(effects, 6)
 
 
 def with_known_poses(own: Array, known: Sequence[tuple[Array, Array]], radius: float) -> Array:

@@ -15,6 +15,7 @@ from cadcam.image.template import Template
 from cadcam.image.undetermined import Undetermined, undetermined
 from cadcam.locate.match.closeness import Closeness
 from cadcam.locate.match.templates import Features, TemplateMatches
+from cadcam.locate.photo import Photo
 from cadcam.report.table import Table
 
 _LITTLE = 0.01  # share of a template's pixels with structure below which coarse pixels may lose it all
@@ -140,14 +141,16 @@ def _as_json(left_open: Undetermined) -> dict[str, Any]:
     return {"along": [list(d) for d in left_open.along], "angle": left_open.angle, "scale": left_open.scale}
 
 
-def matches_as_json(matches: TemplateMatches) -> dict[str, Any]:
-    """Return the pose, and every feature with its place in the drawing, its peaks and which agree with the pose."""
-    features = matches.features
-    pose = matches.pose
+def matches_as_json(matches: TemplateMatches, photo: Photo, number: int = 0) -> dict[str, Any]:
+    """Return the pose, and every feature with its place in the drawing, its peaks and which agree with the pose.
+
+    Of one of the photos that were matched: number, from 0, which it is.
+    """
+    features, pose = matches.features, matches.pose
     return {
         "found": matches.found,
         "poses_by_chance": or_null(matches.by_chance),
-        "camera_from_part": None if pose is None else pose_as_json(pose.world_from_part),
+        "camera_from_part": None if pose is None else pose_as_json(photo.camera_from_world @ pose.world_from_part),
         "covariance": None if pose is None else pose.covariance.tolist(),
         "from_calibration": None if pose is None else pose.from_calibration.tolist(),
         "features": [
@@ -157,7 +160,7 @@ def matches_as_json(matches: TemplateMatches) -> dict[str, Any]:
                 "chosen": int(features.chosen[i]) if features.chosen[i] >= 0 else None,
                 **peaks_as_json(features.peaks[i]),
             }
-            for i in range(len(features))
+            for i in np.flatnonzero(features.photo == number)
         ],
     }
 

@@ -37,19 +37,21 @@ def with_peaks(photo: Picture, template: Template, peaks: Peaks) -> Picture:
     return picture
 
 
-def with_features(photo: Photo, part: Part, matches: TemplateMatches) -> Picture:
-    """Return the photo with the lines of the estimated pose, agreeing features, and the best peaks of the others."""
+def with_features(photo: Photo, part: Part, matches: TemplateMatches, number: int = 0) -> Picture:
+    """Return the photo with the lines of the estimated pose, agreeing features, and the best peaks of the others.
+
+    number: which of the photos that were matched it is, from 0.
+    """
     picture, thick = photo.gray, _thickness(photo.gray)
     if matches.found and matches.pose is not None:
-        lines = part.lines.draw(photo.camera, matches.pose.world_from_part).visible.lines
+        lines = part.lines.draw(photo.camera, photo.camera_from_world @ matches.pose.world_from_part).visible.lines
         picture = draw_polylines(picture, lines, color=(0.1, 0.7, 1.0), width=thick, opacity=0.7)
     features = matches.features
-    agreed = [
-        (features.window[i], p.q[c])
-        for i, (p, c) in enumerate(zip(features.peaks, features.chosen, strict=True))
-        if c >= 0
+    own = [
+        (features.window[i], features.peaks[i], features.chosen[i]) for i in np.flatnonzero(features.photo == number)
     ]
-    others = [p.q[0] for p, c in zip(features.peaks, features.chosen, strict=True) if c < 0 and len(p)]
+    agreed = [(window, p.q[c]) for window, p, c in own if c >= 0]
+    others = [p.q[0] for _, p, c in own if c < 0 and len(p)]
     picture = draw_polylines(picture, [np.array(pair) for pair in agreed], color=_FOUND_COLOR, width=1.5 * thick)
     if agreed:
         centres = np.array([q for _, q in agreed])

@@ -329,7 +329,7 @@ def _edge(part: Part, survey: Survey, measured: MeasuredEdges, number: int) -> E
         mm_per_px=float(np.median(its.mm_per_px)),
         places=len(its),
         seen=int(rows.sum()),
-        station=measured.stations(rows, pose=pose) if rows.any() else np.zeros((0, 3)),
+        station=measured.stations(rows, pose=pose) if rows.any() else np.zeros((0, 7)),
     )
 
 

@@ -227,6 +227,9 @@ def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, unseen, _OTHER_SIDE)
     value, sigma = float(moved.estimate.value[0]) - limit.middle, float(np.sqrt(moved.estimate.covariance[0, 0]))
     said = f"measured along {direction_words(moved.basis[:, 0])}, as if it were in place across it"
+    if moved.estimate.misfit > DISAGREE:
+        but = f"{said}, but its edges do not agree on one place"
+        return Judgement(name, limit, value, sigma, Verdict.UNDECIDED, but, ANOTHER_VIEW)
     return explained(Judgement(name, limit, value, sigma, decided(value, sigma, limit), said), moved.estimate.shares)
 
 
@@ -322,18 +325,18 @@ def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection)
     pieces = [(s, e) for e in seen.edges if name in e.features for s in e.station if np.isfinite(s[2])]
     if not pieces:
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "none of its edges is seen", Unclear.UNSEEN.remedy)
+    _, value, sigma, *variances = np.array([s for s, _ in pieces]).T
     each = replace(limit, k=together(limit.k, len(pieces)))
-    verdicts = [decided(s[1], s[2], each) for s, _ in pieces]
+    verdicts = [decided(v, s, each) for v, s in zip(value.tolist(), sigma.tolist(), strict=True)]
     verdict = overall(verdicts)
-    of = [i for i, v in enumerate(verdicts) if v is verdict]
-    worst = max(of, key=lambda i: abs(pieces[i][0][1]) + (each.k * pieces[i][0][2] if verdict is Verdict.PASS else 0))
-    station, edge = pieces[worst]
-    reason = f"worst of {len(pieces)} pieces, on {edge.name}; k {each.k:.2f} for all together"
-    found_there = Judgement(name, each, float(station[1]), float(station[2]), verdict, reason)
+    bad = np.abs(value) + (each.k * sigma if verdict is Verdict.PASS else 0.0)
+    worst = int(np.argmax(np.where([v is verdict for v in verdicts], bad, -np.inf)))
+    reason = f"worst of {len(pieces)} pieces, on {pieces[worst][1].name}; k {each.k:.2f} for all together"
+    found_there = Judgement(name, each, float(value[worst]), float(sigma[worst]), verdict, reason)
     if verdict is Verdict.PASS and (unseen := _unseen_edges(name, seen)):
         but = f"but {listed(unseen, _NAMED)} {'is' if len(unseen) == 1 else 'are'} not seen, or only in part"
         return replace(found_there, verdict=Verdict.UNDECIDED, reason=f"{reason}, {but}", remedy=_LIGHT)
-    return explained(found_there, shares_of(edge.variances))
+    return explained(found_there, shares_of([by[worst] for by in variances]))
 
 
 def _unseen_edges(name: str, seen: Inspection) -> list[str]:

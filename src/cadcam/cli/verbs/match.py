@@ -237,7 +237,7 @@ def _run_part(arguments: argparse.Namespace) -> int:
         write_picture(arguments.output, with_features(photo, part, matches))
     if arguments.json:
         document = {"photo": arguments.photo, "model": model_as_json(report, mesh)} | said
-        print_json(document | matches_as_json(matches) | {"edges": closeness_as_json(close)})
+        print_json(document | matches_as_json(matches, photo) | {"edges": closeness_as_json(close)})
     else:
         _print_part(arguments, matches, close)
     return 0 if matches.found else NO

@@ -64,7 +64,7 @@ def bend_of(fit: GroupedFit, J: Array, lean: Array, bright: Array, group: Longs)
     """
     of, place = np.unique(group, return_inverse=True)
     n = np.bincount(place, minlength=1)
-    root = np.sqrt(fit.of_group[of] / (fit.sd_offset[of] ** 2 + fit.between**2))
+    root = np.sqrt(fit.of_group[of] / (fit.sd_offset[of] ** 2 + fit.off[of] ** 2))
     drawn = np.sqrt(_LIGHT) * fit.off[group] * bright
     *pose, h, light = [root * np.bincount(place, column) / n for column in (*J.T, lean, drawn)]
     r = root * fit.offset[of]

@@ -16,6 +16,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids, Mask
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource, covariance_of
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.fit.least_squares import Stalled, minimise
 from cadcam.fit.many_poses import pose_jacobian
@@ -129,7 +130,7 @@ def _least_squares(problem: _Matches, start: Rigid) -> Rigid:
 
 def _calibration_share(problem: _Matches, pose: Rigid, J: Array, cofactor: Array) -> Array:
     """Return the pose's covariance due to the errors of the cameras' calibrations and positions."""
-    gain: dict[int, tuple[Array, Array]] = {}
+    effects: list[tuple[ErrorSource, Array]] = []
     for k, photo in enumerate(problem.photos):
         mine = np.flatnonzero(problem.photo == k)
         if not (mine.size and photo.viewpoint.errors):
@@ -137,10 +138,8 @@ def _calibration_share(problem: _Matches, pose: Rigid, J: Array, cofactor: Array
         _, _, by_source = photo.viewpoint.project(pose @ problem.p[mine])
         rows = (2 * mine[:, None] + np.arange(2)).ravel()
         for (source, _), D in zip(photo.viewpoint.errors, by_source, strict=True):
-            G = -cofactor @ J[rows].T @ (problem.whiten[mine] @ D).reshape(len(rows), -1)
-            earlier = gain.get(id(source.owner), (np.zeros_like(G), source.covariance))[0]
-            gain[id(source.owner)] = (earlier + G, source.covariance)
-    return np.asarray(sum((G @ C @ G.T for G, C in gain.values()), np.zeros((6, 6))))
+            effects.append((source, -cofactor @ J[rows].T @ (problem.whiten[mine] @ D).reshape(len(rows), -1)))
+    return covariance_of(effects, 6)
 
 
 def _poses_of_triples(

@@ -317,7 +317,8 @@ class ShownLines:
             return cls(which, q, normal, run, row, np.zeros(0, bool), np.zeros(1))
         here, share = shown(sight, q, normal, run, strips.room, near + strips.half)
         crossed = here & along_chequers(sight.photo.gray, q, normal, run)
-        here, share[0] = here & ~crossed, max(share[0] - crossed.mean(), 0.0)
+        share[0] *= 1 - crossed.sum() / max(int(here.sum()), 1)
+        here = here & ~crossed
         return cls(which, q, normal, run, row, here, share)
 
 

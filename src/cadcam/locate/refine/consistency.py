@@ -10,8 +10,8 @@ takes up the rest: the residuals hardly grow, while the pose is off by many time
 2. How far cameras are off is estimated as a variance component. Cameras that are off by twists s_j (of the part, as
    they see it) move the common pose by sum_j P_j s_j, P_j being the derivative of that pose by what photo j sees, and
    shift r_i = L_i (s_i - sum_j P_j s_j), L_i being the derivative of the shift by a twist. The variance of the errors
-   in place and direction is chosen such that sum_i |r_i|^2 / E |r_i|^2 has its expected value (R. C. Paule, J. Mandel,
-   J. Res. NBS 87, 1982, for laboratories that disagree). It is added to the covariance of the pose, and to that of what
+   in place and direction follows from sum_i |r_i|^2 / E |r_i|^2 (`_variance`; after R. C. Paule, J. Mandel, J. Res. NBS
+   87, 1982, for laboratories that disagree). It is added to the covariance of the pose, and to that of what
    is measured with these cameras (`Location.cameras_off_mm`).
 3. A photo is named as inconsistent if noise does not explain its shift and the shift is larger than what calibrations
    usually leave: a camera file without a covariance does not claim to be exact. Of three photos or more one is left out
@@ -59,8 +59,8 @@ class PhotoShift:
     """By how much one photo, fitted alone, shifts the part: its disagreement with the pose of all photos.
 
     photo: its number; shift (2,): of the part's middle across the line of sight, mm, with its covariance; noise:
-    variance of both numbers together that the fit to all photos leaves between them, mm²; px: the largest motion of the
-    part's lines in the photo.
+    variance of both numbers together that the fit to all photos leaves between them, mm²; px: how far it moves the
+    part's lines in the photo (`Sight.moved_px`).
 
     moved (2, 6): derivative of the shift by a twist of the part (L of the module); share (6, 6): of the pose of all by
     a twist that this photo alone sees (P); off (6, 6): the twists that this camera sees if it is off by 1 mm, in place
@@ -260,9 +260,13 @@ def _off(sight: Sight, pose: Rigid, c: Array) -> Array:
 
 
 def _variance(photos: Sequence[PhotoShift]) -> float:
-    """Return the variance (mm²) of how far cameras are off, in any direction, by the rule of Paule and Mandel.
+    """Return the variance (mm²) of how far cameras are off, in any direction, on the safe side.
 
     It solves sum_i |r_i|^2 / (noise_i + share_i variance) = n - 1 for n photos, and is 0 if noise alone is enough.
+    Paule and Mandel have n - 1 for residuals over variances before the mean was taken. Here the expected values know
+    what the common pose takes up, and the sum's is n: the variance is n / (n - 1) of an unbiased one. Of so few photos
+    that one is often far too small: with two, poses are then off by 2.2 of their sigma, rms, instead of 1.9, and by 1.1
+    in the median, with n - 1 by 0.8.
     """
     from scipy.optimize import brentq
 
@@ -277,5 +281,5 @@ def _variance(photos: Sequence[PhotoShift]) -> float:
 
     if excess(0.0) <= 0:
         return 0.0
-    most = float((square / np.maximum(share, 1e-12)).sum())  # there each term is below 1 / n even without noise
+    most = float((square / np.maximum(share, 1e-12)).sum())  # there their sum is at most 1 even without noise
     return float(brentq(excess, 0.0, most))

@@ -263,7 +263,7 @@ def _check_white(path: str, entry: Mapping[str, Any], frame: Frame) -> None:
 
 
 def _continued(path: str | os.PathLike[str], head: dict[str, Any], *, anew: bool) -> Entries:
-    """Return the complete lines of a log after its head; truncate the file after them. None if it is begun anew.
+    """Return the complete lines of a log after its head, none if it is begun anew; truncate the file after them.
 
     A log without them is of a run that failed at its first frame, perhaps by inputs that were mended since.
     """

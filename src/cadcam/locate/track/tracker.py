@@ -228,7 +228,9 @@ class Tracker:
             alone = self._refined(photos, start, reach_px)
             if alone.quality > location.quality + _BETTER:
                 return replace(location, quality=0.0, reason="not found: edges are elsewhere than print leads")
-        location = replace(location, pose=replace(location.pose, from_noise=followed.fused(location.pose.from_noise)))
+        surer = replace(location.pose, from_noise=followed.fused(location.pose.from_noise))
+        said = said_anew(location.reason, location.pose, surer, self._part.aspects.centre, photos)
+        location = replace(location, pose=surer, reason=said)
         if not _HELD <= location.quality < FOUND:
             return location
         why = f"held by {followed.found} patches of print: {location.reason.removeprefix('not found: ')}"

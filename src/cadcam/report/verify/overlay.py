@@ -81,7 +81,7 @@ def overlay_svg(
         if extra.photo == number:
             title = f"{extra.length_px:.0f} px that no edge explains, near {extra.near}"
             body.append(_dots(extra.q, EXTRA, title))
-    body += _marks(photo, number, seen, width, judgements)
+    body += _marks(photo, seen, width, judgements)
     alt = escape(f"photo {number + 1} with the deviations of the part's edges in colour")
     return (
         f'<svg class="photo" viewBox="0 0 {width} {height}" role="img" aria-label="{alt}">' + "".join(body) + "</svg>"
@@ -118,7 +118,7 @@ def _dots(q: Array, color: str, title: str) -> str:
     return f'<path d="{path}" stroke="{color}" stroke-width="3" stroke-linecap="round">{said}</path>'
 
 
-def _marks(photo: Photo, number: int, seen: Inspection, width: int, judgements: Sequence[Judgement]) -> list[str]:
+def _marks(photo: Photo, seen: Inspection, width: int, judgements: Sequence[Judgement]) -> list[str]:
     """Return arrows of displaced features, all magnified by one factor, lines of distances that fail, and labels."""
     moves = _moves(photo, seen, judgements)
     longest = max((float(np.hypot(*d)) for _, _, d in moves), default=0.0)

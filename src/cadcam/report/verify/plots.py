@@ -88,7 +88,7 @@ def stations_plot(seen: Inspection, name: str) -> str:
 
 def _edge_curve(frame: Frame, x: Array, edge: EdgeDeviation, color: str) -> str:
     """Return an edge's deviations as dots at x (s,) joined by a line, in a band of U (k 2); its name as a tool tip."""
-    _, deviation, sigma = edge.station.T
+    deviation, sigma = edge.station[:, 1:3].T
     curve = _points(x, [frame.y(v) for v in deviation])
     upper, lower = ([frame.y(v) for v in deviation + sign * 2 * sigma] for sign in (1, -1))
     band = f"{_points(x, upper)} {_points(x[::-1], lower[::-1])}"

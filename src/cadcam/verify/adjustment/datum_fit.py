@@ -27,6 +27,7 @@ CAUSE_WORDS = {
     "calibration": "camera calibration",
 }
 _BLIND = 1e-12  # of the largest: information below it is rounding
+_ROUNDING = 1e-14  # of what is subtracted from
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -212,15 +213,39 @@ def _misfit(errors: EdgeNoise, K: Array, left: Array, *, fitted: int) -> tuple[f
 
 
 def _inverse(N: Array, F: Array) -> Array:
-    """Return the inverse of the pose's information; raise `DegenerateGeometry` naming the motion it leaves free."""
-    scale = np.sqrt(np.maximum(np.diag(N), 1e-300))
-    w, V = np.linalg.eigh(N / np.outer(scale, scale))
-    if not len(w) or w[0] <= _BLIND * max(len(N), 1) or not np.isfinite(w).all():
-        free = F @ (V[:, 0] / scale) if len(w) else np.zeros(6)
-        kind = "translation" if np.linalg.norm(free[:3]) > 1000 * np.linalg.norm(free[3:]) else "motion"
+    """Return the inverse of the pose's information on motions F (6, m); `DegenerateGeometry` names one left free."""
+    free = _free(N, F)
+    if free is not None:
+        kind = "motion" if free[3:].any() else "translation"
         direction = (np.round(free / max(float(np.linalg.norm(free)), 1e-300), 3) + 0.0).tolist()  # no -0.0
         raise DegenerateGeometry(
             f"the datum edges seen do not hold the part: the {kind} {direction} (mm, rad, part axes) moves none of "
             "them in the photos; take more features into the datum, or another photo"
         )
+    scale = np.sqrt(np.diag(N))
+    w, V = np.linalg.eigh(N / np.outer(scale, scale))
     return np.asarray((V / w) @ V.T / np.outer(scale, scale))
+
+
+def _free(N: Array, F: Array) -> Array | None:
+    """Return a motion (6,) that the information leaves free but for rounding; None where there is none.
+
+    Translations, in mm, are compared with each other. So are rotations, each with the translation that it is told from
+    the least: about a point among the edges, wherever the part's origin is.
+    """
+    slides = ~F[3:].any(axis=0)
+    A, B, turns = N[np.ix_(slides, slides)], N[np.ix_(slides, ~slides)], N[np.ix_(~slides, ~slides)]
+    least = _least(A, 0.0)
+    if least is not None:
+        return np.asarray(F[:, slides] @ least)
+    along = np.linalg.solve(A, B)
+    least = _least(turns - B.T @ along, _ROUNDING * float(np.diag(turns).max(initial=0.0)))
+    return None if least is None else np.asarray(F[:, ~slides] @ least - F[:, slides] @ (along @ least))
+
+
+def _least(N: Array, rounding: float) -> Array | None:
+    """Return the unit vector (m,) of least information N (m, m) if that is rounding beside the most, else None."""
+    if not len(N):
+        return None
+    w, V = np.linalg.eigh(N)
+    return None if w[0] > max(_BLIND * w[-1], rounding) else np.asarray(V[:, 0])

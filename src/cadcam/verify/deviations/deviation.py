@@ -61,7 +61,7 @@ class EdgeDeviation(Brief):
     value: signed mm along `direction` (3,), a unit vector in the part frame perpendicular to the edge and to the line
     of sight; sigma: its standard deviation, variances (4,) by `CAUSES`; nan where the photo shows no such edge. q (n,
     2) px: the model's places; p (3,) mm: their middle in the part frame; places: how many should be visible, seen: how
-    many were; station (s, 3): along (px), deviation and sigma (mm) of pieces of the edge.
+    many were; station (s, 7): along (px), deviation and sigma (mm) of pieces of the edge, and variances by `CAUSES`.
     """
 
     part: str
@@ -79,7 +79,7 @@ class EdgeDeviation(Brief):
     places: int
     seen: int
     off: bool = False
-    station: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    station: Array = field(default_factory=lambda: np.zeros((0, 7)))
 
     @property
     def name(self) -> str:

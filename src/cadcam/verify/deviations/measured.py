@@ -415,14 +415,14 @@ class MeasuredEdges:
         return max((self.across_px(edge, pose) for edge in each), key=lambda found: abs(found[0]) / found[1])
 
     def stations(self, rows: Mask, *, pose: FittedPose | None) -> Array:
-        """Return (s, 3): position along the edge (px), deviation and sigma (mm) of pieces about `STATION_PX` long."""
+        """Return (s, 7) of pieces about `STATION_PX` long: along the edge, px, then what `across` tells of each."""
         out = []
         piece = np.floor(self.lines.along / STATION_PX).astype(np.int64)
         for number in np.unique(piece[rows]):
             mine = rows & (piece == number)
-            value, sigma, _ = self.across(mine, pose=pose)
-            out.append((float(self.lines.along[mine].mean()), value, sigma))
-        return np.array(out).reshape(-1, 3)
+            value, sigma, variances = self.across(mine, pose=pose)
+            out.append((float(self.lines.along[mine].mean()), value, sigma, *variances))
+        return np.array(out).reshape(-1, 3 + len(CAUSES))
 
 
 def with_bends(found: Estimate, bent: Estimate) -> Estimate:

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from cadcam.arrays import Array, Longs, Mask
+from cadcam.arrays import Array, Longs
 from cadcam.cad.edges import EdgeKind
 from cadcam.verify.edges.sightlines import Sightlines
 from cadcam.verify.edges.surroundings import EdgeSurroundings
@@ -54,11 +54,6 @@ class Feet:
             if len(of):
                 out[self.mate == part] = np.bincount(of).argmax()
         return out
-
-    @property
-    def standing(self) -> Mask:
-        """Return which places are feet."""
-        return np.asarray(self.mate >= 0)
 
 
 def _slide(by_point: Array, side: Array, ground: Array) -> Array:

@@ -134,7 +134,7 @@ class Survey:
         if not rows.any():
             return []
         photo = np.bincount(self.lines.photo[rows]).argmax()
-        rows &= self.lines.photo == photo
+        rows = rows & (self.lines.photo == photo)
         normal = self.lines.normal[rows]
         shifts = guessed_shifts(self.nearby[rows], normal, reach_px=reach_px)
         back = np.linalg.pinv(self.lines.by_point[rows], rcond=_BLIND)

@@ -241,6 +241,8 @@ def _limit(place: Place, quantity: Quantity, k: float, rule: Rule, way: Mapping[
             least = "the least and the greatest deviation in mm are expected, as [-0.1, 0.05]"
             raise place.error(f"is {place.value}", least)
         return Limit(quantity, float(high - low) / 2, k, rule, middle=float(low + high) / 2, **own)
+    if isinstance(place.value, list) and quantity is Quantity.POSITION:
+        raise place.error(f"is {place.value}", "a number is expected, or a direction beside it: a length has no sign")
     value = place.number()
     if quantity is Quantity.ANGLE:
         value = float(np.radians(value))
