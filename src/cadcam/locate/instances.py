@@ -36,7 +36,6 @@ MOST = 100  # instances that are looked for, unless fewer are asked for
 _TRIED = 30  # most hypotheses of a search that are refined
 _SURE = 0.6  # quality from which an instance need not stand out among what was searched
 _LINE_PX = 4  # half width of what a line explains
-_BELIEVED = 0.3  # weight in the fit from which a sample counts as shown
 _SHARED = 0.5  # share of the lines shown from which a pose is another one's
 _NOT_SURE = "lines elsewhere in the photos look nearly as much like the part"
 
@@ -134,7 +133,7 @@ class _Instances:
     def shared(self, location: Location) -> float:
         """Return the share of the lines shown of a pose that instances found before explain."""
         m = location.matches
-        shown = np.isfinite(m.offset) & (m.weight > _BELIEVED)
+        shown = m.believed
         seen = m.q[shown] + m.offset[shown, None] * m.normal[shown]
         each = [mask[self.pixels(k, seen[m.photo[shown] == k])] for k, mask in enumerate(self.explained)]
         every = np.concatenate(each)

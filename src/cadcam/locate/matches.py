@@ -10,6 +10,8 @@ import numpy as np
 from cadcam.arrays import Array, Brief, Ids, Mask, frozen
 from cadcam.geometry.rigid import Rigid
 
+_BELIEVED = 0.3  # weight in the fit from which a sample counts as shown
+
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class EdgeMatches(Brief):
@@ -49,6 +51,11 @@ class EdgeMatches(Brief):
         """
         chain = np.where(self.chain < 0, np.int32(-1), chain_images[self.chain] if len(chain_images) else -1)
         return replace(self, p=part_from_part.inv @ self.p, chain=chain)
+
+    @property
+    def believed(self) -> Mask:
+        """Return which samples (N,) the photos show where the pose has them, as far as the fit believes."""
+        return np.isfinite(self.offset) & (self.weight > _BELIEVED)
 
     @property
     def scatter_px(self) -> float:

@@ -32,7 +32,6 @@ from cadcam.locate.views.likeness import Likeness
 from cadcam.render.lines.visible import edge_points
 
 _DOUBTED = 0.45  # quality given to a pose where the photos show a rival
-_BELIEVED = 0.3  # weight in the fit from which a sample counts as shown
 _EVERY = 2  # of the judged samples, which lie in rows of four, so many are asked whose they are
 _NEAR_PX = 2.0  # largest distance between lines and their steps, for a pose accurate to a pixel
 _DENSE_PX = 3.0  # between points of an edge: less than the distance at which lines are near each other
@@ -177,8 +176,7 @@ class Rivals:
             edges = edge_points(part.scene, view.camera, view.camera_from_world @ other, apart_px=_DENSE_PX)
             contours = matches.q[(matches.chain < 0) & (matches.photo == number)]
             own[here] = away(matches.q[here], np.concatenate([edges, contours]))
-        shown = np.isfinite(matches.offset) & (matches.weight > _BELIEVED)
-        return shows_alike(own[every], shown[every])
+        return shows_alike(own[every], matches.believed[every])
 
     def _rival(self, pose: Rigid, like: Likeness, own: Reading, contested: bool) -> _Rival | None:
         """Return a rival of a found pose, its lines pulled onto the photos' steps, with the evidence between the two.

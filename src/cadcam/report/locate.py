@@ -138,7 +138,7 @@ def weakest(pose: PoseEstimate, *, radius_mm: float) -> str:
 def used_samples(location: Location) -> tuple[int, float]:
     """Return the number of edge samples used, and the rms of their distances in px (nan for none)."""
     m = location.matches
-    used = (m.weight > 0.5) & np.isfinite(m.offset)
+    used = m.believed
     return int(used.sum()), float(np.sqrt(np.mean(m.offset[used] ** 2))) if used.any() else float("nan")
 
 

@@ -22,7 +22,6 @@ from cadcam.locate.refine.answer import CLEARLY
 _SHARP_PX = 0.55  # blur of a sharp lens, with the pixel's own area
 _LARGE_PX = 300.0  # size of the part in view down to which a photo is reduced; at half of that other models fit, too
 _REACH_PX, _HALF_PX = 9.0, 2.0  # cells in which the blur is estimated, across the lines and along them
-_SEEN = 0.3  # weight of a place on a line that the fit believed
 
 # What is found in photos, each reduced so many times: the surest first; one that is not found, if nothing is.
 Look = Callable[[Sequence[Photo], Sequence[int]], list[Location]]
@@ -64,7 +63,7 @@ def _reduction(photo: Photo, location: Location, number: int) -> int:
     """Return by how many times a photo may be made smaller without losing what it shows along the part's lines."""
     m = location.matches
     here = m.photo == number
-    seen = here & np.isfinite(m.offset) & (m.weight > _SEEN)
+    seen = here & m.believed
     if not seen.any():
         return 1
     most = int(np.hypot(*np.ptp(m.q[here], axis=0)) / _LARGE_PX)
