@@ -110,3 +110,13 @@ def test_a_smaller_rim_may_lie_where_another_line_is_drawn() -> None:
     found = [grown(seen, free, normal, np.ones(len(angle)), np.zeros(2), reach_px=8.0) for seen in (offset, unseen)]
     assert [size for size, _ in found] == [-4.5, 0.0]
     np.testing.assert_array_equal(found[0][1], [0, 0])
+
+
+def test_the_side_of_a_rim_without_contrast_does_not_hold_it_in_place() -> None:
+    """Displaced by 3.2 px, its bright side shows between the two lines drawn, 1.1 px from the one without contrast."""
+    normal = np.repeat([[0.0, 1.0], [0.0, -1.0], [-1.0, 0.0]], [40, 40, 12], axis=0)
+    offset = np.repeat([3.2, np.nan, 1.1, np.nan, 1.8], [30, 10, 28, 12, 12])[:, None]
+    worth = np.repeat([1.0, 0.5, 1.0], [40, 40, 12])
+    s = best_shift(offset, normal, worth=worth, reach_px=REACH)
+    assert np.abs(s - [-1.8, 3.2]).max() < 0.75
+    assert np.hypot(*best_shift(offset, normal, reach_px=REACH)) < 2.0

@@ -27,6 +27,9 @@ _COARSE_PX = 0.3  # approximate sigma of a candidate
 _PARALLEL = np.cos(np.radians(20.0))
 _STRAYS = 3.5  # robust sigmas
 _IN_PLACE = np.zeros(2)  # px: no shift
+# Of a place where no edge ought to show, beside others of its body where one ought: what is there may be a twin's, such
+# as the other side of a thin rim, and speak for a place halfway.
+_HARDLY = 0.5
 _LEAST_SAMPLES, _LEAST_SHARE = 3, 0.4  # of an edge that must agree for it to count as seen
 
 
@@ -160,8 +163,10 @@ class _Search:
                 rows = np.flatnonzero((body == number) & (lines.photo == photo))
                 normal = lines.normal[rows]
                 groups = pieces(lines.edge[rows], normal), pieces(lines.bore[rows], normal)
-                s = best_shift(self.found[rows], normal, free=free[rows], reach_px=self.reach_px)
-                if np.hypot(*s) > NEAR_PX and not _believed(free[rows], normal, groups, s, self.ought[rows]):
+                ought = self.ought[rows]
+                worth = np.where(ought | ~ought.any(), 1.0, _HARDLY)
+                s = best_shift(self.found[rows], normal, free=free[rows], worth=worth, reach_px=self.reach_px)
+                if np.hypot(*s) > NEAR_PX and not _believed(free[rows], normal, groups, s, ought):
                     s = best_shift(self.found[rows], normal, reach_px=NEAR_PX)
                 shift[rows] = s
                 coarse[rows] = nearest(self.found[rows], normal @ s)

@@ -24,20 +24,24 @@ _PER_PX = 0.02
 _WAYS = 3  # pieces of a rim, facing different ways, that distinguish its size from a shift
 
 
-def best_shift(offset: Array, normal: Array, *, reach_px: float, free: Array | None = None) -> Array:
+def best_shift(
+    offset: Array, normal: Array, *, reach_px: float, free: Array | None = None, worth: Array | None = None
+) -> Array:
     """Return the shift (2,) px that most of the candidates `offset` (n, K) support, to the grid's step.
 
-    free (n, K): those that may be evidence of a shift away from the nominal place, by default all.
+    free (n, K): those that may be evidence of a shift away from the nominal place, by default all. worth (n,): how much
+    each place counts, by default 1.
     """
+    worth = np.ones(len(offset)) if worth is None else worth
     grid = _grid(reach_px)
     near = np.hypot(*grid.T) <= NEAR_PX
     score = np.zeros(len(grid))
-    score[near] = support(offset, normal, grid[near])
+    score[near] = support(offset, normal, grid[near], worth)
     if not near.all():
-        score[~near] = support(offset if free is None else free, normal, grid[~near])
+        score[~near] = support(offset if free is None else free, normal, grid[~near], worth)
     best = int(np.argmax(score - 1e-6 * np.hypot(*grid.T)))
     gain = score[best] - score[near].max()
-    if gain <= max(_GAIN_SAMPLES, _GAIN_SHARE * len(offset)):
+    if gain <= max(_GAIN_SAMPLES, _GAIN_SHARE * float(worth.sum())):
         best = int(np.flatnonzero(near)[np.argmax(score[near] - 1e-6 * np.hypot(*grid[near].T))])
     return np.asarray(grid[best])
 
@@ -96,8 +100,11 @@ def supported(offset: Array, normal: Array, shift: Array) -> Mask:
     return np.asarray((off <= CAPTURE_PX).any(axis=1))
 
 
-def support(offset: Array, normal: Array, shifts: Array) -> Array:
-    """Return how many places (n,) have a candidate (n, K) near each shift (m, 2), weighted by closeness."""
+def support(offset: Array, normal: Array, shifts: Array, worth: Array | None = None) -> Array:
+    """Return how many places (n,) have a candidate (n, K) near each shift (m, 2), weighted by closeness.
+
+    worth (n,): by how much each place counts, by default 1.
+    """
     used = np.isfinite(offset).any(axis=1)
     o = np.where(np.isfinite(offset[used]), offset[used], 1e6)
     expected = shifts @ normal[used].T  # (m, n)
@@ -105,7 +112,8 @@ def support(offset: Array, normal: Array, shifts: Array) -> Array:
     for k in range(o.shape[1]):
         if (o[:, k] < 1e6).any():
             np.minimum(off, np.abs(o[:, k] - expected), out=off)
-    return np.asarray(np.maximum(1 - (off / CAPTURE_PX) ** 2, 0).sum(axis=1))
+    closeness = np.maximum(1 - (off / CAPTURE_PX) ** 2, 0)
+    return np.asarray(closeness.sum(axis=1) if worth is None else closeness @ worth[used])
 
 
 def _grid(reach: float) -> Array:
