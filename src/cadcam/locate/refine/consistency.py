@@ -265,8 +265,7 @@ def _variance(photos: Sequence[PhotoShift]) -> float:
     It solves sum_i |r_i|^2 / (noise_i + share_i variance) = n - 1 for n photos, and is 0 if noise alone is enough.
     Paule and Mandel have n - 1 for residuals over variances before the mean was taken. Here the expected values know
     what the common pose takes up, and the sum's is n: the variance is n / (n - 1) of an unbiased one. Of so few photos
-    that one is often far too small: with two, poses are then off by 2.2 of their sigma, rms, instead of 1.9, and by 1.1
-    in the median, with n - 1 by 0.8.
+    that one is often far too small, and the pose too sure.
     """
     from scipy.optimize import brentq
 

@@ -28,6 +28,7 @@ CAUSE_WORDS = {
 }
 _BLIND = 1e-12  # of the largest: information below it is rounding
 _ROUNDING = 1e-14  # of what is subtracted from
+_NO_TURN = 1e-9  # rad of a unit twist: it is a translation
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -213,39 +214,34 @@ def _misfit(errors: EdgeNoise, K: Array, left: Array, *, fitted: int) -> tuple[f
 
 
 def _inverse(N: Array, F: Array) -> Array:
-    """Return the inverse of the pose's information on motions F (6, m); `DegenerateGeometry` names one left free."""
-    free = _free(N, F)
-    if free is not None:
-        kind = "motion" if free[3:].any() else "translation"
+    """Return the inverse (m, m) of the pose's information on motions F (6, m); `DegenerateGeometry` names a free one.
+
+    Translations, in mm, are compared with each other, and so are the other motions, each with the translation that it
+    is told from the least: turns about points among the edges, wherever the part's origin is.
+    """
+    _, s, Vt = np.linalg.svd(F[3:])
+    turning = int(np.count_nonzero(s > _NO_TURN))
+    turns, slides = Vt[:turning].T, Vt[turning:].T
+    inverse = slides @ _inverted(slides.T @ N @ slides, F @ slides) @ slides.T
+    rounding = _ROUNDING * float(np.einsum("ij,ij->j", turns, N @ turns).max(initial=0.0))
+    turns = turns - inverse @ N @ turns
+    return np.asarray(inverse + turns @ _inverted(turns.T @ N @ turns, F @ turns, rounding) @ turns.T)
+
+
+def _inverted(N: Array, motions: Array, rounding: float = 0.0) -> Array:
+    """Return the inverse (m, m) of the information on motions (6, m) that are alike, unless one of them is free.
+
+    It is, if the least information is rounding, or rounding beside the most.
+    """
+    if not len(N):
+        return N
+    w, V = np.linalg.eigh(N)
+    if not w[0] > max(_BLIND * w[-1], rounding):
+        free = motions @ V[:, 0]
+        kind = "motion" if np.linalg.norm(free[3:]) > _NO_TURN else "translation"
         direction = (np.round(free / max(float(np.linalg.norm(free)), 1e-300), 3) + 0.0).tolist()  # no -0.0
         raise DegenerateGeometry(
             f"the datum edges seen do not hold the part: the {kind} {direction} (mm, rad, part axes) moves none of "
             "them in the photos; take more features into the datum, or another photo"
         )
-    scale = np.sqrt(np.diag(N))
-    w, V = np.linalg.eigh(N / np.outer(scale, scale))
-    return np.asarray((V / w) @ V.T / np.outer(scale, scale))
-
-
-def _free(N: Array, F: Array) -> Array | None:
-    """Return a motion (6,) that the information leaves free but for rounding; None where there is none.
-
-    Translations, in mm, are compared with each other. So are rotations, each with the translation that it is told from
-    the least: about a point among the edges, wherever the part's origin is.
-    """
-    slides = ~F[3:].any(axis=0)
-    A, B, turns = N[np.ix_(slides, slides)], N[np.ix_(slides, ~slides)], N[np.ix_(~slides, ~slides)]
-    least = _least(A, 0.0)
-    if least is not None:
-        return np.asarray(F[:, slides] @ least)
-    along = np.linalg.solve(A, B)
-    least = _least(turns - B.T @ along, _ROUNDING * float(np.diag(turns).max(initial=0.0)))
-    return None if least is None else np.asarray(F[:, ~slides] @ least - F[:, slides] @ (along @ least))
-
-
-def _least(N: Array, rounding: float) -> Array | None:
-    """Return the unit vector (m,) of least information N (m, m) if that is rounding beside the most, else None."""
-    if not len(N):
-        return None
-    w, V = np.linalg.eigh(N)
-    return None if w[0] > max(_BLIND * w[-1], rounding) else np.asarray(V[:, 0])
+    return np.asarray((V / w) @ V.T)
