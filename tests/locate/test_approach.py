@@ -164,7 +164,7 @@ def test_the_mirror_pose_of_a_flat_view_is_tried(rng: np.random.Generator) -> No
 @pytest.mark.parametrize(
     ("start", "why"),
     [
-        (Rigid(POSE.rotation, POSE.translation / 1000), "in one unit"),
+        (Rigid(translation=[0, 0, -400]) @ POSE, "in one unit"),
         (Rigid(translation=[0, 0, -2000]) @ POSE, "behind it"),
         (Rigid(translation=[4000, 0, 0]) @ POSE, "beside its picture"),
     ],
@@ -214,11 +214,11 @@ def test_a_start_holds_what_is_twice_as_far_off_as_it_may_be() -> None:
             off(BRACKET, POSE, (0, 0, 0), 0, -0.1 * share),
             Rigid(POSE.rotation, POSE.translation + 20.0 * share * away / focal * side),
         )
-        assert [reach.holds(BRACKET, [shown], POSE, other) for other in others] == [holds] * 3
+        assert [reach.holds(BRACKET.aspects.centre, [shown], POSE, other) for other in others] == [holds] * 3
 
 
 def test_a_start_at_the_camera_itself_holds_nothing_but_itself() -> None:
     """As of a hollow part with the camera in its middle, told to be there: no distance to be a share of."""
     shown, middle = Photo.of(np.zeros((480, 640)), CAMERA), Rigid(translation=-BRACKET.aspects.centre)
-    assert REACH.holds(BRACKET, [shown], middle, middle)
-    assert not REACH.holds(BRACKET, [shown], middle, Rigid(translation=[0.0, 0.0, 1.0]) @ middle)
+    assert REACH.holds(BRACKET.aspects.centre, [shown], middle, middle)
+    assert not REACH.holds(BRACKET.aspects.centre, [shown], middle, Rigid(translation=[0.0, 0.0, 1.0]) @ middle)

@@ -8,7 +8,7 @@ from cadcam.camera.camera import Camera
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.part import Part
 from cadcam.locate.views.aspects import sphere_net
-from cadcam.locate.views.drawing import PLACES
+from cadcam.locate.views.pieces import PLACES
 
 from ..cad.solids import box
 

@@ -56,7 +56,8 @@ freedom:  free            all six degrees of freedom (default)
 """
 
 START_HELP = f"""\
-start:    --start FILE    rough pose of the part; it may be off by some 20 degrees, 40 px and 10 % of the distance
+start:    --start FILE    rough pose of the part; it may be off by some 20 degrees, 40 px and 10 % of the distance,
+                          about the middle of the part, or of what is in view of one that the camera stands within
           --points FILE   four or more points of the model picked in the (first) photo; `cadcam calibrate --help` shows
                           the file
           neither         the part is searched for (seconds). With one photo whose camera file has a pose, it is first

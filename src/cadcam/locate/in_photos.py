@@ -9,8 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cadcam.arrays import quantile
-from cadcam.errors import BadValue, NothingInView
+from cadcam.arrays import Array, quantile
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
 from cadcam.kinds import expect, expect_each
@@ -24,10 +24,10 @@ from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.refinement import Refinement
 from cadcam.locate.refine.retaken import at_their_sharpness
 from cadcam.locate.rivals import Rivals, far_looser
-from cadcam.locate.search.approach import REACH, Reach, approach, in_few_px
+from cadcam.locate.search.approach import REACH, Reach, approach, as_in_another_unit, middle_in_view
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.search.lying import Lying, met_by_search
-from cadcam.locate.search.without_start import search
+from cadcam.locate.search.without_start import search, too_near_to_search
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 ALIKE = "the part looks the same in this pose"  # reason of one that is equivalent by the part's symmetry
@@ -62,10 +62,12 @@ class _LocateTask:
     part: Part
     photos: Sequence[Photo]
     start: Rigid | None
+    views: ViewRange
     reach: Reach
     freedom: Freedom
     options: EdgeOptions
     lying: Lying | None = None
+    middle: Array | None = None  # of what the photos show from the start
 
     @property
     def chosen(self) -> int:
@@ -78,8 +80,9 @@ class _LocateTask:
 
     def holds(self, location: Location) -> bool:
         """Return whether a location is about as near the start as it should be; any is where there is no start."""
-        pose = location.pose.world_from_part
-        return self.start is None or self.reach.holds(self.part, self.photos, self.start, pose)
+        if self.start is None or self.middle is None:
+            return True
+        return self.reach.holds(self.middle, self.photos, self.start, location.pose.world_from_part)
 
     def alike(self, best: Location) -> list[Location]:
         """Return the other poses of a symmetric part; none from a start, which chooses among them."""
@@ -114,21 +117,20 @@ def locate_part(
     if start is None and not freedom.full:
         raise BadValue("freedom", "given without a start", "a start to move from, or no freedom")
     searched = search(part, photos, views) if start is None else []
+    middle = None if start is None else middle_in_view(part, photos, start, reach)
 
     def found_in(photos: Sequence[Photo], times: Sequence[int]) -> list[Location]:
         lying = Lying.of(part, photos, views) if start is None else None
-        task = _LocateTask(part, photos, start, reach, freedom, options, lying)
-        location = _located(task, searched) if start is None else _located(task, *_near(task, start))
+        task = _LocateTask(part, photos, start, views, reach, freedom, options, lying, middle)
+        near = searched if start is None else approach(part, photos, start, reach=reach, freedom=freedom)
+        location = _located(task, near)
         return [location if lying is None else lying.counted(location, photos)]
 
     return at_their_sharpness(photos, found_in)[0]
 
 
-def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: NothingInView | None = None) -> Location:
-    """Return the best pose that refining hypotheses, and the start, finds, checked against its rivals.
-
-    outside: raised where no pose is found, if given.
-    """
+def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis]) -> Location:
+    """Return the best pose that refining hypotheses, and the start, finds, checked against its rivals."""
     if not hypotheses:
         pose = Rigid() if task.start is None else task.start
         hypotheses = [Hypothesis(pose, 0.0, task.options.search_px)]
@@ -147,8 +149,6 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
     best = ranked[0].location
     alike = task.alike(best)
     if not best.found:
-        if outside is not None:
-            raise outside
         return _not_found(task, best, len(hypotheses), alike)
     if not (clear(ranked[0]) or (none_clear and _alone(task.part, best, trials))):
         return _uncertain(best, "lines elsewhere in the photos look nearly as much like the part", alike)
@@ -160,21 +160,6 @@ def _located(task: _LocateTask, hypotheses: Sequence[Hypothesis], outside: Nothi
             return checked
         ranked[0] = ranked[0]._replace(location=checked)
     return _with_alternatives(task.part, ranked, alike)
-
-
-def _near(task: _LocateTask, start: Rigid) -> tuple[list[Hypothesis], NothingInView | None]:
-    """Return the hypotheses around a start; none, with the approach's error, where the part is larger than the photos.
-
-    An approach moves the part as a whole about its centre. Where the camera stands within the part, that is no small
-    motion of the few lines in view; the start itself may be near enough all the same.
-    """
-    try:
-        return approach(task.part, task.photos, start, reach=task.reach, freedom=task.freedom), None
-    except NothingInView as error:
-        poses = [(photo.camera, photo.camera_from_world @ start) for photo in task.photos]
-        if not any(len(task.part.lines.draw(*pose).visible.q) for pose in poses):
-            raise
-        return [], error
 
 
 def _refined(
@@ -279,11 +264,11 @@ def _led_by(ranked: Sequence[Trial], preferred: Callable[[Location], bool]) -> l
 
 def _not_found(task: _LocateTask, best: Location, tried: int, equivalent: Sequence[Location]) -> Location:
     why = best.reason.removeprefix("not found: ").removeprefix("not certain: ")
-    around, small = "", ""
+    around, odd = "", too_near_to_search(task.part, task.views)
     if task.start is not None:
-        around, small = f" {AROUND_START}", in_few_px(task.part, task.photos, task.start)
+        around, odd = f" {AROUND_START}", as_in_another_unit(task.part, task.photos, task.start)
     reason = f"not found: the best of {tried} hypotheses{around} does not hold: {why}"
-    return replace(best, reason="; ".join(filter(None, (reason, small))), alternatives=tuple(equivalent))
+    return replace(best, reason="; ".join(filter(None, (reason, odd))), alternatives=tuple(equivalent))
 
 
 def _uncertain(best: Location, why: str, alternatives: Sequence[Location]) -> Location:

@@ -28,7 +28,8 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.search.climb import Climb, FieldLevel, climbed, composed, distinct, pose_edges, rigids_of, turned
 from cadcam.locate.search.hypothesis import Hypothesis
-from cadcam.locate.views.aspects import Aspects
+from cadcam.locate.views.aspects import Aspects, Views
+from cadcam.locate.views.outlook import Outlook
 
 _FINE_PX = 360.0  # largest size of the part in the finest field: enough to tell poses apart at low cost
 _FEW_PX = 12.0  # a part that is smaller in a photo has hardly any edges there
@@ -65,9 +66,12 @@ class Reach:
         if not 0 <= self.shift_px < math.inf:
             raise BadValue("reach shift_px", self.shift_px, "a number of px, at least 0")
 
-    def holds(self, part: Part, photos: Sequence[Photo], start: Rigid, pose: Rigid) -> bool:
-        """Return whether a pose (world_from_part) is no more than twice as far from the start as that may be off."""
-        before, after = start @ part.aspects.centre, pose @ part.aspects.centre
+    def holds(self, middle: Array, photos: Sequence[Photo], start: Rigid, pose: Rigid) -> bool:
+        """Return whether a pose (world_from_part) is no more than twice as far from the start as that may be off.
+
+        middle (3,): of what the photos show of the part, mm in the part frame.
+        """
+        before, after = start @ middle, pose @ middle
         distance, near = _nearest(photos, before)
         sight = (before - near.camera_from_world.origin) / max(distance, _AT_CAMERA_MM)
         deeper = float((after - before) @ sight)
@@ -95,31 +99,51 @@ def approach(
     Accurate to about a pixel of the photo, for `refine_pose` to take up. Empty where nothing is in reach. Raises
     `NothingInView` where the start puts the part outside every photo.
     """
-    stages = _stages(part, photos, start, reach)
-    centre = part.aspects.centre
+    aspects, seeing = _views(part, photos, start, reach)
+    stages = _stages(aspects, seeing, start, reach)
+    if not stages:
+        raise NothingInView(_outside(part.aspects, photos[0], start))
+    centre = aspects.centre
     camera = (stages[0].cameras_from_world[0] @ start).origin
     free = aligned(freedom.at(start), centre, centre - camera)
     if free.shape[1] == 6:
-        poses = _slid(part.aspects, stages[-1], start, reach)
+        poses = _slid(aspects, stages[-1], start, reach)
     else:
-        poses = _spread(part.aspects, photos, start, free, reach)
+        poses = _spread(aspects, seeing, start, free, reach)
     for number, climb in enumerate(_CLIMBS):
         if number == _FLIPPED and free.shape[1] == 6:
-            poses = np.concatenate([poses, _flips(part.aspects, stages[0], poses[:_MOST_FLIPPED])])
+            poses = np.concatenate([poses, _flips(aspects, stages[0], poses[:_MOST_FLIPPED])])
         stage = stages[max(len(stages) - 1 - climb.level, 0)]
-        poses, score = climbed(part.aspects, stage, poses, free, climb)
-        kept = distinct(part.aspects, poses, score, climb.kept)
+        poses, score = climbed(aspects, stage, poses, free, climb)
+        kept = distinct(aspects, poses, score, climb.kept)
         poses, score = poses[kept], score[kept]
     within = max(_WITHIN_PX, *(_WITHIN * field.reduction for field in stages[0].fields))
     return [Hypothesis(*each, within) for each in zip(rigids_of(poses), score.tolist(), strict=True)]
 
 
-def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[FieldLevel]:
-    """Return the field levels of all photos that see the part at its start, finest first."""
-    aspects, fields, places = part.aspects, [], []
+def _views(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> tuple[Views, Sequence[Photo]]:
+    """Return what the photos show of the part about its start, and the photos that may show any of it."""
+    views = [(photo.camera, photo.camera_from_world @ start) for photo in photos]
+    inside = any(part.aspects.hold(pose.origin) for _, pose in views)
+    if not inside and any(part.aspects.span(*view) is not None for view in views):
+        return part.aspects, photos
+    outlook = Outlook.of(part.lines, views, reach.shift_px)
+    if outlook is None:
+        return part.aspects, photos
+    return outlook, [photos[k] for k in outlook.seeing]
+
+
+def middle_in_view(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> Array:
+    """Return the middle (3,) mm, in the part frame, of what the photos may show of the part about its start."""
+    return _views(part, photos, start, reach)[0].centre
+
+
+def _stages(aspects: Views, photos: Sequence[Photo], start: Rigid, reach: Reach) -> list[FieldLevel]:
+    """Return the field levels of all photos that see the part at its start, finest first; none where none does."""
+    fields, places = [], []
     for photo in photos:
         pose = photo.camera_from_world
-        span = _span(aspects, photo.camera, pose @ start)
+        span = aspects.span(photo.camera, pose @ start)
         if span is None or (region := _region(span, photo.camera, reach)) is None:
             continue
         size = float(np.max(span[1] - span[0]))
@@ -127,9 +151,7 @@ def _stages(part: Part, photos: Sequence[Photo], start: Rigid, reach: Reach) -> 
         levels = min(1 + max(int(math.log2(size / k / _COARSE_PX)), 0), _LEVELS) if size else _LEVELS
         fields.append(photo.fields(reduction=k, levels=levels, region=region))
         places.append(pose)
-    if not fields:
-        raise NothingInView(_outside(aspects, photos[0], start))
-    levels = min(len(f) for f in fields)
+    levels = min((len(f) for f in fields), default=0)
     return [FieldLevel(tuple(f[k] for f in fields), tuple(places)) for k in range(levels)]
 
 
@@ -147,26 +169,18 @@ def _outside(aspects: Aspects, photo: Photo, start: Rigid) -> str:
     return f"the start puts the part outside of every photo, {place}, {why}"
 
 
-def in_few_px(part: Part, photos: Sequence[Photo], start: Rigid) -> str:
-    """Return that a start makes the part too small in all photos for its edges to tell much; "" where it does not."""
-    spans = [_span(part.aspects, photo.camera, photo.camera_from_world @ start) for photo in photos]
+def as_in_another_unit(part: Part, photos: Sequence[Photo], start: Rigid) -> str:
+    """Return that a start puts a camera into the part, or makes it too small for its edges to tell much; "" if not."""
+    middle, diameter = part.aspects.centre, 2 * part.aspects.radius
+    spans = [part.aspects.span(photo.camera, photo.camera_from_world @ start) for photo in photos]
     size = max((float(np.max(span[1] - span[0])) for span in spans if span is not None), default=np.inf)
-    if size >= _FEW_PX:
-        return ""
-    mm = float(np.linalg.norm((photos[0].camera_from_world @ start) @ part.aspects.centre))
-    where = f"{significant(size)} px large, {mm:.4g} mm from camera {photos[0].viewpoint.name!r}"
-    return f"the start makes the part {where}, as if in another unit"
-
-
-def _span(aspects: Aspects, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array] | None:
-    """Return the corners (px) of the bounding box of the part's sphere in a photo; None where it is behind."""
-    centre = camera_from_part @ aspects.centre
-    if centre[2] < 0.2 * aspects.radius:
-        return None
-    offsets = aspects.radius * np.concatenate([np.eye(3)[:2], -np.eye(3)[:2]])
-    q = camera.project(np.concatenate([[centre], centre + offsets]))
-    q = q[np.isfinite(q).all(axis=1)]
-    return (q.min(axis=0), q.max(axis=0)) if len(q) else None
+    mm, photo = _nearest(photos, start @ middle)
+    away = f"{mm:.4g} mm from camera {photo.viewpoint.name!r}"
+    if size < _FEW_PX:
+        return f"the start makes the part {significant(size)} px large, {away}, as if in another unit"
+    if part.aspects.hold((photo.camera_from_world @ start).origin):
+        return f"the start puts the middle of the part, {diameter:.4g} mm large, {away}: are both in one unit, mm?"
+    return ""
 
 
 def _region(span: tuple[Array, Array], camera: Camera, reach: Reach) -> tuple[int, int, int, int] | None:
@@ -176,10 +190,12 @@ def _region(span: tuple[Array, Array], camera: Camera, reach: Reach) -> tuple[in
     return None if (high - low).min() < 16 else (int(low[0]), int(low[1]), int(high[0]), int(high[1]))
 
 
-def _slid(aspects: Aspects, stage: FieldLevel, start: Rigid, reach: Reach) -> Array:
+def _slid(aspects: Views, stage: FieldLevel, start: Rigid, reach: Reach) -> Array:
     """Return the best poses (N, 12), world_from_part, of a grid around the start, each shifted to its best fit."""
     poses, scores = [], []
     for eye, (field, camera_from_world) in enumerate(zip(stage.fields, stage.cameras_from_world, strict=True)):
+        if (camera_from_world @ start @ aspects.centre)[2] <= 0:  # it looks away from what another camera sees
+            continue
         seen = _grid(aspects, camera_from_world @ start, reach)
         world = composed(camera_from_world.inv, seen)
         shift_px = math.ceil(reach.shift_px / field.reduction) + 1
@@ -193,7 +209,7 @@ def _slid(aspects: Aspects, stage: FieldLevel, start: Rigid, reach: Reach) -> Ar
     return np.concatenate(poses)[order]
 
 
-def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array, reach: Reach) -> Array:
+def _spread(aspects: Views, photos: Sequence[Photo], start: Rigid, free: Array, reach: Reach) -> Array:
     """Return poses (N, 12) on a grid within reach of the start along the free motions, twists as columns (6, k).
 
     A step of the grid moves the part's border by `_SPREAD` radii, or more where that would take too many poses.
@@ -215,7 +231,7 @@ def _spread(aspects: Aspects, photos: Sequence[Photo], start: Rigid, free: Array
     return np.concatenate([moved.rotation.reshape(-1, 9), moved.translation], axis=1)
 
 
-def _flips(aspects: Aspects, stage: FieldLevel, poses: Array) -> Array:
+def _flips(aspects: Views, stage: FieldLevel, poses: Array) -> Array:
     """Return the mirror poses (M, 12) of those of poses (N, 12) whose visible edges lie near a plane.
 
     From far away a plane of normal a looks the same at R and at D R A, with the mirrors D = I - 2 v v' across the line
@@ -225,7 +241,9 @@ def _flips(aspects: Aspects, stage: FieldLevel, poses: Array) -> Array:
     seen, out = composed(camera_from_world, poses), []
     for row in seen:
         R, t = row[:9].reshape(3, 3), row[9:]
-        places = aspects.aspect(*(int(k[0]) for k in aspects.nearest(-(t @ R)[None]))).places["p"].astype(float)
+        direction, step = (int(index[0]) for index in aspects.nearest(-(t @ R)[None], R[2:]))
+        aspects.make([(direction, step)])
+        places = aspects.made[direction, step].places["p"].astype(float)
         if len(places) < 3:
             continue
         middle = places.mean(axis=0)
@@ -238,7 +256,7 @@ def _flips(aspects: Aspects, stage: FieldLevel, poses: Array) -> Array:
     return composed(camera_from_world.inv, np.array(out).reshape(-1, 12))
 
 
-def _grid(aspects: Aspects, camera_from_part: Rigid, reach: Reach) -> Array:
+def _grid(aspects: Views, camera_from_part: Rigid, reach: Reach) -> Array:
     """Return poses (N, 12) camera_from_part around one: rotated about the part's centre, nearer and farther."""
     centre = camera_from_part @ aspects.centre
     axis = centre / np.linalg.norm(centre)

@@ -15,7 +15,8 @@ import numpy as np
 from cadcam.errors import UnwritableFile
 from cadcam.locate.part import Part
 from cadcam.locate.views.aspects import Aspect
-from cadcam.locate.views.drawing import PLACES, SIZE
+from cadcam.locate.views.drawing import SIZE
+from cadcam.locate.views.pieces import PLACES
 from cadcam.native.fields import PLACE
 from cadcam.whole import write_whole
 

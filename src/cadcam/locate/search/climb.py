@@ -18,8 +18,8 @@ from cadcam.cores import on_cores
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.direction_field import DirectionField
-from cadcam.locate.views.aspects import Aspect, Aspects
-from cadcam.locate.views.drawing import PLACES
+from cadcam.locate.views.aspects import Aspect, Views
+from cadcam.locate.views.pieces import PLACES
 from cadcam.native.fields import PLACE, Belief, Eye, PoseEdges, firsts
 
 _SAME = 0.02  # radii: poses whose corners differ by less are merged
@@ -59,7 +59,7 @@ class FieldLevel:
         return [Eye(f.planes, f.camera.K, T.rotation, T.translation) for f, T in pairs]
 
 
-def turned(aspects: Aspects, camera: Camera, seen: Array, shift: Array) -> Array:
+def turned(aspects: Views, camera: Camera, seen: Array, shift: Array) -> Array:
     """Return camera_from_part (N, 12) of cameras rotated so that the part's centre moves by shift (N, 2) px."""
     R, t = seen[:, :9].reshape(-1, 3, 3), seen[:, 9:]
     q = camera.project(R @ aspects.centre + t)
@@ -76,7 +76,7 @@ def composed(a: Rigid, poses: Array) -> Array:
     return np.concatenate([R.reshape(-1, 9), poses[:, 9:] @ a.rotation.T + a.translation], axis=1)
 
 
-def pose_edges(aspects: Aspects, stage: FieldLevel, poses: Array, samples: int, *, telling: bool) -> PoseEdges:
+def pose_edges(aspects: Views, stage: FieldLevel, poses: Array, samples: int, *, telling: bool) -> PoseEdges:
     """Return what the cameras of a level see of poses (N, 12) world_from_part: the first samples of their aspects.
 
     telling: whether of those that lie where they tell the pose best.
@@ -94,18 +94,20 @@ def edges_of(stage: FieldLevel, shown: Sequence[npt.NDArray[np.void]], which: Lo
     return PoseEdges(stage.eyes, places, first[which], count[which])
 
 
-def _shown(aspects: Aspects, stage: FieldLevel, poses: Array) -> tuple[list[Aspect], Longs]:
+def _shown(aspects: Views, stage: FieldLevel, poses: Array) -> tuple[list[Aspect], Longs]:
     """Return aspects, and the index of the one that each camera sees of each pose: (N, eyes)."""
     R, t = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
     eyes = np.stack([T.origin for T in stage.cameras_from_world]) - t[:, None]
-    net, step = aspects.nearest(np.einsum("nji,nej->nei", R, eyes).reshape(-1, 3))  # in the part frame
+    axes = np.broadcast_to([T.rotation[2] for T in stage.cameras_from_world], eyes.shape)
+    in_part = (np.einsum("nji,nej->nei", R, of_world).reshape(-1, 3) for of_world in (eyes, axes))
+    net, step = aspects.nearest(*in_part)
     numbers, which = np.unique(net * _STEPS + step, return_inverse=True)
     keys = [divmod(number, _STEPS) for number in numbers.tolist()]
     aspects.make(keys)
     return [aspects.made[key] for key in keys], which.reshape(len(poses), len(stage.fields))
 
 
-def climbed(aspects: Aspects, stage: FieldLevel, poses: Array, freedom: Array, climb: Climb) -> tuple[Array, Array]:
+def climbed(aspects: Views, stage: FieldLevel, poses: Array, freedom: Array, climb: Climb) -> tuple[Array, Array]:
     """Return poses (N, 12) after climbing at one level, and their scores (N,)."""
     edges, held = pose_edges(aspects, stage, poses, climb.samples, telling=climb.near), _HELD if climb.near else 0.0
     done = on_cores(lambda s: edges.part(s).climb(poses[s], freedom, climb.blur, held=held), _slices(len(poses)))
@@ -114,7 +116,7 @@ def climbed(aspects: Aspects, stage: FieldLevel, poses: Array, freedom: Array, c
     return poses, (total[:, 0] - total[:, 1]) / np.sqrt(np.maximum(total[:, 2], 1e-9))
 
 
-def evidence(aspects: Aspects, stage: FieldLevel, poses: Array, blur: float) -> Array:
+def evidence(aspects: Views, stage: FieldLevel, poses: Array, blur: float) -> Array:
     """Return the log-likelihood ratio (N,), in nats, of the photos with the part at each pose and without it.
 
     Pictures are full of straight lines: that one of them runs along an edge by chance does not become less likely as
@@ -148,21 +150,21 @@ def _slices(n: int) -> list[slice]:
     return [slice(k, k + _TOGETHER) for k in range(0, max(n, 1), _TOGETHER)]
 
 
-def distinct(aspects: Aspects, poses: Array, score: Array, most: int, within: float = _SAME) -> list[int]:
+def distinct(aspects: Views, poses: Array, score: Array, most: int, within: float = _SAME) -> list[int]:
     """Return at most `most` of the best poses, best first, no two within `within` radii of each other."""
     order = np.argsort(-score, kind="stable")
     kept = firsts(_corners(aspects, poses[order]), most, within * aspects.radius)
     return [int(k) for k in order[kept]]
 
 
-def near(aspects: Aspects, poses: Array, one: int, within: float) -> Longs:
+def near(aspects: Views, poses: Array, one: int, within: float) -> Longs:
     """Return which poses (N, 12) are within so many radii of one of them, itself included."""
     corners = _corners(aspects, poses)
     away = corners - corners[one]
     return np.flatnonzero(np.einsum("nij,nij->ni", away, away).max(axis=1) <= (within * aspects.radius) ** 2)
 
 
-def _corners(aspects: Aspects, poses: Array) -> Array:
+def _corners(aspects: Views, poses: Array) -> Array:
     """Return where four points of the part's sphere lie at each pose: (N, 4, 3) mm."""
     points = aspects.centre + aspects.radius * np.concatenate([np.zeros((1, 3)), np.eye(3)])
     return points @ np.swapaxes(poses[:, :9].reshape(-1, 3, 3), 1, 2) + poses[:, None, 9:]

@@ -153,6 +153,14 @@ def _distances(aspects: Aspects, camera: Camera, views: ViewRange) -> list[float
     return [near * (far / near) ** ((k + 0.5) / n) for k in range(n)]
 
 
+def too_near_to_search(part: Part, views: ViewRange) -> str:
+    """Return that views are declared so near that the part is not in view as a whole, as it is searched for; or ""."""
+    if views.distance_mm is None or not part.aspects.hold(part.aspects.centre + views.distance_mm[1] * np.eye(3)[0]):
+        return ""
+    large = f"the part, {2 * part.aspects.radius:.4g} mm large,"
+    return f"up to {views.distance_mm[1]:.4g} mm from the middle of {large} pieces are in view, not all: give a start"
+
+
 def _everywhere(
     part: Part, photos: Sequence[Photo], scales: Scales, views: ViewRange, quota: Quota
 ) -> Iterator[tuple[int, list[int], Array]]:

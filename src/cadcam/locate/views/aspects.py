@@ -13,12 +13,16 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from types import MappingProxyType
+from typing import Protocol
 
 import numpy as np
 import numpy.typing as npt
 
 from cadcam.arrays import Array, Ids
-from cadcam.locate.views.drawing import FILLED, GOLDEN, SIZE, Drawer
+from cadcam.camera.camera import Camera
+from cadcam.geometry.rigid import Rigid
+from cadcam.locate.views.drawing import FILLED, SIZE, Drawer
+from cadcam.locate.views.pieces import GOLDEN
 from cadcam.render.view import Scene
 
 DIRECTIONS = 400
@@ -47,6 +51,34 @@ class Aspect:
     length: float
 
 
+class Views(Protocol):
+    """What a part shows of itself: aspects, each numbered by two indices."""
+
+    @property
+    def centre(self) -> Array:
+        """The middle (3,) of what shows, mm in the part frame."""
+
+    @property
+    def radius(self) -> float:
+        """How far what shows extends from there, mm."""
+
+    @property
+    def made(self) -> Mapping[tuple[int, int], Aspect]:
+        """The aspects computed so far."""
+
+    def make(self, keys: Iterable[tuple[int, int]]) -> None:
+        """Compute the aspects with these indices that are missing."""
+
+    def nearest(self, eyes: Array, axes: Array, /) -> tuple[Ids, Ids]:
+        """Return the indices (N,), (N,) of the aspects that cameras see.
+
+        eyes (N, 3) mm, and their optical axes (N, 3), unit vectors, in the part frame.
+        """
+
+    def span(self, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array] | None:
+        """Return the corners (px) of the bounding box of what a camera sees; None where that is behind it."""
+
+
 class Aspects:
     """The aspects of one part over an even net of directions, computed on first use and kept.
 
@@ -70,7 +102,21 @@ class Aspects:
         """Add aspects of this part that were computed earlier."""
         self._made.update(made)
 
-    def nearest(self, eyes: Array) -> tuple[Ids, Ids]:
+    def hold(self, eye: Array) -> bool:
+        """Return whether an eye (3,) mm in the part frame is nearer than all of them: in the part's ball, or beside."""
+        return bool(np.linalg.norm(eye - self.centre) < _NEAREST * self.radius)
+
+    def span(self, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array] | None:
+        """Return the corners (px) of the bounding box of the part's ball in a picture; None where it is behind."""
+        centre = camera_from_part @ self.centre
+        if centre[2] < 0.2 * self.radius:
+            return None
+        offsets = self.radius * np.concatenate([np.eye(3)[:2], -np.eye(3)[:2]])
+        q = camera.project(np.concatenate([[centre], centre + offsets]))
+        q = q[np.isfinite(q).all(axis=1)]
+        return (q.min(axis=0), q.max(axis=0)) if len(q) else None
+
+    def nearest(self, eyes: Array, _axes: Array | None = None, /) -> tuple[Ids, Ids]:
         """Return the indices (N,) of the net direction and the distance nearest to eyes (N, 3) mm in the part frame."""
         sight = eyes - self.centre
         return self._table[_cube_cell(sight)], self.step_of(np.sqrt(np.einsum("ij,ij->i", sight, sight)))
