@@ -110,7 +110,7 @@ def start_of(pose: Rigid, target: Array, degrees: float, px: float, rng: np.rand
     axis, (x, y), at = rng.normal(size=3), rng.normal(size=2), Rigid(translation=target)
     mm = px * float((pose @ target)[2]) / CAMERA.fx / np.hypot(x, y)
     turn = Rigid.exp([0, 0, 0, *(np.radians(degrees) * axis / np.linalg.norm(axis))])
-    return Rigid(translation=[mm * x, mm * y, 0]) @ pose @ at @ turn @ at.inv
+    return Rigid(translation=np.array([mm * x, mm * y, 0.0])) @ pose @ at @ turn @ at.inv
 
 
 def outcome(part: Part, photo: Photo, pose: Rigid, target: Array, start: Rigid) -> Outcome:
