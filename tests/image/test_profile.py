@@ -122,6 +122,22 @@ def test_a_step_up_to_white_is_where_the_light_steps(contrast: float, rng: np.ra
     assert np.mean([one.contrast[0] for one in found]) == pytest.approx(contrast, rel=0.05)
 
 
+@pytest.mark.parametrize(("bright", "sigma"), [(0.95, 0.02), (0.97, 0.01), (0.97, 0.02), (1.0, 0.02)])
+def test_a_side_that_noise_makes_white_in_part_is_not_darkened_by_that(
+    bright: float, sigma: float, rng: np.random.Generator
+) -> None:
+    """Without its brighter pixels it was too dark by up to one sd of the noise, and z 0.4 to 2.4 in the mean."""
+    light = picture(0.7, 0.0, slope=0.0, contrast=bright - 0.3)
+    found = [
+        cell(np.clip(light + sigma * rng.normal(size=light.shape), 0, 1).astype(np.float32), 0.7, held=np.inf)
+        for _ in range(200)
+    ]
+    z = [position(one) * one.contrast[0] / one.sd_moment[0] for one in found]
+    assert abs(np.mean(z)) < 0.25 + 4 / np.sqrt(200)
+    darker = bright - 0.3 - np.mean([one.contrast[0] for one in found])
+    assert darker < 0.4 * sigma
+
+
 def test_white_pixels_say_nothing_of_the_slopes() -> None:
     """Whatever is beyond white, the sums are those of the other pixels alone; the bell's integral is good to 8e-8."""
     shown = np.clip(picture(0.7, 0.0, slope=0.0, contrast=1.3), 0, 1)

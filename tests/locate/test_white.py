@@ -47,6 +47,23 @@ def test_an_overexposed_part_is_found_where_it_is(
     assert np.mean(off) < 0.1  # 0.22 and 0.27 so taken
 
 
+@pytest.mark.parametrize(("white", "sigma"), [(0.97, 0.02), (1.0, 0.01), (1.05, 0.01)])
+def test_before_a_white_ground_a_part_is_found_as_surely_as_is_said(
+    part: Part, pose: Rigid, rng: np.random.Generator, white: float, sigma: float
+) -> None:
+    """16 at the first, where of the ground those pixels were left out that noise made white."""
+    look = replace(LOOK, background=(1.0, 1.0, 1.0))
+    shaded = open_renderer(part.scene).render(CAMERA, pose, look=look, channels=Channel.IMAGE)
+    light = white * gaussian_filter(shaded.gray, 0.6)
+    squared = []
+    for _ in range(EACH):
+        found = refine_pose(part, [Photo.of(noisy(light, sigma, rng), CAMERA)], pose)
+        assert found.found
+        xi = (pose.inv @ found.pose.world_from_part).log()
+        squared.append(float(xi @ np.linalg.solve(found.pose.covariance, xi)))
+    assert np.mean(squared) < 6 + 4 * 1.4
+
+
 def test_one_of_which_white_leaves_too_little_is_not_found_and_less_light_is_advised(
     part: Part, pose: Rigid, light: np.ndarray, rng: np.random.Generator
 ) -> None:

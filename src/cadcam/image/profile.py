@@ -14,7 +14,8 @@ Another line of the model in the cell, the far border of a thin plate, is one mo
 
 A white pixel says that the light was at least that: it is left out. How high a step up to white is, and so where it
 is, follows from the blurred rest of it; taken as what it looks like, it would lie too far on the dark side, by up to
-the blur.
+the blur. Noise makes some pixels white of a side that is not. Without them it would look darker than it is; so rows of
+pixels along the line are white, by their means (`native/step.c`).
 
 Bound: with everything but the position known, a cell of length L has variance 2 sqrt(pi) s sigma^2 / (c^2 L), the
 Cramer-Rao bound; the fit reaches 1.1 times its root on wide cells with level ground, 1.6 with both slopes free.

@@ -20,8 +20,9 @@ typedef struct {
  *     I(d) = a + b (d - r(d)) + e r(d) + c Phi(d/blur) + g phi(d/blur)/blur,    r(d) = d Phi(d/blur) + blur phi(d/blur)
  * at the pixels' distances d from the line: a blurred step on ground of another slope on either side. twins: two a
  * sample, one below and one above, (d, slope): a line of the model that steps at d + slope t, t along the line;
- * infinite where there is none. Pixels no darker than `bright`, white, are left out: the light was that or more. They
- * count as clipped, and so do those no brighter than `dark`.
+ * infinite where there is none. Pixels no darker than `bright`, white, are left out: the light was that or more. Rows
+ * along the line are white or not, by their means, and single pixels beside white rows. They count as clipped, and so
+ * do those no brighter than `dark`.
  *
  * cc_step_sums writes what the pixels of each cell add up to, CC_STEP_SUMS doubles, the first the number of pixels in
  * use, number CC_STEP_ALL that of all; cc_steps solves for the steps.

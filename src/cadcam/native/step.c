@@ -10,6 +10,8 @@ _Static_assert(OF_TERMS + 1 == CC_STEP_SUMS && COUNTED == CC_STEP_ALL, "profile.
 #define TWIN 1e-4 /* variance of a pixel over that of a twin's contrast: a weak prior, for twins that are not visible */
 #define HELD 1e12  /* practically infinite */
 #define SPREAD 3.0 /* blurs beyond which a step is level */
+#define NEARLY 0.01 /* white's share that the mean of a row may fall short of white, if with rows beyond it does not */
+#define LEFT_OUT 1e6 /* brightness that no pixel has */
 #define MAGIC 6755399441055744.0 /* 1.5 * 2^52: adding a number rounds it to an integer in the low bits */
 
 /* Pixels of a cell: distance from the line, position along it, brightness less that of the first. Rows are written as
@@ -18,6 +20,17 @@ typedef struct {
     double d[CHUNK + 4], t[CHUNK + 4], value[CHUNK + 4];
     int n;
 } pixels;
+
+/* Which rows of a cell, 1 px deep along its line, are white, and what their pixels add up to. Noise makes some pixels of
+ * a bright side white. Without them it would seem darker than it is, and the step to lie elsewhere: so whole rows are
+ * white, by their means. Next to them, where brightness rises, single pixels are. */
+enum { ROWS = 128, BEYOND = 3, NOT_WHITE = 0, SOME_WHITE, ALL_WHITE };
+typedef struct {
+    double bright, sum[ROWS];
+    int32_t number[ROWS];
+    char white[ROWS];
+    int told;
+} rows;
 
 /* Another line of the model in the cell: it steps where d = at + slope t; side: the one it lies on, -1 or 1. */
 typedef struct {
@@ -37,8 +50,48 @@ typedef struct {
     twin twins[2];
     l4 clipped;
     int count, terms;
+    rows *rows;            /* if white is told by rows: first which ones are, then their pixels are left out */
     const residuals *left; /* if the residuals are requested, not the sums */
 } equations;
+
+static int row_of(double d) {
+    const int at = ROWS / 2 + (int)floor(d + 0.5);
+    return at < 0 ? 0 : at < ROWS ? at : ROWS - 1;
+}
+
+static void add_to_rows(rows *of, const pixels *p, double first) {
+    for (int k = 0; k < p->n; k++) {
+        const int at = row_of(p->d[k]);
+        of->sum[at] += p->value[k] + first, of->number[at]++;
+    }
+}
+
+/* A row is white if it and the next ones to one side are, in the mean, and it hardly less; the rows beside it are in
+ * part. */
+static void tell_white(rows *of) {
+    for (int k = 0; k < ROWS; k++) {
+        of->white[k] = NOT_WHITE;
+        if (!of->number[k] || of->sum[k] < (of->bright - NEARLY) * of->number[k]) continue;
+        for (int side = -1; side <= 1; side += 2) {
+            double sum = 0;
+            int number = 0;
+            for (int j = k, m = 0; m < BEYOND && j >= 0 && j < ROWS; j += side, m++)
+                sum += of->sum[j], number += of->number[j];
+            if (sum >= of->bright * number) of->white[k] = ALL_WHITE;
+        }
+    }
+    for (int k = 1; k < ROWS - 1; k++)
+        if (of->white[k] == NOT_WHITE && (of->white[k - 1] == ALL_WHITE || of->white[k + 1] == ALL_WHITE))
+            of->white[k] = SOME_WHITE;
+    of->told = 1;
+}
+
+static void leave_out_white(const rows *of, pixels *p, double first) {
+    for (int k = 0; k < p->n; k++) {
+        const char white = of->white[row_of(p->d[k])];
+        if (white == ALL_WHITE || (white == SOME_WHITE && !(p->value[k] + first < of->bright))) p->value[k] = LEFT_OUT;
+    }
+}
 
 /* exp(-y) for y >= 0, with a relative error below 1e-8: 2^k times a polynomial on [-1/2, 1/2]. */
 INLINE d4 decay(d4 y) {
@@ -125,6 +178,11 @@ static void add_left(equations *e, pixels *p, double blur) {
 }
 
 static void add(equations *e, pixels *p, double blur) {
+    if (e->rows && !e->rows->told) {
+        add_to_rows(e->rows, p, e->first), p->n = 0;
+        return;
+    }
+    if (e->rows) leave_out_white(e->rows, p, e->first);
     if (e->left) add_left(e, p, blur);
     else if (e->terms == OWN) add_terms(e, p, blur, e->twins, OWN);
     else if (e->terms == OWN + 1) add_terms(e, p, blur, e->twins, OWN + 1);
@@ -196,6 +254,18 @@ static int gather(const cc_picture *p, const double *q, const double *n, double 
     }
     add(e, &some, blur);
     return 1;
+}
+
+/* Add the pixels of the cell that are not in white rows; 0 where it leaves the picture. */
+static int gather_by_rows(const cc_picture *p, const double *q, const double *n, double below, double above,
+                          double half, double blur, double bright, equations *e) {
+    rows of = {.bright = bright};
+    e->rows = &of, e->bright = 0.5 * LEFT_OUT;
+    if (!gather(p, q, n, below, above, half, blur, e)) return 0;
+    tell_white(&of);
+    const int inside = gather(p, q, n, below, above, half, blur, e);
+    e->rows = NULL;
+    return inside;
 }
 
 INLINE d4 either(l4 mask, d4 yes, d4 no) { return (d4)(((l4)yes & mask) | ((l4)no & ~mask)); }
@@ -299,7 +369,7 @@ static void solve_all(waiting *w, int terms) {
 
 /* Equations without pixels, with the twins whose steps reach into the cell. */
 static void begin(equations *e, const double *twins, double below, double above, double half, double blur) {
-    e->left = NULL, e->dark = e->bright = 0, e->count = 0, e->clipped = (l4){0}, e->terms = OWN;
+    e->rows = NULL, e->left = NULL, e->dark = e->bright = 0, e->count = 0, e->clipped = (l4){0}, e->terms = OWN;
     for (int k = 0; k < 2; k++) {
         const double at = twins[2 * k], slope = twins[2 * k + 1], far = SPREAD * blur + half * fabs(slope);
         if (k ? at < above + far : at > -below - far) e->twins[e->terms++ - OWN] = (twin){at, slope, k ? 1 : -1};
@@ -313,10 +383,16 @@ void VARIANT(step_sums)(const cc_picture *picture, int64_t n, const double *q, c
     for (int64_t i = 0; i < n; i++) {
         double *o = sums + CC_STEP_SUMS * i;
         memset(o, 0, CC_STEP_SUMS * sizeof *o);
+        const double *at = q + 2 * i, *across = normal + 2 * i;
         equations e;
         begin(&e, twins + 4 * i, below[i], above[i], half_length, blur);
         e.dark = (float)dark, e.bright = (float)bright;
-        if (!gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, blur, &e)) continue;
+        if (!gather(picture, at, across, below[i], above[i], half_length, blur, &e)) continue;
+        if ((e.sum[0][0] + e.sum[0][1]) + (e.sum[0][2] + e.sum[0][3]) < e.count) { /* some pixels are white */
+            begin(&e, twins + 4 * i, below[i], above[i], half_length, blur);
+            e.dark = (float)dark;
+            gather_by_rows(picture, at, across, below[i], above[i], half_length, blur, (float)bright, &e);
+        }
         const int used = e.terms * (e.terms + 1) / 2 + e.terms + 1;
         for (int s = 0; s < used; s++) o[s] = (e.sum[s][0] + e.sum[s][1]) + (e.sum[s][2] + e.sum[s][3]);
         o[COUNTED] = e.count, o[OF_TERMS] = e.terms;
@@ -356,8 +432,8 @@ void VARIANT(step_residuals)(const cc_picture *picture, int64_t n, const double 
         const factors f = factors_of((const double *const[4]){s, s, s, s}, terms, held);
         if (!f.there[0]) continue;
         for (int k = 0; k < terms; k++) left.x[k] = f.x[k][0];
-        e.left = &left, e.bright = (float)bright;
-        gather(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, blur, &e);
+        e.left = &left;
+        gather_by_rows(picture, q + 2 * i, normal + 2 * i, below[i], above[i], half_length, blur, (float)bright, &e);
         o[2 * bins] = upper(s[terms * (terms + 1) / 2 + terms] - f.explained[0], 0) / (s[0] - terms);
     }
 }

@@ -162,7 +162,8 @@ class Cells:
 class StepOffsets:
     """Offsets (N,) px of the photo's steps from the model's lines, their sd by noise, contrast, and which are usable.
 
-    doubt (N,) px: error that all steps of a stretch of line may share.
+    doubt (N,) px: error that all steps of a stretch of line may share; white (N,) px, along the normals: error that all
+    steps up to white of a photo may share.
     """
 
     offset: Array
@@ -170,6 +171,7 @@ class StepOffsets:
     contrast: Array
     usable: Mask
     doubt: Array
+    white: Array
 
 
 def measured_steps(
@@ -185,10 +187,10 @@ def measured_steps(
     """
     n = len(sight.samples)
     offset, sigma, contrast = (np.full(n, np.nan) for _ in range(3))
-    usable, doubt = np.zeros(n, bool), np.zeros(n)
+    usable, doubt, white = np.zeros(n, bool), np.zeros(n), np.zeros(n)
     which = cells.which
     if not len(which):
-        return StepOffsets(offset, sigma, contrast, usable, doubt)
+        return StepOffsets(offset, sigma, contrast, usable, doubt, white)
     sums = cells.sums_at(sight, at, where) if sums is None else sums
     found, run = cells.steps(sums, cells.held, sight), sight.samples.run[which]
     c, sd_c = along_runs(found.contrast, run, _CONTRAST), _sd_contrast(sight, found, run)
@@ -203,8 +205,8 @@ def measured_steps(
         offset[which] = where[which] + shift
     blur_told = np.count_nonzero(usable[which] & (sums.white == 0)) >= _TELLING
     by_white = (_WHITE if blur_told else _ALL_WHITE) * cells.blurs * cells.white(sums, c)
-    contrast[which], doubt[which] = c, np.hypot(cells.doubt, by_white)
-    return StepOffsets(offset, sigma, contrast, usable, doubt)
+    contrast[which], doubt[which], white[which] = c, np.hypot(cells.doubt, by_white), np.sign(c) * by_white
+    return StepOffsets(offset, sigma, contrast, usable, doubt, white)
 
 
 def _held_as_lines(sums: StepSums, run: Ids) -> Array:

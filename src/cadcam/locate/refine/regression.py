@@ -3,7 +3,8 @@
 A chamfer, a shadow or paint shifts all samples of an edge together: so pieces of edge have an offset of their own
 (`fit.grouped`). Beside bands, which run along whole lines, that is not all. There the pieces of a line share an error,
 and what bands do to the steps beyond what is modelled (`locate.lines.bands`) draws all lines to the same side, towards
-dark or towards bright: one more unknown, with a prior.
+dark or towards bright: one more unknown, with a prior. Steps up to white are another: how high they are follows from
+the photo's blur.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from cadcam.arrays import Array, Longs
 from cadcam.errors import DegenerateGeometry
@@ -67,14 +69,25 @@ class Regression:
         variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
         J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
         piece, line = np.concatenate([of[m.usable] for of, m in zip(self.pieces, measured, strict=True)]).T
-        bright = -np.concatenate([np.sign(m.contrast[m.usable]) for m in measured])
-        if self.bands:  # the last unknown is by how much all lines are drawn towards bright; its prior, the last datum
-            column = np.concatenate([bright, np.zeros(len(other))])
-            J, y = np.block([[J, column[:, None]], [np.zeros(B.shape[1]), np.ones(1)]]), np.append(y, 0.0)
-            variance = np.append(variance, _DRAWN_PX**2)
+        drawn = self._drawn(measured)
+        m = drawn.shape[1]
+        if m:  # the last unknowns are how strongly; their priors, the last data
+            columns = np.concatenate([drawn, np.zeros((len(other), m))])
+            J, y = np.block([[J, columns], [np.zeros((m, B.shape[1])), np.eye(m)]]), np.append(y, np.zeros(m))
+            variance = np.append(variance, np.ones(m))
         groups = self._groups(measured, variance, piece, line, on_lines=on_lines)
         fit = grouped_fit(y, J, variance, groups, usual=_USUAL_PX, uneven=_UNEVEN, iterations=iterations)
-        return _undrawn(fit, bright) if self.bands else fit
+        return _undrawn(fit, drawn) if m else fit
+
+    def _drawn(self, measured: Sequence[StepOffsets]) -> Array:
+        """Return by how much (n, m) px each of m causes draws the samples of many lines at once, sd and sign.
+
+        Beside bands all to bright or all to dark; and steps up to white, those of each photo.
+        """
+        used = [m.usable for m in measured]
+        bright = -np.concatenate([np.sign(m.contrast[use]) for m, use in zip(measured, used, strict=True)])
+        white = block_diag(*(m.white[use][:, None] for m, use in zip(measured, used, strict=True)))
+        return np.column_stack([*([_DRAWN_PX * bright] if self.bands else []), white[:, white.any(axis=0)]])
 
     def _groups(
         self, measured: Sequence[StepOffsets], variance: Array, piece: Longs, line: Longs, *, on_lines: bool
@@ -104,10 +117,11 @@ class Regression:
         )
 
 
-def _undrawn(fit: GroupedFit, bright: Array) -> GroupedFit:
-    """Return the fit of the pose alone, with what draws all samples (n,) towards bright left in the groups' offsets."""
-    k, n, group = len(fit.x) - 1, len(fit.offset), fit.group[: len(bright)]
-    drawn = fit.x[k] * np.bincount(group, bright, n) / np.maximum(np.bincount(group, minlength=n), 1)
+def _undrawn(fit: GroupedFit, drawn: Array) -> GroupedFit:
+    """Return the fit of the pose alone, with what draws many samples at once (n, m) left in the groups' offsets."""
+    k, n, group = len(fit.x) - drawn.shape[1], len(fit.offset), fit.group[: len(drawn)]
+    by = drawn @ fit.x[k:]
+    drawn = np.bincount(group, by, n) / np.maximum(np.bincount(group, minlength=n), 1)
     return replace(fit, x=fit.x[:k], covariance=fit.covariance[:k, :k], offset=fit.offset + drawn, gain=fit.gain[:k])
 
 
