@@ -10,6 +10,7 @@ import pytest
 
 from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
+from cadcam.camera.error_source import ErrorSource
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
@@ -53,6 +54,23 @@ def test_cameras_that_stand_where_they_are_said_to_agree(rng: np.random.Generato
     assert "left out" not in found.reason
     assert found.disagreements == ()
     assert normalised(found) < 2.5
+
+
+def test_a_camera_that_is_known_poorly_does_not_make_one_that_is_known_well_disagree(rng: np.random.Generator) -> None:
+    """Stated as off by 1 mm, and off by that: all its pull on the pose of both was taken for the other's error."""
+    effect = np.zeros((11, 3))
+    effect[:3] = np.eye(3)  # local coordinates: X Y Z ...
+    blamed = 0
+    for _ in range(6):
+        well, poorly = photos(rng, {"right": rng.normal(0, 1.0, 3)}, "tele", "right")
+        source = ErrorSource("its place", np.eye(3), object())
+        stated = replace(poorly, viewpoint=replace(poorly.viewpoint, errors=((source, effect),)))
+        found = refine_pose(PART, [well, stated], START)
+        assert found.found
+        assert found.disagreements == ()
+        assert normalised(found) < 2.5
+        blamed += bool(refine_pose(PART, [well, poorly], START).disagreements)
+    assert blamed >= 3  # the negative control: the same photos, nothing stated
 
 
 @pytest.mark.parametrize(

@@ -84,6 +84,13 @@ def test_a_failure_says_what_is_beyond_doubt() -> None:
     assert summary(Verdict.FAIL, [j, also]) == said
 
 
+def test_a_part_that_passes_by_one_photo_is_not_said_to_be_in_place_along_the_line_of_sight() -> None:
+    no_depth = "; how far parts are off along the line of sight one photo does not show"
+    for limit, one_photo, said in ((POSITION, True, no_depth), (POSITION, False, ""), (ALONG, True, "")):
+        j = judgement(0.01, 0.001, limit)
+        assert summary(j.verdict, [j], one_photo=one_photo) == f"the limit is kept, uncertainty included{said}"
+
+
 def test_what_was_not_measured_is_named_once_for_each_reason() -> None:
     def unseen(name: str, quantity: Quantity) -> Judgement:
         j = Judgement(name, Limit(quantity, 1.0), np.nan, np.nan, Verdict.UNDECIDED, "unseen", "more light")

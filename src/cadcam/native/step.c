@@ -22,8 +22,8 @@ typedef struct {
 } pixels;
 
 /* Which rows of a cell, 1 px deep along its line, are white, and what their pixels add up to. Noise makes some pixels
- * of a bright side white. Without them it would seem darker than it is, and the step to lie elsewhere: so whole rows are
- * white, by their means. Next to them, where brightness rises, single pixels are. */
+ * of a bright side white. Without them it would seem darker than it is, and the step to lie elsewhere: so whole rows
+ * are white, by their means. Next to them, where brightness rises, single pixels are. */
 enum { ROWS = 128, BEYOND = 3, NOT_WHITE = 0, SOME_WHITE, ALL_WHITE };
 typedef struct {
     double bright, sum[ROWS];

@@ -115,7 +115,14 @@ def verify_part(
     datum = [contradicting(seen.contradictions)] if seen.contradictions else []
     amiss = [located.amiss] if located.amiss and verdict is not Verdict.FAIL else []  # of a bad part no wonder
     reason = "; ".join(
-        [summary(verdict, judgements), *beside, *datum, *before, *amiss, *map(str, located.disagreements)]
+        [
+            summary(verdict, judgements, one_photo=_one_photo(seen)),
+            *beside,
+            *datum,
+            *before,
+            *amiss,
+            *map(str, located.disagreements),
+        ]
     )
     return Verification(verdict, reason, judgements, seen, tolerances, located)
 
@@ -180,7 +187,7 @@ def _position(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection
     if limit.axis is not None:
         return _across(name, limit, seen)
     assert found.displacement is not None  # else the feature is unclear
-    reason = f"displaced by {vector_words(found.vector)} mm"
+    reason = f"displaced by {vector_words(found.vector)} mm{' across the line of sight' if _one_photo(seen) else ''}"
     return _length(name, limit, found.displacement, found.p_value, reason, (_unseen(found, seen), _ALONG))
 
 
@@ -208,13 +215,16 @@ def _unseen(found: FeatureDeviation, seen: Inspection) -> Array | None:
 
     By one photo nothing is judged along the line of sight. Zeros: it shows in no direction.
     """
-    one_photo = seen.measured is not None and seen.measured.eye is not None
-    shown = found.seen.shape[1]
+    one_photo, shown = _one_photo(seen), found.seen.shape[1]
     if shown >= (2 if one_photo else 3):
         return None
     if not shown:
         return np.zeros(3)
     return np.cross(found.axis, found.seen[:, 0]) if one_photo else np.linalg.svd(found.seen)[0][:, -1]
+
+
+def _one_photo(seen: Inspection) -> bool:
+    return seen.measured is not None and seen.measured.eye is not None
 
 
 def _along(name: str, limit: Limit, seen: Inspection) -> Judgement:

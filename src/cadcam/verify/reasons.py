@@ -23,6 +23,7 @@ _NAMED = 3  # most features named in the summary
 _SEVERAL, _GOOD_PART = 2, 1 / 3  # features unseen, of those asked, from which the part may be of another revision
 _AXIS = 1e-9  # largest deviation of a direction from an axis by rounding
 _BUT = ", but "  # in a reason, before what keeps a value from being decided apart from its U
+_NO_DEPTH = "; how far parts are off along the line of sight one photo does not show"
 _SURELY = "measure it more surely: "
 _LESS_OF = {
     "noise": "more light, or go closer",
@@ -61,17 +62,19 @@ def with_remedy(j: Judgement) -> Judgement:
     return replace(j, remedy=remedy, reason=j.reason if short in j.reason else f"{j.reason}: {short}")
 
 
-def summary(verdict: Verdict, judgements: Sequence[Judgement]) -> str:
+def summary(verdict: Verdict, judgements: Sequence[Judgement], *, one_photo: bool = False) -> str:
     """Return in one line why the part has its verdict: what failed, by how much; or what could not be decided, and why.
 
-    At most three things are said, each of one feature or of up to three alike. Where none of the edges of several
-    features is seen, it asks for the part's revision: what is not there gives the same picture as what is not lit.
+    one_photo: whether all was judged by one photo, or by several from one place. At most three things are said, each of
+    one feature or of up to three alike. Where none of the edges of several features is seen, it asks for the part's
+    revision: what is not there gives the same picture as what is not lit.
     """
     if not judgements:
         return "no limits given: nothing was judged"
     if verdict is Verdict.PASS:
         kept = {1: "the limit is", 2: "both limits are"}.get(len(judgements), f"all {len(judgements)} limits are")
-        return f"{kept} kept, uncertainty included"
+        anyway = any(j.limit.quantity is Quantity.POSITION and j.limit.basis is None for j in judgements)
+        return f"{kept} kept, uncertainty included{_NO_DEPTH if one_photo and anyway else ''}"
     undecided = [j for j in judgements if j.verdict in (Verdict.UNDECIDED, Verdict.NOT_FOUND)]
     if verdict is Verdict.FAIL:
         missing = {j.feature for j in judgements if j.verdict is Verdict.FAIL and j.limit.quantity is Quantity.PRESENCE}

@@ -183,29 +183,37 @@ def _photo_shift(fitted: PoseSolution, k: int, gain: Array, options: EdgeOptions
     c = sight.samples.p[alone.measured[0].usable].mean(axis=0)
     across = _across(sight, pose, c)
     moved = across @ pose.rotation @ np.concatenate([np.eye(3), -hat(c)], axis=1)
-    covariance = moved @ _covariance_alone(alone, sight, pose) @ moved.T
+    by_noise = moved @ alone.B @ (alone.fit.covariance + alone.hidden_by_blur + alone.by_contours) @ alone.B.T @ moved.T
+    by_calibrations = moved @ _apart_by_calibrations(alone, fitted, k) @ moved.T
     # The photo has its share in the pose of all: what that pose knows of the shift is no difference between the two.
     known = moved @ fitted.B @ fitted.fit.covariance @ fitted.B.T @ moved.T
-    noise = max(float(np.trace(covariance - known)), _LEAST_NOISE * float(np.trace(covariance)))
+    noise = max(float(np.trace(by_noise - known)), _LEAST_NOISE * float(np.trace(by_noise)))
     return PhotoShift(
         photo=k,
         shift=across @ (alone.pose @ c - pose @ c),
-        covariance=covariance,
+        covariance=by_noise + by_calibrations,
         moved=moved,
         share=gain @ fitted.places[k].row[fitted.measured[k].usable],
         off=_off(sight, pose, c),
-        noise=noise,
+        noise=noise + float(np.trace(by_calibrations)),
         px=sight.moved_px(pose, alone.pose),
     )
 
 
-def _covariance_alone(alone: PoseSolution, sight: Sight, pose: Rigid) -> Array:
-    """Return the covariance (6, 6) of the twist fitted to one photo: by noise, by blur and by the calibration."""
-    usable = alone.measured[0].usable
-    p, normal = sight.samples.p[usable], alone.places[0].normal[usable]
-    own = alone.B @ alone.fit.gain[:, : len(p)]
-    by_noise = alone.B @ (alone.fit.covariance + alone.hidden_by_blur + alone.by_contours) @ alone.B.T
-    return np.asarray(by_noise + calibration_covariance([sight.photo], [p], [normal], [own], pose))
+def _apart_by_calibrations(alone: PoseSolution, fitted: PoseSolution, k: int) -> Array:
+    """Return the covariance (6, 6) of the twist between the fit to the k-th photo alone and that to all.
+
+    By all stated calibrations: those of other photos move the pose of all away from what this one shows.
+    """
+    solutions, signs = (alone, fitted), (1.0, -1.0)
+    photos = [sight.photo for one in solutions for sight in one.sights]
+    points = [s.samples.p[m.usable] for one in solutions for s, m in zip(one.sights, one.measured, strict=True)]
+    normals = [at.normal[m.usable] for one in solutions for at, m in zip(one.places, one.measured, strict=True)]
+    gains = [sign * gain for one, sign in zip(solutions, signs, strict=True) for gain in _gains(one)]
+    beside = fitted.by_cameras
+    if beside:
+        beside = [np.zeros_like(beside[k]), *(-one for one in beside)]
+    return calibration_covariance(photos, points, normals, gains, fitted.pose, beside=beside)
 
 
 def _fitted_alone(sight: Sight, pose: Rigid, turn: Freedom, options: EdgeOptions) -> PoseSolution | None:
