@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 
 from cadcam.image.picture import read_picture, write_picture
 
@@ -59,6 +60,20 @@ def test_of_several_pages_the_first_is_read_and_that_is_said(cadcam: Cadcam, her
         assert "pages.tif (2)" in cadcam("match", "raw.tif", "pages.tif", "--angles", "0,0").err
 
 
+def test_a_photo_that_its_exif_orientation_turns_is_said_to_be_turned(cadcam: Cadcam, here: Path) -> None:
+    """By 180 degrees its size is the camera's, and a pose by a principal point that is not in the middle is wrong."""
+    upright = Image.fromarray(np.uint8(255 * np.clip(photo(), 0, 1)))
+    exif = Image.Exif()
+    exif[0x0112] = 3
+    upright.transpose(Image.Transpose.ROTATE_180).save("held.png", exif=exif)
+    upright.save("upright.png")
+    ran, plain = (cadcam("locate", name, *PART, "--json") for name in ("held.png", "upright.png"))
+    assert "held.png (turned by 180 degrees): by its EXIF orientation; the camera file has to be of" in ran.err
+    assert (ran.json["photos"][0]["orientation"], plain.json["photos"][0]["orientation"]) == (3, 1)
+    assert ran.json["pose"] == plain.json["pose"]
+    assert "EXIF" not in plain.err
+
+
 def test_full_scale_says_otherwise(cadcam: Cadcam, here: Path) -> None:
     dark = cadcam("locate", "raw.tif", *PART, "--json", "--full-scale", "65535", "-o", "dark.png")
     assert "bits in 16" not in dark.err
@@ -72,7 +87,7 @@ def test_full_scale_says_otherwise(cadcam: Cadcam, here: Path) -> None:
 def test_each_result_says_with_which_white_its_photos_were_read(cadcam: Cadcam, here: Path) -> None:
     """What was measured in raw.tif can be measured again though the same file may be read otherwise."""
     digest = hashlib.sha256(Path("raw.tif").read_bytes()).hexdigest()
-    twelve = {"path": "raw.tif", "sha256": digest, "white": 4095.0, "bits": 12}
+    twelve = {"path": "raw.tif", "sha256": digest, "orientation": 1, "white": 4095.0, "bits": 12}
     pose = ("--pose", "start.txt", "--camera", "camera.json")
     for line in (
         ("locate", "raw.tif", *PART),

@@ -1,4 +1,4 @@
-"""Photos of 10, 12 or 14 bits in 16 and of several pages on the command line: how they are read, found or as asked."""
+"""How photos on the command line are read: of 10, 12 or 14 bits in 16, of several pages, turned; found or as asked."""
 
 from __future__ import annotations
 
@@ -28,12 +28,13 @@ def add_full_scale(parser: argparse.ArgumentParser | argparse._ArgumentGroup) ->
 def white_as_asked(arguments: argparse.Namespace, files: Sequence[str]) -> float | None:
     """Return the stored value of white in photos of one camera, None where it is not in question.
 
-    Says so where fewer than 16 bits are found to be used, and of which files only the first page is read. Raises
-    `UnreadableFile`, or `BadValue` for a white that counts for none of the files.
+    Says so where fewer than 16 bits are found to be used, of which files only the first page is read, and which are
+    turned by their EXIF orientation. Raises `UnreadableFile`, or `BadValue` for a white that counts for none of them.
     """
     from cadcam.image.camera_picture import full_scale_of
 
     say_pages(files)
+    say_turned(files)
     if arguments.full_scale is not None:
         check_counts(arguments.full_scale, files)
         return float(arguments.full_scale)
@@ -60,6 +61,16 @@ def say_pages(files: Sequence[str]) -> None:
     if several:
         each = listed([f"{file} ({count})" for file, count in several.items()], 3)
         say(f"{each}: of several pages only the first is read; save the others as files of their own")
+
+
+def say_turned(files: Sequence[str]) -> None:
+    """Say which photos are turned when they are read: by 180 degrees they have the size of those that are not."""
+    from cadcam.image.picture import turned_in
+
+    turned = {file: how for file in files if (how := turned_in(file))}
+    if turned:
+        each = listed([f"{file} ({how})" for file, how in turned.items()], 3)
+        say(f"{each}: by its EXIF orientation; the camera file has to be of photos read so")
 
 
 def check_counts(white: float, files: Sequence[str]) -> None:

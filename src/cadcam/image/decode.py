@@ -15,7 +15,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnreadableFile
-from cadcam.image.high_bit_depth import deep_size, read_deep, transparent_color
+from cadcam.image.high_bit_depth import deep_orientation, deep_size, read_deep, transparent_color
 
 if TYPE_CHECKING:
     from PIL import Image
@@ -78,6 +78,24 @@ def stored(path: str | os.PathLike[str], data: bytes, *, max_pixels: int) -> Sto
         raise
     except MemoryError:
         raise UnreadableFile(path, "does not fit into memory", "crop it or reduce its size") from None
+    except _PARSING as error:
+        raise UnreadableFile(path, *_explained(error)) from error
+
+
+def orientation_in(path: str | os.PathLike[str], data: bytes) -> int:
+    """Return the EXIF orientation, 1 to 8, in the content of a file called `path`; 1 where none is stated.
+
+    Raises `UnreadableFile` for what is no picture.
+    """
+    from PIL import Image
+
+    try:
+        if deep_size(data) is not None:
+            return _valid(deep_orientation(data))
+        with _pillow_limit, warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with Image.open(io.BytesIO(data)) as image:
+                return _orientation(image)
     except _PARSING as error:
         raise UnreadableFile(path, *_explained(error)) from error
 

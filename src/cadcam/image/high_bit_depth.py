@@ -91,6 +91,18 @@ def transparent_color(data: bytes) -> tuple[int, ...] | None:
     return None
 
 
+def deep_orientation(data: bytes) -> int:
+    """Return the EXIF orientation in a file for which `deep_size` gave a size, as found; 1 where there is none."""
+    if data.startswith(_PNG):
+        return _png_orientation(data)
+    return 1 if data[:1] == b"P" else _tiff_orientation(_tiff_page(data))
+
+
+def _tiff_orientation(page: Any) -> int:
+    orientation = page.tags.get(274)
+    return int(orientation.value) if orientation else 1
+
+
 def _png_orientation(data: bytes) -> int:
     """Return the orientation in the eXIf chunk; Pillow decodes all pixels to look for it, so only if it is there."""
     if b"eXIf" not in data:
@@ -188,8 +200,7 @@ def _read_tiff(data: bytes) -> Deep:
     white = 1.0 if real else float((1 << page.bitspersample) - 1)
     if photometric == _ZERO_IS_WHITE:
         samples = samples.dtype.type(white) - samples
-    orientation = page.tags.get(274)
-    return Deep(_seen(page, samples, white), white, int(orientation.value) if orientation else 1)
+    return Deep(_seen(page, samples, white), white, _tiff_orientation(page))
 
 
 def _seen(page: Any, samples: Samples, white: float) -> Samples:

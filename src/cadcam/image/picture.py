@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from cadcam.arrays import Picture
 from cadcam.errors import BadValue, UnknownName, UnreadableFile
-from cadcam.image.decode import Decoded, finished, first_pixel, stored
+from cadcam.image.decode import Decoded, finished, first_pixel, orientation_in, stored
 from cadcam.image.suffixes import FORMS
 from cadcam.kinds import expect_count, expect_path, expect_positive, said
 from cadcam.whole import write_whole
@@ -29,6 +29,17 @@ LUMA = (0.2126, 0.7152, 0.0722)  # ITU-R BT.709
 _FOURTEEN_BITS = 1 << 14  # 16-bit numbers below it may be a camera's 10, 12 or 14 bits
 _STEP = 16  # samples that are all multiples of it fill their 16 bits from the top (12 bits: by 16; 10 bits: by 64)
 _DOUBLED = 257  # ... or were bytes, each written twice
+# How a picture is turned when it is read, by its EXIF orientation, 1 to 8 (EXIF 2.32, tag 0x0112).
+_TURNS = (
+    "",
+    "mirrored left to right",
+    "turned by 180 degrees",
+    "mirrored top to bottom",
+    "mirrored and turned by 90 degrees",
+    "turned by 90 degrees to the right",
+    "mirrored and turned by 90 degrees",
+    "turned by 90 degrees to the left",
+)
 _BRIGHTEST = 100.0  # times white: no lamp in view is brighter, every photo in bytes is
 _PACKED = 4  # of zlib's 9: a PNG a tenth longer than by its default, in a third of the time (24 Mpx: 2 s, not 5)
 _LONGEST_JPEG = 65500  # px: libjpeg's own limit, a little below that of the format
@@ -77,6 +88,11 @@ def read_picture_with_info(
     data = file_bytes(path)
     held = stored(path, data, max_pixels=max_pixels)
     return with_info(path, data, finished(path, held, full_scale or held.white))
+
+
+def turned_in(path: str | os.PathLike[str]) -> str:
+    """Return in words how a picture is turned when it is read, as its EXIF orientation says; "" if it is not."""
+    return _TURNS[orientation_in(path, file_bytes(path)) - 1]
 
 
 def check_full_scale(full_scale: float | None, name: str = "full_scale") -> None:

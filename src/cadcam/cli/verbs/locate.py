@@ -71,7 +71,12 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "photo + CAD model + camera -> where the part is, with covariance, or that it is not there"
     parser = verb(verbs, "locate", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("photos", nargs="+", metavar="PHOTO", help="PNG, JPEG, TIFF ...: one, or one per camera")
+    parser.add_argument(
+        "photos",
+        nargs="+",
+        metavar="PHOTO",
+        help="PNG, JPEG, TIFF ... (EXIF orientation applied): one, or one per camera",
+    )
     add_model_options(parser)
     add_photo_options(parser)
     add_start_options(parser)

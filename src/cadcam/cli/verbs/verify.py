@@ -84,7 +84,9 @@ def add_to(verbs: Verbs) -> None:
     """Add the verb."""
     short = "photo + CAD + tolerances -> PASS, FAIL or UNDECIDED, deviations in mm with U, a report"
     parser = verb(verbs, "verify", run, short=short, description=_DESCRIPTION, examples=_EXAMPLES)
-    parser.add_argument("photos", nargs="*", metavar="PHOTO", help="one photo, or one per camera")
+    parser.add_argument(
+        "photos", nargs="*", metavar="PHOTO", help="one photo, or one per camera (EXIF orientation applied)"
+    )
     add_model_options(parser)
     add_photo_options(parser)
     parser.add_argument("--tolerances", metavar="FILE", help="tolerance file (see below)")
