@@ -47,8 +47,9 @@ def test_a_camera_that_stopped_is_noticed(cadcam: Cadcam, cell: Path) -> None:
     photo = cell / "in/A 9.png"
     (cell / "in/A 10.png").unlink()
     shutil.copy(photo, cell / "in/B.png")
-    first = inspected(cadcam, "--json")
+    first = inspected(cadcam, "--json", "--reports", "pages")
     assert first.code == 2
+    assert "is the same photo, byte for byte, as that of A 9" in Path("pages/index.html").read_text(encoding="utf-8")
     assert [(part["serial"], part["verdict"]) for part in first.json["parts"]] == [("A 9", "PASS")]
     said = "in/B.png: is the same photo, byte for byte, as that of A 9; has the camera stopped?"
     assert first.json["errors"] == {"B": said}

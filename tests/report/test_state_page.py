@@ -12,6 +12,7 @@ import pytest
 from cadcam.errors import BadValue
 from cadcam.record.record import Deviation, Finding, Record
 from cadcam.record.trend import Trend, trend, trends
+from cadcam.report.chart import WIDTH
 from cadcam.report.state.chart import trend_chart
 from cadcam.report.state.page import state_page, write_state_page
 from cadcam.report.state.tables import drift_words, features_table
@@ -74,9 +75,9 @@ def test_what_is_no_letter_in_a_name_is_spelled_out_in_a_chart() -> None:
 
 def test_limits_far_beyond_all_deviations_are_told_in_words() -> None:
     far = Deviation("rib", 0.1, 0.02, lower=-9.0, upper=9.0, verdict="PASS")
-    assert "limits -9 and 9 mm, not shown" in state_page([Record("block", deviations=(far,))])
+    assert ">limits -9 and 9 mm, not shown<" in state_page([Record("block", deviations=(far,))])
     below = Deviation("rib", 0.1, 0.02, lower=-9.0, verdict="PASS")
-    assert "; limit -9 mm, not shown" in state_page([Record("block", deviations=(below,))])
+    assert ">limit -9 mm, not shown<" in state_page([Record("block", deviations=(below,))])
 
 
 def test_names_are_text_in_the_page() -> None:
@@ -89,6 +90,27 @@ def test_several_kinds_of_part_have_sections_of_their_own(tmp_path: Path) -> Non
     page = state_page([made(0, 0.1), other])
     assert "Features of block" in page
     assert "Features of plate" in page
+
+
+def test_parts_that_could_not_be_judged_are_named_with_the_reason() -> None:
+    """Who reads the page alone would not learn of them: they have no record."""
+    page = state_page([made(0, 0.1)], failed={"S7": "S7.png is <truncated>"})
+    assert "<b>1</b> could not be judged" in page
+    assert re.search(r"<li><b>\W*(<[^>]*>)*S7.*: S7\.png is &lt;truncated&gt;</li>", page)
+    assert "could not be judged" not in state_page([made(0, 0.1)])
+    many = state_page([made(0, 0.1)], failed={f"S{n}": "cut" for n in range(60)})
+    assert "The latest of 60." in many
+    assert re.search(r"\bS10\b", many)
+    assert not re.search(r"\bS9\b", many)
+
+
+def test_the_tolerance_goes_on_where_a_part_has_no_number() -> None:
+    """A cross beside the green area seemed to be one outside of the limits."""
+    unseen = Finding("rib", "position", "UNDECIDED", "not in view")
+    lost = Record("block", "S1", time=NOON + timedelta(minutes=1), verdict="UNDECIDED", findings=(unseen,))
+    drawn = trend_chart(trend([made(0, 0.1), lost, made(2, 0.2)], "rib"), {})
+    (width,) = re.findall(r'<rect [^>]*width="([\d.]+)"', drawn)
+    assert float(width) == pytest.approx(WIDTH - 46 - 8, abs=0.1)  # all of the frame
 
 
 def test_without_records_there_is_no_page(tmp_path: Path) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import NO
@@ -76,6 +76,11 @@ class Telling:
         before = f" ({known} judged before)" if known else ""
         parts = counted(len(self._parts.keys() | self._errors.keys()), "part")
         return ": ".join([f"{parts}{before}", *([", ".join(said)] if said else [])]) + f"; kept in {store}"
+
+    @property
+    def errors(self) -> Mapping[str, str]:
+        """Why parts could not be judged, by serial number."""
+        return self._errors
 
     @property
     def exit_code(self) -> int:

@@ -12,6 +12,7 @@ VERDICT_COLORS = {"PASS": "#00785a", "FAIL": "#c23b00", "UNDECIDED": "#946200"}
 PLAIN = "#555555"  # of what was not judged, or not found
 INK = "#222222"
 WIDTH = 380.0  # about a phone's width, so that letters keep their size there
+LINE = 14.0  # height of a line of text
 _FAINT, _ZERO = "#cfcfcf", "#666666"
 
 
@@ -40,9 +41,9 @@ class Frame:
         out.append(text(2, self.y(self.ticks[-1]) + 18, unit))
         return out
 
-    def caption(self, said: str) -> str:
-        """Return a line of text below."""
-        return text(self.left, self.height - 6, said)
+    def caption(self, said: str, *, line: int = 0) -> str:
+        """Return a line of text below; from the second line on, `LINE` each, it is beyond the height."""
+        return text(self.left, self.height - 6 + LINE * line, said) if said else ""
 
 
 def round_ticks(low: float, high: float) -> list[float]:

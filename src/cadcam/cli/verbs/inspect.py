@@ -276,6 +276,7 @@ class _Line:
             raise
         except CadcamError as error:  # of these photos: there are others
             self.told.failed(arrival.serial, str(error))
+            self._unwritten = True
             return
         self._note(self._keep(arrival, found, shots), number, time.monotonic() - begun)
 
@@ -341,12 +342,13 @@ class _Line:
         """Write the page of the latest parts, if there is one and it lacks any."""
         from cadcam.report.state.page import write_state_page
 
-        if self.folder is None or not self._unwritten:
+        if self.folder is None or not self._unwritten or not self.latest:
             return
         last = {record.serial: record.id for record in self.latest}
         there = {i: _report_of(serial) for serial, i in last.items() if (self.folder / _report_of(serial)).exists()}
         records = sorted(self.latest, key=lambda record: record.time)
-        write_state_page(self.folder / _PAGE, records, links={i: quote(name) for i, name in there.items()})
+        links = {i: quote(name) for i, name in there.items()}
+        write_state_page(self.folder / _PAGE, records, links=links, failed=self.told.errors)
         self._page_due, self._unwritten = time.monotonic() + _PAGE_S, False  # now, not if it was interrupted
 
     def end(self, arrivals: Arrivals) -> None:

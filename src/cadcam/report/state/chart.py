@@ -11,7 +11,7 @@ import numpy as np
 from cadcam.kinds import expect, expect_path
 from cadcam.record.record import Deviation, Finding, Record
 from cadcam.record.trend import Trend
-from cadcam.report.chart import INK, PLAIN, VERDICT_COLORS, Frame, round_ticks, stroke, svg
+from cadcam.report.chart import INK, LINE, PLAIN, VERDICT_COLORS, Frame, round_ticks, stroke, svg
 from cadcam.report.state.tables import deviation_text, when
 from cadcam.report.table import spelled
 from cadcam.whole import utf8, write_whole
@@ -36,14 +36,14 @@ def trend_chart(trend: Trend, links: Mapping[str, str]) -> str:
         areas, lines = _limits(frame, values, len(shown))
         body += [*areas, *frame.level_lines(trend.unit), *lines]
         beyond = _beyond(frame, [d for _, d in values])
-        told = f"; limit{'s' * (len(beyond) > 1)} {' and '.join(beyond)} {trend.unit}, not shown" if beyond else ""
+        told = f"limit{'s' * (len(beyond) > 1)} {' and '.join(beyond)} {trend.unit}, not shown" if beyond else ""
     for i, (record, one) in sorted(enumerate(shown), key=lambda place: _ON_TOP.index(place[1][1].verdict)):
         mark = _value(frame, _x(frame, i, len(shown)), one) if isinstance(one, Deviation) else ""
         mark = mark or _cross(_x(frame, i, len(shown)), frame.height - 30, _color(one))
         body.append(_linked(mark, _said(record, one), links.get(record.id, "")))
     of = f"the latest {len(shown)} of {len(trend)}" if len(shown) < len(trend) else f"{len(shown)}"
-    body.append(frame.caption(f"{of} parts, in order of time{told}"))
-    return svg(frame.height, body, f"{trend.kind} of {spelled(trend.feature)} over the parts")
+    body += [frame.caption(f"{of} parts, in order of time"), frame.caption(told, line=1)]
+    return svg(frame.height + (LINE if told else 0), body, f"{trend.kind} of {spelled(trend.feature)} over the parts")
 
 
 def write_trend_svg(path: str | os.PathLike[str], trend: Trend) -> None:
@@ -70,13 +70,18 @@ def _x(frame: Frame, i: int, count: int) -> float:
 
 
 def _limits(frame: Frame, values: Sequence[tuple[int, Deviation]], count: int) -> tuple[list[str], list[str]]:
-    """Return the tolerance of each part as an area, and its limits as lines; they may change from one to the next."""
+    """Return the tolerance of each part as an area, and its limits as lines; they may change from one to the next.
+
+    Of parts without a number they are those of the part before.
+    """
     half = 0.5 * (frame.right - frame.left) / count
     areas: list[str] = []
     lines: list[str] = []
     edges: dict[tuple[float | None, float | None], list[int]] = {}
-    for i, d in values:
-        edges.setdefault((d.lower, d.upper), []).append(i)
+    known, last = dict(values), values[0][1]
+    for i in range(count):
+        last = known.get(i, last)
+        edges.setdefault((last.lower, last.upper), []).append(i)
     for (lower, upper), places in edges.items():
         if lower is None and upper is None:
             continue

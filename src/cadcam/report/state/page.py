@@ -32,6 +32,7 @@ from cadcam.report.table import counted
 from cadcam.whole import utf8, write_whole
 
 _CHARTS, _ROWS = 24, 1000  # at most, of each kind of part: a page of more is neither read nor drawn quickly
+_FAILED = 50  # parts that could not be judged, at most
 _HELD = "\u00a0"  # a space at which no line is broken
 _ORDER = ("FAIL", "UNDECIDED", "PASS", "")
 _STYLE = """
@@ -42,22 +43,32 @@ header b{font-size:2.3rem;line-height:1.1}header .soft{color:#fff}header .counts
 
 
 def write_state_page(
-    path: str | os.PathLike[str], records: Sequence[Record], *, links: Mapping[str, str] | None = None
+    path: str | os.PathLike[str],
+    records: Sequence[Record],
+    *,
+    links: Mapping[str, str] | None = None,
+    failed: Mapping[str, str] | None = None,
 ) -> None:
-    """Write the page of records, oldest first, whole or not at all; links: addresses of reports by id of record."""
+    """Write the page of records, oldest first, whole or not at all.
+
+    links: addresses of reports by id of record; failed: why parts could not be judged, by serial number.
+    """
     expect_path(path)
-    write_whole(path, utf8(state_page(records, links=links)))
+    write_whole(path, utf8(state_page(records, links=links, failed=failed)))
 
 
-def state_page(records: Sequence[Record], *, links: Mapping[str, str] | None = None) -> str:
-    """Return the page as one HTML document. Raises `BadValue` without records."""
+def state_page(
+    records: Sequence[Record], *, links: Mapping[str, str] | None = None, failed: Mapping[str, str] | None = None
+) -> str:
+    """Return the page as one HTML document; see `write_state_page`. Raises `BadValue` without records."""
     records = expect_each(records, "records", Record)
-    links = {} if links is None else links
+    links, failed = links or {}, failed or {}
     expect(links, "links", Mapping)
+    expect(failed, "failed", Mapping)
     if not records:
         raise BadValue("records of a page", "none", "one or more")
     kinds = dict.fromkeys(record.part for record in records)
-    parts = [_head(records, list(kinds))]
+    parts = [_head(records, list(kinds), len(failed)), _failed(failed)]
     for kind in kinds:
         of = [record for record in records if record.part == kind]
         title = f" of {kind}" if len(kinds) > 1 else ""
@@ -71,12 +82,13 @@ def state_page(records: Sequence[Record], *, links: Mapping[str, str] | None = N
     return page(f"{counted(len(records), 'record')}: {', '.join(kinds)}", _STYLE, parts)
 
 
-def _head(records: Sequence[Record], kinds: Sequence[str]) -> str:
+def _head(records: Sequence[Record], kinds: Sequence[str], failed: int) -> str:
     verdicts = Counter(record.verdict for record in records)
-    most = next(verdict for verdict in _ORDER if verdicts[verdict])
+    most = next(verdict for verdict in _ORDER if verdicts[verdict] or (failed and verdict == "UNDECIDED"))
     counts = "".join(
         f"<span><b>{verdicts[verdict]}</b> {verdict or 'not judged'}</span>" for verdict in _ORDER if verdicts[verdict]
     )
+    counts += f"<span><b>{failed}</b> could not be judged</span>" if failed else ""
     stations = ", ".join(dict.fromkeys(r.station for r in records if r.station))
     first, last = when(records[0]), when(records[-1])
     said = " · ".join(t for t in (stations, f"{first} to {last} UTC" if first != last else f"{first} UTC") if t)
@@ -84,6 +96,15 @@ def _head(records: Sequence[Record], kinds: Sequence[str]) -> str:
         f'<header style="background:{VERDICT_COLORS.get(most, PLAIN)}"><h1>{escape(", ".join(kinds))}</h1>'
         f'<div class="counts">{counts}</div><p>{escape(said)}</p></header>'
     )
+
+
+def _failed(failed: Mapping[str, str]) -> str:
+    """Return which parts could not be judged, and why: they have no record."""
+    items = [f"<li><b>{named(serial)}</b>: {escape(why)}</li>" for serial, why in list(failed.items())[-_FAILED:]]
+    if not items:
+        return ""
+    rest = f'<p class="soft">The latest of {len(failed)}.</p>' if len(failed) > len(items) else ""
+    return section("Could not be judged", f"<ul>{''.join(items)}</ul>{rest}")
 
 
 def _to_do(each: Sequence[Trend], of: Sequence[Record], title: str) -> str:
