@@ -22,7 +22,7 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.search.climb import Climb, row_of
 from cadcam.locate.search.lying import Lying
-from cadcam.locate.search.on_plane import lying_poses
+from cadcam.locate.search.on_plane import _at_this_size, _centres, _half_tile, _reaches_this_size, lying_poses
 from cadcam.locate.search.scales import Scales
 from cadcam.locate.search.without_start import unmade
 from cadcam.locate.track.frames import Frame
@@ -266,3 +266,29 @@ def test_planes_that_no_photo_shows_are_refused() -> None:
     other = Photo.of(0.99 * photo.gray, CAMERA, Rigid.look_at(np.array([150.0, -450, -800]), np.zeros(3)))
     with pytest.raises(BadValue, match="not below all cameras"):
         locate_instances(BRACKET, [photo, other], views=VIEWS)
+
+
+def test_every_place_on_the_plane_is_in_a_tile_that_is_searched() -> None:
+    """Seen obliquely a part's size changes within a tile: its middle alone said over which field it is swept.
+
+    Places in the tile of one field whose middle is of the next one's size, and in a tile of the next one's whose middle
+    is of the first one's, were searched in neither.
+    """
+    eye = Rigid.look_at(np.array([-250.0, 90.0, 190.0]), np.array([55.0, 40.0, 0.0]))
+    photo = taken(BRACKET, Rigid(), eye=eye)
+    scales, known = Scales(BRACKET.aspects, [photo]), on(BRACKET, photo)
+    asked, covered = 0, 0
+    for reduction in scales.reductions(0):
+        half = _half_tile(scales, 0, known, reduction)
+        if half is None:
+            continue
+        field = scales.swept(0, reduction)
+        x, y = (np.arange(0.0, side, 2.0) for side in field.camera.size)
+        q = np.stack(np.meshgrid(x, y), axis=-1).reshape(-1, 2)
+        q = q[_at_this_size(scales, 0, known, reduction, q)]
+        centres = _centres(field, half)
+        centres = centres[_reaches_this_size(scales, 0, known, reduction, centres, half)]
+        asked += len(q)
+        covered += int((np.abs(q[:, None] - centres).max(axis=2) <= half + 0.5).any(axis=1).sum())
+    assert asked > 400
+    assert covered == asked

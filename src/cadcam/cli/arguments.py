@@ -330,12 +330,12 @@ def _whole(text: str, least: int, most: int) -> int:
     return value
 
 
-def number(what: str, text: str) -> float:
-    """Return the number in a part of an option's text, as `real`; `BadValue` naming `what`."""
+def number(what: str, text: str, *, form: str = "") -> float:
+    """Return the number in a part of an option's text, as `real`; `BadValue` naming `what`, and the form if given."""
     try:
         return real(text)
     except argparse.ArgumentTypeError:
-        expected = "a number: 0, or between 1e-12 and 1e9 in size"
+        expected = form or "a number: 0, or between 1e-12 and 1e9 in size"
         raise BadValue(what, repr(text), expected) from None
 
 

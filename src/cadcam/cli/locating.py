@@ -51,8 +51,9 @@ freedom:  free            all six degrees of freedom (default)
           plane:0,0,1     on a floor with this normal in the world: two shifts and a turn
           axis:X,Y,Z,DX,DY,DZ   a turn about the axis through X,Y,Z (mm) along DX,DY,DZ
           along:DX,DY,DZ  a shift along this direction
-          Add @part (plane:0,0,1@part) if the numbers are in the part's own axes. What is not free stays as in the
-          start, so a start is needed.
+          The numbers are in the world of a start file, so with one camera in that camera's frame, wherever its file
+          places it. Add @part (plane:0,0,1@part) if they are in the part's own axes: that is the surer way. What is
+          not free stays as in the start, so a start is needed.
 """
 
 START_HELP = f"""\
@@ -131,11 +132,11 @@ def views_as_asked(arguments: argparse.Namespace, camera_from_world: Rigid | Non
         refuse(arguments, *VIEW_OPTIONS, why="beside a start", expected="one of them: a start is not searched for")
     text, _, angle = arguments.seen_from.partition(":")
     axis = numbers("--seen-from", text) if "," in text else []
+    form = "any, above, above:DEG or X,Y,Z:DEG"
     if text not in ("any", "above") and len(axis) != 3:
-        raise BadValue("--seen-from", repr(arguments.seen_from), "any, above, above:DEG or X,Y,Z:DEG")
-    around: dict[str, Any] = {
-        "half_angle_deg": number("--seen-from", angle) if angle else 180.0 if text == "any" else 80.0
-    }
+        raise BadValue("--seen-from", repr(arguments.seen_from), form)
+    within = number("--seen-from", angle, form=form) if angle else 180.0 if text == "any" else 80.0
+    around: dict[str, Any] = {"half_angle_deg": within}
     if axis:
         around["axis"] = axis
     if arguments.roll is not None:

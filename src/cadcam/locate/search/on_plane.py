@@ -45,7 +45,7 @@ def lying_poses(
         if half is None:
             continue
         centres = _centres(field, half)
-        centres = centres[_at_this_size(scales, eye, lying, reduction, centres)]
+        centres = centres[_reaches_this_size(scales, eye, lying, reduction, centres, half)]
         start = _at(lying, field, place, centres)
         q = np.repeat(centres, len(start) // max(len(centres), 1), axis=0)
         seen = _in_range(lying, views, place, start, slack=1 + _DEEPER)
@@ -86,6 +86,17 @@ def _at_this_size(scales: Scales, eye: int, lying: Lying, reduction: int, q: Arr
     side = min(field.camera.size) * reduction
     right = [scales.chosen(eye, float(s))[0] == reduction if np.isfinite(s) else False for s in size]
     return np.array(right, bool) & (size > _SMALLEST_PX) & (size < _LARGEST * side)
+
+
+def _reaches_this_size(scales: Scales, eye: int, lying: Lying, reduction: int, centres: Array, half: int) -> Mask:
+    """Return in which tiles (T,) of a field a part on the plane is anywhere so large that it is swept over this field.
+
+    In the middle alone would leave places out: those that lie in tiles of one field whose middle is of the next one's
+    size, and of the next field in tiles whose middle is of this one's.
+    """
+    within = half * np.array([(x, y) for x in (-1.0, 0.0, 1.0) for y in (-1.0, 0.0, 1.0)])
+    q = (centres[:, None] + within).reshape(-1, 2)
+    return np.asarray(_at_this_size(scales, eye, lying, reduction, q).reshape(-1, len(within)).any(axis=1))
 
 
 def _at(lying: Lying, field: DirectionField, place: Rigid, q: Array) -> Array:
