@@ -28,6 +28,8 @@ CAUSE_WORDS = {
 }
 _BLIND = 1e-12  # of the largest: information below it is rounding
 _ROUNDING = 1e-14  # of what is subtracted from
+# Of independent errors of cameras: how many count, and from how far on, rms, they move edges.
+_MOST_ERRORS, _LEAST_ERROR_PX = 12, 0.01
 _NO_TURN = 1e-9  # rad of a unit twist: it is a translation
 
 
@@ -97,14 +99,23 @@ class Adjustment:
     freedom: Array = field(default_factory=lambda: np.eye(6))
     known: Normals | None = None
 
-    def sums_of(self, rows: Mask, *, every: bool = True) -> EdgeSums:
+    def sums_of(self, rows: Mask, *, every: bool = True, beside: Array | None = None) -> EdgeSums:
         """Return the sums over the offsets of `rows` (N,) that a pose follows from; see `EdgeSums`.
 
-        Of every edge, or of those alone that have any.
+        Of every edge, or of those alone that have any. beside (N, m): what is fitted beside the pose; then what cameras
+        do to it is not among the sums.
         """
-        X = np.column_stack([self.J[rows] @ self.freedom, self.offset[rows], self.C[rows]])
+        J, y = self.J[rows] @ self.freedom, self.offset[rows]
         errors = self.errors.only(rows) if every else self.errors.of_rows(rows)
-        return EdgeSums.of(X, errors, fitted=self.freedom.shape[1])
+        if beside is not None:
+            return EdgeSums.of(np.column_stack([J, beside[rows], y]), errors, fitted=J.shape[1] + beside.shape[1])
+        return EdgeSums.of(np.column_stack([J, y, self.C[rows]]), errors, fitted=J.shape[1])
+
+    def by_cameras(self) -> Array:
+        """Return how far (N, m) px independent errors of cameras, 1 sigma each, move the edges: those that matter."""
+        _, px, V = np.linalg.svd(self.C, full_matrices=False)
+        kept = px[:_MOST_ERRORS] > _LEAST_ERROR_PX * np.sqrt(len(self.C))
+        return np.asarray(self.C @ V[:_MOST_ERRORS][kept].T)
 
     @cached_property
     def _normals(self) -> Normals:

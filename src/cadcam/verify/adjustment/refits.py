@@ -46,9 +46,13 @@ class Normals:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Refits:
-    """The sums over E edges that fits are made to, the errors (E,) px known of each, and what was tried before."""
+    """The sums over E edges that fits are made to, the errors (E,) px known of each, and what was tried before.
+
+    with_cameras: the sums that the common error follows from, of which the first `sums.fitted` are unknown.
+    """
 
     sums: EdgeSums
+    with_cameras: EdgeSums
     known: Array
     terms: dict[float, tuple[Array, Array]] = field(default_factory=dict)
     normals: dict[float, Array] = field(default_factory=dict)
@@ -56,14 +60,14 @@ class Refits:
     def common_error(self, kept: Mask, in_part: Longs, part: EdgeSums, *, usual: float | None) -> float:
         """Return tau (px) of a fit to the edges `kept` (E,) and those `in_part` (p,), of which it has the sums `part`.
 
-        See `cadcam.verify.adjustment.scatter.common_error`.
+        Those with the errors of cameras; see `cadcam.verify.adjustment.scatter.common_error`.
         """
-        whole, known = kept.astype(np.float64), self.known[in_part]
-        noise = float(whole @ self.sums.log_noise + part.log_noise.sum())
+        whole, known, sums = kept.astype(np.float64), self.known[in_part], self.with_cameras
+        noise = float(whole @ sums.log_noise + part.log_noise.sum())
 
         def terms(log_tau: float) -> tuple[Array, float]:
             if log_tau not in self.terms:
-                self.terms[log_tau] = self.sums.terms(self.known, log_tau)
+                self.terms[log_tau] = sums.terms(self.known, log_tau)
             each, inner = self.terms[log_tau]
             total, log_det = whole @ each, noise + float(whole @ inner)
             if len(in_part):
@@ -71,7 +75,7 @@ class Refits:
                 total, log_det = total + each.sum(axis=0), log_det + float(inner.sum())
             return total, log_det
 
-        return likeliest(terms, self.sums.fitted, usual=usual)
+        return likeliest(terms, sums.fitted, usual=usual, free=self.sums.fitted)
 
     def fitted(self, kept: Mask, in_part: Longs, part: EdgeSums, tau: float) -> Normals:
         """Return the normal equations of such a fit for the common error tau (px)."""

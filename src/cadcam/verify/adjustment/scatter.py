@@ -252,17 +252,21 @@ class EdgeSums:
         return np.stack([K[:, 0, 0], K[:, 0, 1], K[:, 1, 1]]), inner
 
 
-def likeliest(terms: Callable[[float], tuple[Array, float]], k: int, *, usual: float | None) -> float:
+def likeliest(
+    terms: Callable[[float], tuple[Array, float]], k: int, *, usual: float | None, free: int | None = None
+) -> float:
     """Return tau (px) by the restricted likelihood of offsets y, J (N, k) being the Jacobian of the fit.
 
     terms: of the logarithm of tau, the upper triangle of (J, y)^T V^-1 (J, y) and log det V. usual: see `common_error`.
+    free: how many of what is fitted are unknown; the others have a standard deviation of 1. Default all.
     """
     i, j = np.triu_indices(k + 1)
-    N = np.zeros((k + 1, k + 1))
+    N, known = np.zeros((k + 1, k + 1)), np.arange(k if free is None else free, k)
 
     def loss(log_tau: float) -> float:
         N[i, j], log_det = terms(log_tau)
         N[j, i] = N[i, j]
+        N[known, known] += 1.0
         unusual = 0.0 if usual is None else (log_tau - np.log(usual)) ** 2
         return log_det + _log_det_and_rest(N) + unusual
 

@@ -62,8 +62,10 @@ class MeasuredEdges:
 
     body, lever, mate (N,), ground (N, 3) and members as in `Survey`; eye (3,): the camera's place in the part frame if
     one photo sees the part, None if several do; noise_scale: see `white_scale`; tau_px: common error of an edge;
-    own_noise: errors of edges, estimated without that one; sums: of all places, which no common error changes; rims:
-    the places as those of circles whose diameter is asked; found: displacements of features computed before, by number.
+    own_noise: errors of edges, estimated without that one; sums: of all places, which no common error changes. cameras
+    (N, m): errors of cameras that are fitted where the common error is estimated; with_cameras: the sums with them.
+    rims: the places as those of circles whose diameter is asked; found: displacements of features computed before, by
+    number.
     """
 
     lines: Sightlines
@@ -78,6 +80,8 @@ class MeasuredEdges:
     tau_px: float
     own_noise: EdgeNoise
     sums: EdgeSums
+    cameras: Array
+    with_cameras: EdgeSums
     rims: Rims
     found: dict[int, Displacement | None] = field(default_factory=dict)
 
@@ -92,15 +96,16 @@ class MeasuredEdges:
         noise = replace(noise, apart=survey.matched.apart[rows])
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, lines.by_pose, lines.by_cause, noise, datum[rows], freedom)
-        sums = adjustment.sums_of(np.ones(len(offset), bool))
+        every, cameras = np.ones(len(offset), bool), adjustment.by_cameras()
+        sums = adjustment.sums_of(every), cameras, adjustment.sums_of(every, beside=cameras)
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
         own = lines, survey.body[rows], members, adjustment, lever, mate, ground, eye
-        out = cls(*own, scale, 0.0, noise, sums, survey.rims.select(rows))
+        out = cls(*own, scale, 0.0, noise, *sums, survey.rims.select(rows))
         return out.fitted_to(datum[rows])
 
     def refits(self) -> Refits:
         """Return what many fits to some of the places have in common, for `fitted_to`."""
-        return Refits(self.sums, self.own_noise.tau)
+        return Refits(self.sums, self.with_cameras, self.own_noise.tau)
 
     def fitted_to(self, datum: Mask, refits: Refits | None = None) -> MeasuredEdges:
         """Return the same with the pose, and the common error of edges, fitted to these places (n,).
@@ -111,11 +116,14 @@ class MeasuredEdges:
         have = np.bincount(noise.edge, datum, minlength=noise.edges)
         whole = have == np.bincount(noise.edge, minlength=noise.edges)
         some = datum & ~whole[noise.edge]
-        part = self.adjustment.sums_of(some, every=False) if some.any() else self.sums.of_none()
-        taken = whole, np.unique(noise.edge[some]), part
-        tau = max(refits.common_error(*taken, usual=_USUAL_PX), _USUAL_PX) if datum.any() else 0.0
+        part, drawn = self.sums.of_none(), self.with_cameras.of_none()
+        if some.any():
+            part = self.adjustment.sums_of(some, every=False)
+            drawn = self.adjustment.sums_of(some, every=False, beside=self.cameras)
+        taken = whole, np.unique(noise.edge[some])
+        tau = max(refits.common_error(*taken, drawn, usual=_USUAL_PX), _USUAL_PX) if datum.any() else 0.0
         noise = replace(noise, tau=np.hypot(noise.tau, tau))
-        fitted = replace(self.adjustment, errors=noise, datum=datum, known=refits.fitted(*taken, tau))
+        fitted = replace(self.adjustment, errors=noise, datum=datum, known=refits.fitted(*taken, part, tau))
         return replace(self, adjustment=fitted, tau_px=tau, found={})
 
     @property
