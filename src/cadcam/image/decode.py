@@ -8,6 +8,8 @@ import struct
 import threading
 import warnings
 import zlib
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -92,10 +94,8 @@ def orientation_in(path: str | os.PathLike[str], data: bytes) -> int:
     try:
         if deep_size(data) is not None:
             return _valid(deep_orientation(data))
-        with _pillow_limit, warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            with Image.open(io.BytesIO(data)) as image:
-                return _orientation(image)
+        with _unlimited(), Image.open(io.BytesIO(data)) as image:
+            return _orientation(image)
     except _PARSING as error:
         raise UnreadableFile(path, *_explained(error)) from error
 
@@ -107,13 +107,20 @@ def finished(path: str | os.PathLike[str], held: Stored, white: float | None) ->
 
 
 def _stored(path: str | os.PathLike[str], data: bytes, max_pixels: int) -> Stored:
+    with _unlimited():
+        return _stored_deep(path, data, max_pixels) or _stored_by_pillow(path, data, max_pixels)
+
+
+@contextmanager
+def _unlimited() -> Iterator[None]:
+    """Let Pillow open a picture of any size, which is checked here, and not warn: all is harmless, or checked."""
     from PIL import Image
 
     with _pillow_limit, warnings.catch_warnings():
-        warnings.simplefilter("ignore")  # all that Pillow warns of is either harmless or checked here
+        warnings.simplefilter("ignore")
         limit, Image.MAX_IMAGE_PIXELS = Image.MAX_IMAGE_PIXELS, None
         try:
-            return _stored_deep(path, data, max_pixels) or _stored_by_pillow(path, data, max_pixels)
+            yield
         finally:
             Image.MAX_IMAGE_PIXELS = limit
 
