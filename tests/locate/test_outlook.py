@@ -89,7 +89,8 @@ def test_cameras_that_look_apart_from_one_place_see_their_own_lines(rng: np.rand
     assert outlook is not None
     assert outlook.seeing == (1, 2)
     for number, (_, pose) in enumerate(views[1:]):
-        assert outlook.nearest(pose.origin[None], pose.rotation[2:]) == (number, 0)
+        beside = second.origin[None] + [3.0, 0.0, -2.0]  # of both: where it looks tells them apart
+        assert outlook.nearest(beside, pose.rotation[2:]) == (number, 0)
         p = outlook.made[number, 0].places["p"].astype(float)
         assert WIDER.sees(CAMERA.project(pose @ p) + MARGIN_PX).all()
     shown = [photo(pose, rng, pose @ first.inv) for _, pose in views]

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import minimize_scalar
 
 from cadcam.arrays import Array
 from cadcam.errors import DegenerateGeometry
@@ -133,6 +134,29 @@ def test_what_cameras_do_to_edges_is_not_taken_for_errors_of_their_own(rng: np.r
         untold.append(common_error(y, plain, J))
     assert abs(np.mean(told) - tau) < 4 * np.std(told) / np.sqrt(40)
     assert np.mean(untold) > 2 * tau
+
+
+def test_the_common_error_beside_cameras_is_that_of_the_dense_covariance(rng: np.random.Generator) -> None:
+    """The restricted likelihood of offsets whose covariance has what cameras do as stated, to the search's 1 %."""
+    edge, along, J = geometry(rng)
+    C = 0.03 * rng.normal(size=(EDGES, 10))[edge]
+    noise, plain = (EdgeNoise.of(np.full(len(edge), SIGMA), edge, along, t) for t in (0.08, 0.0))
+    y, rows = sampled(rng, noise, J, C, np.zeros(6)), np.ones(len(edge), bool)
+    adjustment = Adjustment(y, J, C, plain, rows)
+    with_cameras = adjustment.sums_of(rows, beside=adjustment.by_cameras())
+    refits = Refits(adjustment.sums_of(rows), with_cameras, plain.tau)
+    found = refits.common_error(np.ones(EDGES, bool), np.zeros(0, np.int64), with_cameras.of_none(), usual=None)
+    same = edge[:, None] == edge
+
+    def loss(log_tau: float) -> float:
+        V = np.diag(plain.sigma**2) + np.exp(2 * log_tau) * same * (plain.Z @ plain.Z.T) + C @ C.T
+        W = np.linalg.solve(V, np.column_stack([J, y]))
+        N = J.T @ W
+        x = np.linalg.solve(N[:, :-1], N[:, -1])
+        return float(np.linalg.slogdet(V)[1] + np.linalg.slogdet(N[:, :-1])[1] + y @ (W[:, -1] - W[:, :-1] @ x))
+
+    dense = minimize_scalar(loss, bounds=(np.log(1e-3), np.log(1.0)), method="bounded", options={"xatol": 1e-3})
+    assert found == pytest.approx(float(np.exp(dense.x)), rel=0.011)
 
 
 def test_few_edges_that_happen_to_agree_do_not_say_that_edges_never_err(rng: np.random.Generator) -> None:

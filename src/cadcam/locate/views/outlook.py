@@ -6,7 +6,7 @@ So the lines that each camera sees from one known pose stand for what it sees fr
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -66,7 +66,7 @@ class Outlook:
         turned = np.linalg.norm(axes[:, None] - self.axes, axis=2)
         return np.argmin(away + turned, axis=1).astype(np.int32), np.zeros(len(eyes), np.int32)
 
-    def make(self, keys: Iterable[tuple[int, int]], made: Callable[[], None] = lambda: None) -> None:
+    def make(self, keys: Iterable[tuple[int, int]]) -> None:
         """Do nothing: all are made."""
 
     def span(self, camera: Camera, camera_from_part: Rigid) -> tuple[Array, Array]:

@@ -97,7 +97,8 @@ class MeasuredEdges:
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, lines.by_pose, lines.by_cause, noise, datum[rows], freedom)
         every, cameras = np.ones(len(offset), bool), adjustment.by_cameras()
-        sums = adjustment.sums_of(every), cameras, adjustment.sums_of(every, beside=cameras)
+        alone = adjustment.sums_of(every)
+        sums = alone, cameras, adjustment.sums_of(every, beside=cameras) if cameras.size else alone
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
         own = lines, survey.body[rows], members, adjustment, lever, mate, ground, eye
         out = cls(*own, scale, 0.0, noise, *sums, survey.rims.select(rows))
@@ -118,8 +119,9 @@ class MeasuredEdges:
         some = datum & ~whole[noise.edge]
         part, drawn = self.sums.of_none(), self.with_cameras.of_none()
         if some.any():
-            part = self.adjustment.sums_of(some, every=False)
-            drawn = self.adjustment.sums_of(some, every=False, beside=self.cameras)
+            part = drawn = self.adjustment.sums_of(some, every=False)
+            if self.cameras.size:
+                drawn = self.adjustment.sums_of(some, every=False, beside=self.cameras)
         taken = whole, np.unique(noise.edge[some])
         tau = max(refits.common_error(*taken, drawn, usual=_USUAL_PX), _USUAL_PX) if datum.any() else 0.0
         noise = replace(noise, tau=np.hypot(noise.tau, tau))
