@@ -111,6 +111,14 @@ class Adjustment:
             return EdgeSums.of(np.column_stack([J, beside[rows], y]), errors, fitted=J.shape[1] + beside.shape[1])
         return EdgeSums.of(np.column_stack([J, y, self.C[rows]]), errors, fitted=J.shape[1])
 
+    def sums_beside(self, cameras: Array, rows: Mask, *, every: bool = True) -> tuple[EdgeSums, EdgeSums]:
+        """Return the sums that a pose follows from, and those that the common error does, with `cameras` (N, m) fitted.
+
+        One for both where m is 0. The rest as in `sums_of`.
+        """
+        alone = self.sums_of(rows, every=every)
+        return alone, self.sums_of(rows, every=every, beside=cameras) if cameras.size else alone
+
     def by_cameras(self) -> Array:
         """Return how far (N, m) px independent errors of cameras, 1 sigma each, move the edges: those that matter."""
         _, px, V = np.linalg.svd(self.C, full_matrices=False)

@@ -96,12 +96,11 @@ class MeasuredEdges:
         noise = replace(noise, apart=survey.matched.apart[rows])
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, lines.by_pose, lines.by_cause, noise, datum[rows], freedom)
-        every, cameras = np.ones(len(offset), bool), adjustment.by_cameras()
-        alone = adjustment.sums_of(every)
-        sums = alone, cameras, adjustment.sums_of(every, beside=cameras) if cameras.size else alone
+        cameras = adjustment.by_cameras()
+        alone, with_cameras = adjustment.sums_beside(cameras, np.ones(len(offset), bool))
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
         own = lines, survey.body[rows], members, adjustment, lever, mate, ground, eye
-        out = cls(*own, scale, 0.0, noise, *sums, survey.rims.select(rows))
+        out = cls(*own, scale, 0.0, noise, alone, cameras, with_cameras, survey.rims.select(rows))
         return out.fitted_to(datum[rows])
 
     def refits(self) -> Refits:
@@ -119,9 +118,7 @@ class MeasuredEdges:
         some = datum & ~whole[noise.edge]
         part, drawn = self.sums.of_none(), self.with_cameras.of_none()
         if some.any():
-            part = drawn = self.adjustment.sums_of(some, every=False)
-            if self.cameras.size:
-                drawn = self.adjustment.sums_of(some, every=False, beside=self.cameras)
+            part, drawn = self.adjustment.sums_beside(self.cameras, some, every=False)
         taken = whole, np.unique(noise.edge[some])
         tau = max(refits.common_error(*taken, drawn, usual=_USUAL_PX), _USUAL_PX) if datum.any() else 0.0
         noise = replace(noise, tau=np.hypot(noise.tau, tau))
