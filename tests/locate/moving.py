@@ -14,6 +14,7 @@ from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.reason import Reason
 from cadcam.locate.track.frames import Frame
 from cadcam.locate.views.view_range import ViewRange
 from cadcam.render.view import Scene
@@ -52,7 +53,7 @@ def measured(pose: Rigid) -> PoseEstimate:
 def location(pose: Rigid, quality: float = 0.9, alternatives: tuple[Location, ...] = ()) -> Location:
     """Return a location without matches."""
     matches = Location.nowhere(pose, "").matches
-    return Location(measured(pose), matches, quality, "as good as it gets", alternatives)
+    return Location(measured(pose), matches, quality, Reason("as good as it gets"), alternatives)
 
 
 @dataclass

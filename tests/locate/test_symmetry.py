@@ -18,6 +18,7 @@ from cadcam.locate.freedom import Freedom
 from cadcam.locate.in_photos import equivalent, locate_part
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.reason import Reason
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.locate.track import tracker
 from cadcam.render import open_renderer
@@ -187,13 +188,12 @@ def test_a_tracked_pose_keeps_the_reason_of_the_one_it_equals(monkeypatch: pytes
     part, along = block(), np.array([0.8, 0.36, 0.48])
     noise = np.diag([1e-4] * 3 + [1e-12] * 3)
     noise[:3, :3] += np.outer(along, along)
-    reason = "6 of 7 edges; least certain along (0.80, {}) of the part, 1 mm; 3 other poses look as good"
-    found = replace(
-        location(FIRST), pose=replace(measured(FIRST), from_noise=noise), reason=reason.format("0.36, 0.48")
-    )
+    known = "least certain along (0.80, {}) of the part, 1 mm"
+    why = Reason("6 of 7 edges", known=known.format("0.36, 0.48"), notes=("3 other poses look as good",))
+    found = replace(location(FIRST), pose=replace(measured(FIRST), from_noise=noise), why=why)
     both = replace(found, alternatives=tuple(equivalent(part, found)))
     monkeypatch.setattr(tracker, "locate_part", lambda *_, **__: both)
     turned = FIRST @ Rigid.from_rotation_vector([np.pi, 0, 0], [0, 40, 20])
     (one,) = tracker.track_part(part, frames(1), turned)
     np.testing.assert_allclose(one.location.pose.world_from_part.matrix, turned.matrix, atol=1e-9)
-    assert one.location.reason == reason.format("-0.36, -0.48")
+    assert one.location.why == replace(why, known=known.format("-0.36, -0.48"))

@@ -21,6 +21,7 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.location import Disagreement, Location
 from cadcam.locate.matches import EdgeMatches
 from cadcam.locate.photo import Photo
+from cadcam.locate.reason import Reason
 from cadcam.plan.layout import Layout
 from cadcam.record.export import read_records
 from cadcam.record.record import Source
@@ -54,7 +55,7 @@ ASKED = Tolerances(
 def at(pose: Rigid, quality: float) -> Location:
     none, ids = np.zeros(0), np.zeros(0, np.int32)
     matches = EdgeMatches(np.zeros((0, 2)), np.zeros((0, 2)), none, none, none, np.zeros((0, 3)), ids, ids)
-    return Location(PoseEstimate(pose, np.zeros((6, 6))), matches, quality, "as the test says")
+    return Location(PoseEstimate(pose, np.zeros((6, 6))), matches, quality, Reason("as the test says"))
 
 
 def test_a_photo_that_was_left_out_is_told_everywhere() -> None:

@@ -11,7 +11,8 @@ from scipy import ndimage
 
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import FREE, Freedom
-from cadcam.locate.location import AROUND_START, Location
+from cadcam.locate.location import Location
+from cadcam.locate.reason import Reason, Refusal
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.verify.adjustment.datum_fit import CAUSES
 from cadcam.verify.deviations.deviation import Unclear
@@ -175,7 +176,8 @@ def test_a_part_that_is_not_found_says_what_is_wrong_with_its_photo() -> None:
 
 def test_a_part_that_is_not_found_where_its_motion_was_restricted_asks_for_that() -> None:
     seen = photo(displaced("rib 1", np.zeros(3)), np.random.default_rng(5))
-    nowhere = Location.nowhere(Rigid(), f"not found: nothing {AROUND_START} holds")
+    why = Reason("nothing around the start holds", Refusal.NOT_FOUND, around_start=True)
+    nowhere = Location.nowhere(Rigid(), why)
     asked = "nothing around the start holds; is it this part, this camera, not mirrored, all in view"
     for freedom, said in ((FREE, ""), (Freedom.planar([0, 0, 1]), ", moved from there only as stated")):
         found = verify_part(part(), [seen], nowhere, whole_parts(part().scene), freedom=freedom)

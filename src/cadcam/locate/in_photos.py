@@ -15,9 +15,10 @@ from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
 from cadcam.kinds import expect, expect_each
 from cadcam.locate.freedom import FREE, Freedom
-from cadcam.locate.location import AROUND_START, FOUND, Location
+from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.reason import Reason, Refusal
 from cadcam.locate.refine.answer import DOUBT
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
@@ -30,7 +31,7 @@ from cadcam.locate.search.lying import Lying, met_by_search
 from cadcam.locate.search.without_start import search, too_near_to_search
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
-ALIKE = "the part looks the same in this pose"  # reason of one that is equivalent by the part's symmetry
+ALIKE = Reason("the part looks the same in this pose")  # of one that is equivalent by the part's symmetry
 _RIVAL = 0.85  # share of the best hypothesis' score from which another one is refined as well
 _TRIED = (4, 10)  # most hypotheses that are refined: with a start, without one
 _AS_GOOD = 0.15  # difference of quality up to which an alternative is as good
@@ -263,12 +264,14 @@ def _led_by(ranked: Sequence[Trial], preferred: Callable[[Location], bool]) -> l
 
 
 def _not_found(task: _LocateTask, best: Location, tried: int, equivalent: Sequence[Location]) -> Location:
-    why = best.reason.removeprefix("not found: ").removeprefix("not certain: ")
-    around, odd = "", too_near_to_search(task.part, task.views)
+    started = task.start is not None
+    around = " around the start" if started else ""
+    said = f"the best of {tried} hypotheses{around} does not hold: {best.why.why}"
+    why = replace(best.why, why=said, refusal=Refusal.NOT_FOUND, around_start=started)
+    odd = too_near_to_search(task.part, task.views)
     if task.start is not None:
-        around, odd = f" {AROUND_START}", as_in_another_unit(task.part, task.photos, task.start)
-    reason = f"not found: the best of {tried} hypotheses{around} does not hold: {why}"
-    return replace(best, reason="; ".join(filter(None, (reason, odd))), alternatives=tuple(equivalent))
+        odd = as_in_another_unit(task.part, task.photos, task.start)
+    return replace(best, why=why.noting(odd) if odd else why, alternatives=tuple(equivalent))
 
 
 def _uncertain(best: Location, why: str, alternatives: Sequence[Location]) -> Location:
@@ -286,8 +289,8 @@ def _with_alternatives(part: Part, ranked: Sequence[Trial], equivalent: Sequence
         said = "another place in the photos looks" if len(places) == 1 else f"{len(places)} other places look"
         return _uncertain(best, f"{said} as much like the part", others)
     n = len(distinct_poses(part, best, others))
-    note = f"; {n} other pose{'s look' if n > 1 else ' looks'} as good" if n else ""
-    return replace(best, reason=best.reason + note, alternatives=tuple(others))
+    told = best.noting(f"{n} other pose{'s look' if n > 1 else ' looks'} as good") if n else best
+    return replace(told, alternatives=tuple(others))
 
 
 def stands_out(part: Part, trial: Trial, hypotheses: Sequence[Hypothesis]) -> bool:
@@ -351,7 +354,7 @@ def equivalent(part: Part, best: Location, lying: Lying | None = None) -> list[L
         if lying is None or not lying.off(moved):
             matches = best.matches.among(part_from_part, part.chain_images[number])
             judged = replace(best.judged, p=part_from_part.inv @ best.judged.p)
-            out.append(replace(best, pose=moved, matches=matches, judged=judged, reason=ALIKE))
+            out.append(replace(best, pose=moved, matches=matches, judged=judged, why=ALIKE))
     return out
 
 

@@ -21,6 +21,7 @@ from cadcam.locate.in_photos import Trial, check_photos, distinct_poses, elsewhe
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.reason import Reason, Refusal
 from cadcam.locate.refine.basins import Basins
 from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.refinement import Refinement
@@ -37,6 +38,7 @@ _TRIED = 30  # most hypotheses of a search that are refined
 _SURE = 0.6  # quality from which an instance need not stand out among what was searched
 _LINE_PX = 4  # half width of what a line explains
 _SHARED = 0.5  # share of the lines shown from which a pose is another one's
+_NOTHING = Reason("nothing in the photos looks like the part", Refusal.NOT_FOUND)
 _NOT_SURE = "lines elsewhere in the photos look nearly as much like the part"
 
 
@@ -103,7 +105,7 @@ class _Instances:
             if sure and self.shared(trial.location) < _SHARED:
                 self.add(trial.location)
         if not trials:
-            return Location.nowhere(Rigid(), "not found: nothing in the photos looks like the part"), False
+            return Location.nowhere(Rigid(), _NOTHING), False
         best = trials[0].location
         return best.uncertain(_NOT_SURE) if best.found else best, len(self.found) > known
 

@@ -12,10 +12,10 @@ from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.matches import EdgeMatches, JudgedSamples
+from cadcam.locate.reason import Reason, Refusal
 
 FOUND = 0.5  # quality from which a pose counts as found: one threshold for all parts
 MORE_THAN_LIGHT = "more than light explains: are model, focal length and lens as told?"
-AROUND_START = "around the start"  # in the reason why a part is not found that was looked for nowhere else
 _UNKNOWN = np.diag([1e6] * 3 + [10.0] * 3)  # mm^2, rad^2: covariance of a pose without any measurement
 _UNCERTAIN = 0.45  # largest quality of a pose that is not certain for a reason beside its own lines
 
@@ -65,21 +65,21 @@ class Covered:
 class Location:
     """Where the part is, or the best pose that was tried.
 
-    quality in [0, 1]: how certain it is that the pose is right; from `FOUND` on the part counts as found. reason: one
-    line of text, why it is believed or not. alternatives: other poses that the photos allow nearly as well (symmetry,
-    planar flip), best first. doubted: whether the evidence was weak at first: few or faint lines, or a loose fit.
-    disagreements: those of several photos that do not show the part there. cameras_off_mm: standard deviation by
-    which the photos show each camera to be off along each axis of the world and, by its direction, at the part, in
-    addition to the covariance of its calibration; the covariance of the pose contains what follows from it. covered:
-    what was taken to be hidden by something before the part, and so does not count; None where the answer needed no
-    such thing. judged: samples of the part's edges, and which of them the photos show. off_px: by how much the edges
-    are off as a whole, where that is more than light explains; 0 elsewhere.
+    quality in [0, 1]: how certain it is that the pose is right; from `FOUND` on the part counts as found. why: it is
+    believed, or not; `reason` is that as one line of text. alternatives: other poses that the photos allow nearly as
+    well (symmetry, planar flip), best first. doubted: whether the evidence was weak at first: few or faint lines, or a
+    loose fit. disagreements: those of several photos that do not show the part there. cameras_off_mm: standard
+    deviation by which the photos show each camera to be off along each axis of the world and, by its direction, at the
+    part, in addition to the covariance of its calibration; the covariance of the pose contains what follows from it.
+    covered: what was taken to be hidden by something before the part, and so does not count; None where the answer
+    needed no such thing. judged: samples of the part's edges, and which of them the photos show. off_px: by how much
+    the edges are off as a whole, where that is more than light explains; 0 elsewhere.
     """
 
     pose: PoseEstimate
     matches: EdgeMatches
     quality: float
-    reason: str = ""
+    why: Reason
     alternatives: tuple[Location, ...] = field(default=(), repr=False)
     doubted: bool = False
     disagreements: tuple[Disagreement, ...] = ()
@@ -89,16 +89,21 @@ class Location:
     off_px: float = 0.0
 
     @classmethod
-    def nowhere(cls, world_from_part: Rigid, reason: str) -> Location:
+    def nowhere(cls, world_from_part: Rigid, why: Reason) -> Location:
         """Return the answer where there is no evidence of the part: quality 0, no matches, at the pose searched."""
         one, two, three, ids = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0, np.int32)
         nothing = EdgeMatches(two, two, one, one, one, three, ids, ids)
-        return cls(unmeasured(world_from_part, np.eye(6)), nothing, 0.0, reason)
+        return cls(unmeasured(world_from_part, np.eye(6)), nothing, 0.0, why)
 
     @property
     def found(self) -> bool:
         """Return whether the part is where the pose says."""
         return self.quality >= FOUND
+
+    @property
+    def reason(self) -> str:
+        """Return in one line why the pose is believed, or not."""
+        return str(self.why)
 
     @property
     def amiss(self) -> str:
@@ -107,13 +112,18 @@ class Location:
 
     def doubts(self, freedom: Freedom) -> str:
         """Return what to ask where a part is not found, restricted to a freedom, in photos that are fit for use."""
-        near = ", near enough to the start" if AROUND_START in self.reason else ""
+        near = ", near enough to the start" if self.why.around_start else ""
         moves = "" if freedom.full else ", moved from there only as stated"
         return f"is it this part, this camera, not mirrored, all in view{near}{moves}?"
 
-    def uncertain(self, why: str) -> Location:
+    def noting(self, note: str) -> Location:
+        """Return the location with one more note to its reason."""
+        return replace(self, why=self.why.noting(note))
+
+    def uncertain(self, why: str, *, off_plane: bool = False) -> Location:
         """Return the location as not found, because its pose is not certain; why: in words, beside its own reason."""
-        return replace(self, quality=min(self.quality, _UNCERTAIN), reason=f"not certain: {why} ({self.reason})")
+        refused = self.why.refused(Refusal.NOT_CERTAIN, why, off_plane=off_plane)
+        return replace(self, quality=min(self.quality, _UNCERTAIN), why=refused)
 
     @property
     def left_out(self) -> frozenset[int]:

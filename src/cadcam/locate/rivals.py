@@ -25,6 +25,7 @@ from cadcam.locate.photo import Photo
 from cadcam.locate.quality.absent import LEAST
 from cadcam.locate.quality.apart import OWN_PX, Apart, Reading, away, shown_less, shows_alike, told_apart
 from cadcam.locate.quality.support import ASKED
+from cadcam.locate.reason import Refusal
 from cadcam.locate.refine.options import EdgeOptions
 from cadcam.locate.refine.refinement import Refinement, drawn
 from cadcam.locate.refine.solution import LOOSE_PX
@@ -110,8 +111,7 @@ class Rivals:
             rivals = self._rivals(found, sights)  # those there were are of the pose before
         found = replace(found, alternatives=tuple(self._as_good(found, rivals)))
         undecided = any(one.like.mirrored and one.apart.open for one in rivals)
-        either = "; of the part and its mirror image either may be seen"
-        return replace(found, reason=found.reason + either) if undecided else found
+        return found.noting("of the part and its mirror image either may be seen") if undecided else found
 
     def _rivals(self, found: Location, sights: Sequence[Sight] | None) -> list[_Rival]:
         """Return the rivals that a found pose's own lines do not exclude; sights: as for `checked`."""
@@ -214,4 +214,4 @@ def _mirrored(found: Location, apart: Apart) -> Location:
 
 
 def _doubted(found: Location, why: str) -> Location:
-    return replace(found, quality=min(found.quality, _DOUBTED), reason=f"not found: {why} ({found.reason})")
+    return replace(found, quality=min(found.quality, _DOUBTED), why=found.why.refused(Refusal.NOT_FOUND, why))

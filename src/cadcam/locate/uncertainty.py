@@ -88,12 +88,6 @@ def weakest_direction(pose: PoseEstimate, centre: Array, photos: Sequence[Photo]
     return f"least certain {_named(axes[:, 2], pose.world_from_part, centre, photos)}, {_mm(sd[2])}"
 
 
-def said_anew(reason: str, before: PoseEstimate, after: PoseEstimate, centre: Array, photos: Sequence[Photo]) -> str:
-    """Return a reason that says how well a pose is known, by `weakest_direction`, with what holds of another one."""
-    was, now = (weakest_direction(pose, centre, photos) for pose in (before, after))
-    return reason.replace(was, now)
-
-
 def _moves(twists: Array, centre: Array) -> Array:
     """Return the displacements (3, k) of the centre by twists (6, k); rounding is zero."""
     slide, turn = twists[:3].T, np.cross(twists[3:].T, centre)

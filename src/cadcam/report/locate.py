@@ -98,7 +98,7 @@ def evidence_table(location: Location) -> Table:
     rows += [("places on edges", f"{used} of {len(location.matches)} fit")]
     rows += [("their distance from the photo's edges, rms", f"{rms:.2f} px")] if used else []
     rows += [("hidden", f"{location.covered}: they do not count")] if location.covered else []
-    rows += [("why", location.reason)] if location.reason else []
+    rows += [("why", location.reason)]
     return Table("Evidence", ("", ""), tuple(rows), ("",))
 
 

@@ -12,7 +12,7 @@ from cadcam.image.faults import faults_of
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.location import Location
 from cadcam.locate.photo import Photo
-from cadcam.locate.search.lying import OFF_PLANE
+from cadcam.locate.reason import Refusal
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State, Unclear
 from cadcam.verify.tolerances.tolerance import SIGNED, Limit, Quantity, Rule
@@ -111,10 +111,10 @@ def not_found(located: Location, photos: Sequence[Photo], freedom: Freedom) -> s
 
     freedom: the motions to which the search was restricted.
     """
-    why = (located.reason or "no pose fits").removeprefix("not found: ")
+    why = located.why.bare if located.why.refusal is Refusal.NOT_FOUND else located.reason
     faults = [f"{photo.viewpoint.name}: {fault}" for photo in photos for fault in faults_of(photo.gray)]
     ask = located.doubts(freedom)
-    if OFF_PLANE in why:
+    if located.why.off_plane:
         ask = "if it does: is that plane in the world of the camera's pose, and known as well as stated?"
     return f"the part was not found: {'; '.join([why, *(faults or [ask])])}"
 

@@ -246,7 +246,7 @@ def _as_json(
 def _print(
     arguments: argparse.Namespace, part: Part, every: Sequence[Location], shots: Shots, faults: Sequence[str]
 ) -> None:
-    from cadcam.locate.search.lying import OFF_PLANE
+    from cadcam.locate.reason import Refusal
     from cadcam.report.locate import evidence_table, instances_table, location_tables
 
     best = every[0]
@@ -257,9 +257,9 @@ def _print(
     else:
         print_tables([evidence_table(best)])
         said = [f"{arguments.model} was not found in {', '.join(_photo_files(shots))}", *faults]
-        if best.reason.startswith("not certain") and arguments.instances is None:
+        if best.why.refusal is Refusal.NOT_CERTAIN and arguments.instances is None:
             said.append("if there are several of it, --instances finds each of them")
-        elif OFF_PLANE in best.reason:
+        elif best.why.off_plane:
             said.append("if it does: is --on in the world of the camera's pose, and known as well as stated (:MM)?")
         elif not faults:
             said.append(f"the picture itself is fit for use: {best.doubts(freedom_as_asked(arguments))}")

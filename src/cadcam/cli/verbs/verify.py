@@ -193,7 +193,6 @@ def _asked(arguments: argparse.Namespace) -> _Asked | None:
 def _located(arguments: argparse.Namespace, part: Part, asked: _Asked) -> Location:
     """Return the pose of the part, as given by the options."""
     from cadcam.cli.locating import located
-    from cadcam.locate.location import AROUND_START
     from cadcam.locate.refine.options import EdgeOptions
     from cadcam.locate.refine.refinement import refine_pose
 
@@ -202,8 +201,10 @@ def _located(arguments: argparse.Namespace, part: Part, asked: _Asked) -> Locati
     options = EdgeOptions(search_px=_POSED_PX)
     with working("finding the part"):
         found = refine_pose(part, asked.shots.photos, asked.start, freedom=asked.freedom, options=options)
-    alone = "" if found.found else f"; looked for within {_POSED_PX:g} px {AROUND_START} alone, --pose"
-    return replace(found, reason=f"{found.reason}{alone}")
+    if found.found:
+        return found
+    alone = found.why.noting(f"looked for within {_POSED_PX:g} px around the start alone, --pose")
+    return replace(found, why=replace(alone, around_start=True))
 
 
 def _verified(arguments: argparse.Namespace, part: Part, asked: _Asked, tolerances: Tolerances) -> int:

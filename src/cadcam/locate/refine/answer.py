@@ -26,9 +26,10 @@ from cadcam.locate.quality.color import in_color
 from cadcam.locate.quality.contrast import showing
 from cadcam.locate.quality.occluder import CONSTRAINTS, covered, side_words
 from cadcam.locate.quality.support import Support, judged_support, support_at
+from cadcam.locate.reason import Reason, Refusal
 from cadcam.locate.refine.agreement import SCATTERED_PX
 from cadcam.locate.refine.solution import LOOSE_PX, PoseSolution
-from cadcam.locate.uncertainty import calibration_covariance, said_anew, weakest_direction, with_known_poses
+from cadcam.locate.uncertainty import calibration_covariance, weakest_direction, with_known_poses
 
 DOUBT = (0.25, 0.62)  # range of quality, of poses that half of the lines agree with, that deserves a second look
 _SOME = 0.3  # share of the lines shown beyond chance from which it is tested whether something is before the others
@@ -104,7 +105,7 @@ class PoseAnswer:
 def less_sure(location: Location, added: Array, centre: Array, photos: Sequence[Photo]) -> Location:
     """Return a location with a further covariance (6, 6) of its pose; its reason says how well that is known now."""
     pose = replace(location.pose, from_noise=location.pose.from_noise + added)
-    return replace(location, pose=pose, reason=said_anew(location.reason, location.pose, pose, centre, photos))
+    return replace(location, pose=pose, why=location.why.knowing(weakest_direction(pose, centre, photos)))
 
 
 def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: int, wider: bool) -> Location:
@@ -112,12 +113,11 @@ def location_of(part: Part, fitted: PoseSolution, freedom: Freedom, *, chosen: i
     B = freedom.at(fitted.pose)
     estimate = replace(_estimate(part, fitted, B), undetermined=unseen_turns(part, freedom, fitted.pose))
     evidence, doubted = _evidence(part, fitted, B, chosen, wider)
-    reason = _reason(part, estimate, evidence, fitted)
     return Location(
         estimate,
         _matches(fitted),
         evidence.quality,
-        reason,
+        _reason(part, estimate, evidence, fitted),
         doubted=doubted,
         covered=Covered(evidence.covered, evidence.side) if evidence.covered > 0 else None,
         judged=evidence.judged,
@@ -153,8 +153,7 @@ def lost(sights: Sequence[Sight], pose: Rigid, freedom: Freedom, why: str) -> Lo
     """Return the answer where nothing could be measured."""
     none = [np.full(len(s.samples), np.nan) for s in sights]
     matches = _as_matches(sights, pose, none, none, [np.zeros(len(a)) for a in none])
-    why = f"not found: {why}{_overexposed(sights, pose)}"
-    return Location(unmeasured(pose, freedom.at(pose)), matches, 0.0, why)
+    return Location(unmeasured(pose, freedom.at(pose)), matches, 0.0, _not_found(why, sights, pose))
 
 
 def _evidence(part: Part, fitted: PoseSolution, B: Array, chosen: int, wider: bool) -> tuple[Support, bool]:
@@ -216,14 +215,15 @@ def _samples(sights: Sequence[Sight]) -> int:
     return sum(len(s.samples) for s in sights)
 
 
-def _reason(part: Part, estimate: PoseEstimate, evidence: Support, fitted: PoseSolution) -> str:
-    """Return in one line why the pose is believed, and how well it is known; or why it is not."""
+def _reason(part: Part, estimate: PoseEstimate, evidence: Support, fitted: PoseSolution) -> Reason:
+    """Return why the pose is believed, and how well it is known; or why it is not."""
     if evidence.quality < FOUND:
-        return f"not found: {evidence}{_overexposed(fitted.sights, fitted.pose)}"
+        return _not_found(str(evidence), fitted.sights, fitted.pose)
     weakest = weakest_direction(estimate, part.aspects.centre, [s.photo for s in fitted.sights])
     beside = ", many beside bands that the model does not have" * fitted.regression.bands
     amiss = f", {MORE_THAN_LIGHT}" * _amiss(fitted)
-    return f"{evidence}; edges are off by {fitted.fit.between:.2f} px as a whole{beside}{amiss}; {weakest}"
+    off = f"edges are off by {fitted.fit.between:.2f} px as a whole{beside}{amiss}"
+    return Reason(f"{evidence}; {off}", known=weakest)
 
 
 def _amiss(fitted: PoseSolution) -> bool:
@@ -232,12 +232,14 @@ def _amiss(fitted: PoseSolution) -> bool:
     return fitted.fit.between > max(_AMISS_PX, _AMISS_OF_BLUR * blur)
 
 
-def _overexposed(sights: Sequence[Sight], pose: Rigid) -> str:
-    """Return that the photos are white beside many of the lines, if they are."""
+def _not_found(why: str, sights: Sequence[Sight], pose: Rigid) -> Reason:
+    """Return why a pose is not found, and that the photos are white beside many of the lines, if they are."""
+    reason = Reason(why, Refusal.NOT_FOUND)
     white = np.concatenate([np.zeros(0), *(s.white_beside(s.project(pose)) for s in sights)])
     if not len(white) or white.mean() < _WHITE:
-        return ""
-    return f"; beside {white.mean():.0%} of the part's edges the photo is white: with less light more would show"
+        return reason
+    beside = f"beside {white.mean():.0%} of the part's edges the photo is white"
+    return reason.noting(f"{beside}: with less light more would show")
 
 
 def _matches(fitted: PoseSolution) -> EdgeMatches:

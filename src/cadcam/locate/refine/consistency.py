@@ -140,7 +140,7 @@ class Consistency:
         location = replace(location, disagreements=self.disagreements(numbers, photos, left_out=False))
         said = f"{self._words(photos)}: does every camera stand where its file says?"
         if not self.contradicted:
-            return replace(location, reason=f"{location.reason}; the photos disagree: {said}")
+            return location.noting(f"the photos disagree: {said}")
         return location.uncertain(f"the photos contradict each other: {said}")
 
     def _less_certain(self, location: Location, part: Part, photos: Sequence[Photo]) -> Location:

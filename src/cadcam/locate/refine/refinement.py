@@ -223,8 +223,8 @@ class Refinement:
         left_out, answer, _ = agreeing[0]
         location = answer.location
         of = consistency.disagreements(left_out, self.photos, left_out=True)
-        reason = f"{location.reason}; {', '.join(repr(one.name) for one in of)} left out: {why}"
-        told = replace(location, reason=reason, disagreements=of)
+        told = location.noting(f"{', '.join(repr(one.name) for one in of)} left out: {why}")
+        told = replace(told, disagreements=of)
         if not blind or best.location.quality >= location.quality:
             return replace(answer, location=told)
         if best.location.quality < FOUND:
@@ -382,4 +382,4 @@ def _turned_anyhow(location: Location, unseen: Array, start: Rigid) -> Location:
     )
     how = "turned about its axis" if unseen.shape[1] == 1 else "however it is turned"
     said = f"not determined: {told.undetermined_words} ({how} the part looks the same)"
-    return replace(location, pose=told, reason=f"{location.reason}; {said}")
+    return replace(location, pose=told).noting(said)

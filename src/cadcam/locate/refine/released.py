@@ -9,8 +9,6 @@ difference; where lines move by more than lens and chamfers may be off, it is as
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from cadcam.errors import DegenerateGeometry
@@ -47,7 +45,7 @@ def released(part: Part, best: PoseAnswer, freedom: Freedom, options: EdgeOption
     if px > CLOSE_PX:
         return grown.uncertain(f"the photos contradict the restricted motion: {said}: {asked}")
     doubt = f": {asked}" * (px >= _LEAST_PX)
-    return replace(grown, reason=f"{grown.reason}; {said}{doubt}")
+    return grown.noting(f"{said}{doubt}")
 
 
 def _contradicted(best: PoseAnswer, free: Location) -> bool:

@@ -86,5 +86,5 @@ def _in_pixels_of_photos(location: Location, times: Longs) -> Location:
         disagreements=disagreements,
         off_px=float(np.median(times)) * location.off_px,
         alternatives=tuple(_in_pixels_of_photos(one, times) for one in location.alternatives),
-        reason=f"{location.reason}; in photos reduced {max(times)} times, px are of these: they are blurred",
+        why=location.why.noting(f"in photos reduced {max(times)} times, px are of these: they are blurred"),
     )

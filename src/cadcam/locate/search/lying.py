@@ -34,7 +34,6 @@ _SAME_FACE = 1.0 - 1e-4  # cosine between a face and the image of another by a s
 _SEARCHED = 1  # constraints met in any photo by the best of all poses on a plane, of which three numbers are unknown
 _TOLD = 3  # constraints that a free fit meets, but of which the plane tells whether they are right: height and tilts
 _SIGMAS = 4.0  # of the height above the plane: what is farther off does not lie on it
-OFF_PLANE = "it does not lie on the plane"  # the reason why a pose is refused, as it begins
 _SIGMA, _FLATTEST_MM = 0.5, 0.01  # sd of heights: of what holds practically always; at least
 _RAYS = 12  # along each side of a photo, to see whether it shows the plane
 
@@ -118,7 +117,7 @@ class Lying:
         alternatives = tuple(one for one in location.alternatives if not self.off(one.pose))
         location = replace(location, alternatives=alternatives)
         why = self.off(location.pose) if location.found else ""
-        return location.uncertain(why) if why else location
+        return location.uncertain(why, off_plane=True) if why else location
 
     def counted(self, location: Location, photos: Sequence[Photo]) -> Location:
         """Return a location that was found with the plane counted in its pose, if it is stated how well it is known."""
@@ -126,9 +125,9 @@ class Lying:
             return location
         alternatives = tuple(replace(one, pose=self.on_it(one.pose)) for one in location.alternatives)
         pose = self.on_it(location.pose)
-        known = f"by the plane, known to {self.within_mm:g} mm, as well"
-        reason = f"{location.reason}; {known}: {weakest_direction(pose, self.part.aspects.centre, photos)}"
-        return replace(location, pose=pose, alternatives=alternatives, reason=reason)
+        known = weakest_direction(pose, self.part.aspects.centre, photos)
+        told = location.noting(f"by the plane, known to {self.within_mm:g} mm, as well: {known}")
+        return replace(told, pose=pose, alternatives=alternatives)
 
     def on_it(self, pose: PoseEstimate) -> PoseEstimate:
         """Return a pose that lies on the plane, improved by that, with its covariance.
@@ -180,7 +179,7 @@ class Lying:
         )
         side = "above" if height[k] > 0 else "below"
         return (
-            f"{OFF_PLANE}: the face next to it is tilted by {tilt:.1f} deg and up to"
+            f"it does not lie on the plane: the face next to it is tilted by {tilt:.1f} deg and up to"
             f" {abs(height[k]):.2g} mm {side} it (uncertainty {sd[k]:.2g} mm, plane {self.within_mm:g} mm)"
         )
 

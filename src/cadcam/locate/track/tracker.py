@@ -23,13 +23,14 @@ from cadcam.locate.in_photos import ALIKE, locate_part
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
+from cadcam.locate.reason import Reason, Refusal
 from cadcam.locate.refine.options import EDGES
 from cadcam.locate.refine.refinement import refine_pose
 from cadcam.locate.search.lying import Lying
 from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
-from cadcam.locate.uncertainty import said_anew
+from cadcam.locate.uncertainty import weakest_direction
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been lost for long
@@ -41,6 +42,7 @@ _ANYWHERE = ("followed", "searched")  # ways of finding the part that do not dep
 # accepted; and to one by texture, as edges agree there that were not used to fit it.
 _FORETOLD, _FOLLOWED = -2, -5
 _BETTER = 0.2  # quality by which a fit to edges alone must be better to show that the texture has left the part
+_ELSEWHERE = Reason("edges are elsewhere than print leads", Refusal.NOT_FOUND)
 _HELD = 0.3  # least quality by its edges of a part that is held by its texture
 
 
@@ -164,17 +166,17 @@ class Tracker:
         if memory.begins and frame.photos:
             Lying.of(self._part, frame.photos, self._views)  # what is wrong with it is so in every frame
         where = memory.last or Rigid()
-        tried = [Location.nowhere(where, "not looked for")]
+        tried = [Location.nowhere(where, Reason("not looked for"))]
         for how, attempt in self._ways(frame, followed):
             try:
                 location = attempt()
             except NothingInView as error:
                 if memory.begins:  # the start was the caller's
                     raise
-                tried[0] = Location.nowhere(where, str(error))
+                tried[0] = Location.nowhere(where, Reason(str(error)))
                 continue
             except BadValue as error:  # a picture without contrast
-                tried[0] = Location.nowhere(where, _of_frame(str(error), frame))
+                tried[0] = Location.nowhere(where, Reason(_of_frame(str(error), frame)))
                 continue
             if location.found:
                 location = self._reasoned(memory.nearest(location), location, frame.photos)
@@ -189,10 +191,13 @@ class Tracker:
 
         The reason's direction that is least certain is along the axes of the part, which the two have elsewhere.
         """
-        if nearest.reason != ALIKE:
+        if nearest.why != ALIKE:
             return nearest
-        centre = self._part.aspects.centre
-        return replace(nearest, reason=said_anew(found.reason, found.pose, nearest.pose, centre, photos))
+        return replace(nearest, why=found.why.knowing(self._known(nearest.pose, photos)))
+
+    def _known(self, pose: PoseEstimate, photos: tuple[Photo, ...]) -> str:
+        """Return in words how well a pose of the part is known."""
+        return weakest_direction(pose, self._part.aspects.centre, photos)
 
     def _ways(self, frame: Frame, followed: Followed | None) -> Iterator[tuple[str, Callable[[], Location]]]:
         """Yield the ways of finding the part in a frame, cheapest first, each with what tries it."""
@@ -227,14 +232,13 @@ class Tracker:
         if location.quality < _CLEAR:
             alone = self._refined(photos, start, reach_px)
             if alone.quality > location.quality + _BETTER:
-                return replace(location, quality=0.0, reason="not found: edges are elsewhere than print leads")
+                return replace(location, quality=0.0, why=_ELSEWHERE)
         surer = replace(location.pose, from_noise=followed.fused(location.pose.from_noise))
-        said = said_anew(location.reason, location.pose, surer, self._part.aspects.centre, photos)
-        location = replace(location, pose=surer, reason=said)
+        location = replace(location, pose=surer, why=location.why.knowing(self._known(surer, photos)))
         if not _HELD <= location.quality < FOUND:
             return location
-        why = f"held by {followed.found} patches of print: {location.reason.removeprefix('not found: ')}"
-        return replace(location, quality=FOUND, reason=why)
+        why = Reason(f"held by {followed.found} patches of print: {location.why.bare}")
+        return replace(location, quality=FOUND, why=why)
 
     def _refined(
         self,
