@@ -7,7 +7,7 @@ import pytest
 
 from cadcam.errors import BadValue, DegenerateGeometry
 from cadcam.fit.grouped import Groups, grouped_fit
-from cadcam.native.grouped import Tried, reweighted_fit
+from cadcam.native.grouped import UNKNOWNS, Tried, reweighted_fit
 
 TRUTH = np.array([0.3, -0.2, 0.1])
 FAMILY = np.repeat(np.arange(12), np.tile([2, 3, 4, 6], 3))
@@ -178,8 +178,8 @@ def test_the_core_averages_as_plain_matrices_do(unit: float, rng: np.random.Gene
 
 def test_more_parameters_than_the_core_takes_are_refused(rng: np.random.Generator) -> None:
     group = np.repeat(np.arange(30), 3)
-    with pytest.raises(BadValue, match="at most 16"):
-        grouped_fit(rng.normal(size=90), rng.normal(size=(90, 17)), np.ones(90), Groups(group), usual=0.05)
+    with pytest.raises(BadValue, match=f"at most {UNKNOWNS}"):
+        grouped_fit(rng.normal(size=90), rng.normal(size=(90, UNKNOWNS + 1)), np.ones(90), Groups(group), usual=0.05)
 
 
 def test_what_the_data_leave_open_is_refused(rng: np.random.Generator) -> None:

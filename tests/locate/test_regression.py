@@ -88,6 +88,22 @@ def test_what_steps_up_to_white_share_is_an_unknown_of_each_photo(rng: np.random
     assert np.mean(untold) > 1.5 * np.mean(told)
 
 
+def test_of_very_many_photos_with_white_those_that_have_least_share_an_unknown(rng: np.random.Generator) -> None:
+    """From eleven photos on there was no pose."""
+    regression, given = asked(rng, line=0.0, piece=0.03, drawn=0.0, bands=False)
+    (at,), (m,), nothing, B = given
+    photos = 70
+    white = [SimpleNamespace(**{**vars(m), "white": np.full(len(PIECE), 0.02 + 0.001 * k)}) for k in range(photos)]
+    drawn = regression._drawn(cast(Any, white), 58)
+    assert drawn.shape == (photos * len(PIECE), 58)
+    np.testing.assert_allclose(np.sort(drawn.sum(axis=1)), np.sort(np.concatenate([w.white for w in white])))
+    assert sorted(np.count_nonzero(drawn, axis=0)) == [len(PIECE)] * 57 + [13 * len(PIECE)]
+    pieces = [of + k * len(PIECE) for k, of in enumerate(regression.pieces * photos)]
+    several = Regression(list(regression.sights) * photos, pieces)
+    fit = several.step([at] * photos, cast(Any, white), nothing, B, 4, on_lines=True)
+    assert fit.x.shape == (6,)
+
+
 def test_a_fit_untold_of_bands_keeps_its_pose_and_is_less_sure_of_it(rng: np.random.Generator) -> None:
     regression, given = asked(rng, line=0.06, piece=0.03, drawn=0.05, bands=False)
     fit = regression.step(*given, 12, on_lines=True)

@@ -129,7 +129,7 @@ def test_a_bent_limb_whose_pieces_are_shaded_each_in_its_own_way_is_in_place(rng
         shade = rng.choice([-0.5, 0.5], piece.max() + 1)[piece] + rng.normal(0, 0.02, len(lines))
         offset = np.where(limb & survey.matched.measured, shade, survey.matched.offset)
         shaded = replace(survey, matched=replace(survey.matched, offset=offset))
-        measured = MeasuredEdges.of(shaded, np.ones(len(lines), bool), survey.body != number, None, np.eye(6))
+        measured = MeasuredEdges.of(shaded, np.ones(len(lines), bool), survey.body != number, np.eye(6))
         assert measured.p_value(measured.members[number]) > 0.01
 
 

@@ -252,12 +252,11 @@ def test_a_line_that_a_displaced_body_uncovers_is_not_taken_for_its_own(
 def test_a_body_is_drawn_standing_on_its_ground(rng: np.random.Generator) -> None:
     """One photo does not show how far a body moves along the line of sight: it neither sinks nor rises."""
     asked, shot = whole_parts(part().scene), photo(plate(), rng)
-    case = Case(part(), [shot], Rigid(), asked, np.eye(6), 8.0, 0.01)
     survey = surveyed(part(), [shot], Rigid(), asked, reach_px=8.0)
     block = survey.names.index("block")
-    to = _standing(case, survey, block, np.array([1.0, 2.0, -1.0]))
+    to = _standing(survey, block, np.array([1.0, 2.0, -1.0]))
     assert abs(to[2]) < 1e-9
-    sight = survey.lines.p[survey.members[block]].mean(axis=0) - case.eye
+    sight = survey.lines.p[survey.members[block]].mean(axis=0) - POSE.origin
     assert np.linalg.norm(np.cross(to - [1.0, 2.0, -1.0], sight)) < 1e-9 * np.linalg.norm(sight)
 
 

@@ -353,3 +353,19 @@ def test_tail_probabilities_are_uniform_where_nothing_is_displaced(rng: np.rando
     V = root @ root.T
     p = [tail_probability(root @ rng.normal(size=2), V * rng.chisquare(12) / 12, 12.0) for _ in range(2000)]
     assert kstest(p, "uniform").pvalue > 1e-3
+
+
+@pytest.mark.parametrize("places", [1, 2, 30])
+def test_edges_of_few_places_tell_no_more_of_their_scatter_than_they_have(
+    places: int, rng: np.random.Generator
+) -> None:
+    """What is left about lines is chi-square of the places less what the lines took: of one place an offset alone."""
+    left = []
+    for _ in range(200):
+        edge = np.repeat(np.arange(6), places)
+        noise = EdgeNoise.of(np.full(len(edge), SIGMA), edge, 4.0 * rng.uniform(5, 10, len(edge)), 0.0)
+        within, lines = noise.about_lines(rng.normal(0, SIGMA, len(edge)))
+        assert lines == 6 * min(places, 2)
+        left.append(within)
+    freedom = 6 * places - 6 * min(places, 2)
+    assert np.mean(left) == pytest.approx(freedom, abs=1e-9 + 4 * np.sqrt(2 * freedom / 200))

@@ -21,7 +21,7 @@ def test_a_fit_to_some_places_is_that_of_a_measurement_of_these(rng: np.random.G
     """
     survey = surveyed(part(), [photo(plate(), rng)], Rigid(), whole_parts(part().scene), reach_px=8.0)
     every = np.ones(len(survey.lines), bool)
-    measured = MeasuredEdges.of(survey, every, every, np.zeros(3), np.eye(6))
+    measured = MeasuredEdges.of(survey, every, every, np.eye(6))
     body, refits = measured.body, measured.refits()
     some = (body != 3, True), ((body != 3) & (np.arange(len(body)) % 2 > 0), True), (body == 1, False)
     for datum, less in some:

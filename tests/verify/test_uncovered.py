@@ -93,7 +93,7 @@ def test_edges_without_number_do_not_underflow() -> None:
     """Thousands of edges between the same two surfaces: 0.01^5000 is no number, the ratio of two such is one."""
     n = 5000
     edge = np.arange(n)
-    evidence = EdgeEvidence(edge, 0 * edge, np.full(n, 0.5), edge % 50 > 0, edge < 0, np.full(n, np.nan))
+    evidence = EdgeEvidence(edge, 0 * edge, np.full(n, 0.5), edge % 50 > 0, edge < 0, np.full(n, np.nan), edge)
     told = log_ratio(evidence, np.ones(n, bool), EdgeVisibility(0.015, 0.02), 0.01)
     seen = int(evidence.seen.sum())
     assert told == pytest.approx(seen * np.log(0.98 / 0.01) + (n - seen) * np.log(0.02 / 0.99), rel=1e-4)

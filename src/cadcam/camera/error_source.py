@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
@@ -60,6 +61,21 @@ def covariance_of(effects: Iterable[tuple[ErrorSource, Array]], n: int) -> Array
         E = sum((own for s, own in every if s.owner is source.owner), np.zeros((n, len(source.covariance))))
         total += E @ source.covariance @ E.T
     return total
+
+
+def by_unit_errors(
+    effects: Iterable[tuple[ErrorSource, Array]], sources: Sequence[ErrorSource], shape: tuple[int, ...]
+) -> tuple[Array, list[slice]]:
+    """Return what effects D (..., k) of errors do to numbers of a shape, E (..., P), and each source's columns in it.
+
+    The P columns belong to independent errors of unit variance; effects of the same source add.
+    """
+    starts = [0, *np.cumsum([len(s.covariance) for s in sources]).tolist()]
+    columns = [slice(a, b) for a, b in pairwise(starts)]
+    E = np.zeros((*shape, starts[-1]))
+    for source, D in effects:
+        E[..., columns[index_of(sources, source)]] += D @ source.root
+    return E, columns
 
 
 def index_of(sources: Sequence[ErrorSource], source: ErrorSource) -> int:

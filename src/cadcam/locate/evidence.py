@@ -14,7 +14,7 @@ from cadcam.geometry.rigid import Rigid, by_twist, expect_motion
 from cadcam.kinds import expect_count, expect_positive
 from cadcam.locate.photo import Photo
 
-_NEVER_FREE = 1e-9  # share of the largest variance below which a direction was not free
+NEVER_FREE = 1e-13  # share of the largest variance, up to which it may be rounding: that direction was not free
 _ROUNDING = 1e-6  # of the largest variance: by how much those of a covariance may differ from it, or be below zero
 
 
@@ -126,7 +126,7 @@ class PoseEvidence(Brief):
         """Return the difference in its own standard deviations, (k,) along its free directions, and the Jacobian."""
         scale = np.repeat([1.0, self.radius], 3)
         values, axes = np.linalg.eigh(scale[:, None] * self.covariance * scale)
-        free = values > _NEVER_FREE * values[-1]
+        free = values > NEVER_FREE * values[-1]
         rows = (axes[:, free] / np.sqrt(values[free])).T * scale
         return rows @ (world_from_part.inv @ self.world_from_part).log(), rows
 

@@ -9,7 +9,7 @@
 
 #include "raster.h"
 
-#define CC_UNKNOWNS 16 /* at most */
+#define CC_UNKNOWNS 64 /* at most */
 
 /* y (n) = J (n, k) x with weights w (n) and group numbers from 0 on, ascending. Groups count of_group (groups,) times,
  * 0 to 1. The variance between groups that is tried is variance[t] free[g] + share[t] expected[g], with log likelihood

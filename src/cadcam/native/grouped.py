@@ -12,7 +12,7 @@ from cadcam.arrays import Array, Longs
 from cadcam.errors import BadValue
 from cadcam.native.core import addresses, doubles, functions
 
-UNKNOWNS = 16  # CC_UNKNOWNS
+UNKNOWNS = 64  # CC_UNKNOWNS
 
 
 class _Grouped(c.Structure):

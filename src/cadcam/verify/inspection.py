@@ -208,7 +208,7 @@ def _reported(case: Case, look: Findings, options: InspectionOptions) -> Inspect
     return Inspection(
         pose=pose,
         features=features,
-        edges=_edges(case, part, survey, measured),
+        edges=_edges(case, part, survey, measured, look.measured.members),
         extra=tuple(unexplained(part, photos, pose.world_from_part, shifted=shifted)),
         datum=tuple(names[i] for i in np.unique(measured.body[measured.adjustment.datum])),
         left_out=tuple(names[i] for i in look.left_out),
@@ -292,19 +292,24 @@ def _placed(survey: Survey, presence: Sequence[Presence], measured: MeasuredEdge
     return out
 
 
-def _edges(case: Case, part: Part, survey: Survey, measured: MeasuredEdges) -> tuple[EdgeDeviation, ...]:
-    """Return the deviation of every edge; `off` are those that deviate, hardly any of them wrongly (`case.alarms`)."""
+def _edges(
+    case: Case, part: Part, survey: Survey, measured: MeasuredEdges, members: Sequence[Mask]
+) -> tuple[EdgeDeviation, ...]:
+    """Return the deviation of every edge; `off` are those that deviate, hardly any of them wrongly (`case.alarms`).
+
+    members: the measured places (n,) of each feature, edges astray among them.
+    """
     from scipy.special import stdtr
 
     every = np.unique(survey.lines.edge[survey.usable]).tolist()
-    edges = [_edge(part, survey, measured, e) for e in each(every, "measuring edges", case.tell)]
+    edges = [_edge(part, survey, measured, members, e) for e in each(every, "measuring edges", case.tell)]
     dof = measured.dof
     p_values = [2 * float(stdtr(dof, -abs(e.value) / e.sigma)) if np.isfinite(e.sigma) else np.nan for e in edges]
     off = false_discoveries_below(p_values, case.alarms)
     return tuple(replace(e, off=bool(alarm)) for e, alarm in zip(edges, off, strict=True))
 
 
-def _edge(part: Part, survey: Survey, measured: MeasuredEdges, number: int) -> EdgeDeviation:
+def _edge(part: Part, survey: Survey, measured: MeasuredEdges, members: Sequence[Mask], number: int) -> EdgeDeviation:
     """Return the deviation of an edge, and of its pieces, from its place at a pose fitted without it."""
     lines = survey.lines
     every = (lines.edge == number) & survey.usable
@@ -314,12 +319,14 @@ def _edge(part: Part, survey: Survey, measured: MeasuredEdges, number: int) -> E
     own = np.flatnonzero(every)
     its = lines.select(own)  # few of many: no edge keeps the arrays of all
     middle = len(its) // 2
+    features = zip(survey.names, survey.members, members, strict=True)
+    holding = [(name, shown, m[own].all()) for name, m, shown in features if m[own].any()]
     return EdgeDeviation(
         part=part.scene.mesh.part_names[int(its.part[middle])],
         kind=EdgeKind(int(its.kind[middle])).name.lower(),
         chain=int(its.chain[middle]),
         photo=int(its.photo[middle]),
-        features=tuple(n for n, m in zip(survey.names, survey.members, strict=True) if m[own[middle]]),
+        features=tuple(name for name, _, _ in holding),
         value=value,
         sigma=sigma,
         variances=variances,
@@ -329,7 +336,8 @@ def _edge(part: Part, survey: Survey, measured: MeasuredEdges, number: int) -> E
         mm_per_px=float(np.median(its.mm_per_px)),
         places=len(its),
         seen=int(rows.sum()),
-        station=measured.stations(rows, pose=pose) if rows.any() else np.zeros((0, 7)),
+        station=measured.stations(rows, pose=pose),
+        held={name: measured.stations(rows & places, pose=pose) for name, places, whole in holding if not whole},
     )
 
 

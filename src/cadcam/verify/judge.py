@@ -332,7 +332,7 @@ def _mistaken(grown: Estimate, scatter: float) -> bool:
 
 def _profile(name: str, limit: Limit, found: FeatureDeviation, seen: Inspection) -> Judgement:
     """Judge the pieces of all edges, with k raised so that any of them errs as rarely as a single one would."""
-    pieces = [(s, e) for e in seen.edges if name in e.features for s in e.station if np.isfinite(s[2])]
+    pieces = [(s, e) for e in seen.edges for s in e.stations_of(name) if np.isfinite(s[2])]
     if not pieces:
         return Judgement(name, limit, _NAN, _NAN, Verdict.UNDECIDED, "none of its edges is seen", Unclear.UNSEEN.remedy)
     _, value, sigma, *variances = np.array([s for s, _ in pieces]).T

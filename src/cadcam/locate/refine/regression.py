@@ -22,6 +22,7 @@ from cadcam.locate.lines.cells import StepOffsets
 from cadcam.locate.lines.edges import Projected, numbered, pieces_of
 from cadcam.locate.lines.sight import Sight
 from cadcam.locate.refine.options import EdgeOptions
+from cadcam.native.grouped import UNKNOWNS
 
 _USUAL_PX = 0.05  # prior common offset of edges
 _LIMB_PX = 0.2  # error of the border of a round surface, towards which it darkens ever faster, or brightens
@@ -69,7 +70,7 @@ class Regression:
         variance = np.concatenate([*(m.sigma[m.usable] ** 2 for m in measured), other_variance])
         J = np.concatenate([*(at.row[m.usable] for at, m in zip(places, measured, strict=True)), rows]) @ B
         piece, line = np.concatenate([of[m.usable] for of, m in zip(self.pieces, measured, strict=True)]).T
-        drawn = self._drawn(measured)
+        drawn = self._drawn(measured, UNKNOWNS - B.shape[1])
         m = drawn.shape[1]
         if m:  # the last unknowns are how strongly; their priors, the last data
             columns = np.concatenate([drawn, np.zeros((len(other), m))])
@@ -79,14 +80,18 @@ class Regression:
         fit = grouped_fit(y, J, variance, groups, usual=_USUAL_PX, uneven=_UNEVEN, iterations=iterations)
         return _undrawn(fit, drawn) if m else fit
 
-    def _drawn(self, measured: Sequence[StepOffsets]) -> Array:
+    def _drawn(self, measured: Sequence[StepOffsets], most: int) -> Array:
         """Return by how much (n, m) px each of m causes draws the samples of many lines at once, sd and sign.
 
-        Beside bands all to bright or all to dark; and steps up to white, those of each photo.
+        Beside bands all to bright or all to dark; and steps up to white, those of each photo. At most so many: of very
+        many photos with white those that have least share a cause, as if they were one.
         """
         used = [m.usable for m in measured]
         bright = -np.concatenate([np.sign(m.contrast[use]) for m, use in zip(measured, used, strict=True)])
         white = block_diag(*(m.white[use][:, None] for m, use in zip(measured, used, strict=True)))
+        white = white[:, np.argsort(-(white**2).sum(axis=0), kind="stable")]
+        most -= self.bands
+        white = np.column_stack([white[:, : most - 1], white[:, most - 1 :].sum(axis=1)])
         return np.column_stack([*([_DRAWN_PX * bright] if self.bands else []), white[:, white.any(axis=0)]])
 
     def _groups(

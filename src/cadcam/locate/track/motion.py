@@ -25,12 +25,12 @@ from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry import rotation as so3
 from cadcam.geometry.rigid import Rigid
+from cadcam.locate.evidence import NEVER_FREE
 from cadcam.locate.uncertainty import symmetric_root
 
 _UNEVEN = np.geomspace(3e-4, 0.3, 7)  # values of s tried, radii of the part per frame^2
 _FIRST = 0.3  # sd of an unknown velocity, radii per frame
 _REMEMBERED = 0.95  # decay of a filter's weight per frame: the memory of its earlier predictions
-_TINY = 1e-12  # share of the largest variance below which a direction was not free
 
 
 class MotionFilter:
@@ -125,6 +125,6 @@ class MotionFilter:
 def _inverse(S: Array) -> tuple[Array, Array]:
     """Return the inverses (K, n, n) of covariances and their log determinants, within the free directions."""
     values, axes = np.linalg.eigh(S)
-    free = values > _TINY * values[:, -1:]
+    free = values > NEVER_FREE * values[:, -1:]
     values = np.where(free, values, 1.0)
     return (axes * (free / values)[:, None, :]) @ axes.swapaxes(1, 2), np.log(values).sum(axis=1)

@@ -23,7 +23,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.geometry.rigid import Rigid
-from cadcam.locate.evidence import PoseEvidence
+from cadcam.locate.evidence import NEVER_FREE, PoseEvidence
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -36,7 +36,6 @@ _KEPT = 12  # most keyframes
 _PATIENCE = 2  # frames in a row without any patch found again, after which all keyframes are dropped
 _MEMORY, _DENIED = 0.8, 25.0  # decay per frame of the mean correction by edges; chi^2 that refutes the keyframe
 _FRAMES = 4.0  # most frames that a keyframe counts as
-_NEVER_FREE = 1e-9  # share of the largest variance below which a direction is not free
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -195,4 +194,4 @@ def _views(photos: Sequence[Photo], world_from_part: Rigid) -> list[Rigid]:
 
 def _inverse(A: Array) -> Array:
     """Return the inverse of a covariance within the free directions."""
-    return np.asarray(np.linalg.pinv(A, rcond=_NEVER_FREE, hermitian=True))
+    return np.asarray(np.linalg.pinv(A, rcond=NEVER_FREE, hermitian=True))

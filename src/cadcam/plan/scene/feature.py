@@ -83,9 +83,7 @@ class LayoutFeature(Brief):
     def selected(cls, name: str, selection: Selection, scene: Scene, limits: tuple[Limit, ...]) -> LayoutFeature:
         """Return edges of the part, chosen as in a tolerance file, that are measured as one."""
         selection.check(scene)
-        edges = scene.edges
-        ends = scene.mesh.vertices[edges.vertices]
-        own = selection.holds(edges.part, edges.chain, edges.kind, ends.mean(axis=1), selection.bodies(scene))
+        own, ends = selection.segments(scene)
         if not own.any():
             raise BadValue(f"edges of {name}", "contours only", "feature edges: contours differ from view to view")
         length = np.linalg.norm(ends[own, 1] - ends[own, 0], axis=1)

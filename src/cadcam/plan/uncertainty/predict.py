@@ -8,12 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
 from cadcam.arrays import Array, Brief, Floats, Ids, Mask, frozen
-from cadcam.camera.error_source import ErrorSource, distinct_sources, index_of
+from cadcam.camera.error_source import ErrorSource, by_unit_errors, distinct_sources
 from cadcam.camera.measurement import PIXELS
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.errors import BadValue
@@ -117,13 +116,9 @@ def shifts(
 
     The P columns belong to independent errors of unit variance.
     """
-    starts = [0, *np.cumsum([len(s.covariance) for s in sources]).tolist()]
-    columns = [slice(a, b) for a, b in pairwise(starts)]
-    E = np.zeros((len(viewpoints), n, 2, starts[-1]))
-    for v, (view, of_view) in enumerate(zip(viewpoints, effects, strict=True)):
-        for (source, _), D in zip(view.errors, of_view, strict=True):
-            E[v, :, :, columns[index_of(sources, source)]] += D @ source.root
-    return E, columns
+    own = [[source for source, _ in view.errors] for view in viewpoints]
+    each = [by_unit_errors(zip(s, D, strict=True), sources, (n, 2)) for s, D in zip(own, effects, strict=True)]
+    return np.stack([E for E, _ in each]), each[0][1]
 
 
 def _shown(viewpoints: Sequence[Viewpoint], q: Array, seen: Mask | None) -> Mask:

@@ -199,6 +199,7 @@ def _edge(e: EdgeDeviation) -> dict[str, Any]:
         "places_seen": e.seen,
         "off": e.off,
         "stations_px_mm_mm": [or_nulls(row) for row in e.station.tolist()],
+        "held_in_part_px_mm_mm": {name: [or_nulls(row) for row in part.tolist()] for name, part in e.held.items()},
     }
 
 

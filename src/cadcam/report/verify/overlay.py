@@ -89,7 +89,7 @@ def overlay_svg(
 
 
 def _edge(edge: EdgeDeviation, full: float, gone: set[str]) -> str:
-    if gone & set(edge.features):
+    if gone & set(edge.features) - set(edge.held):
         return _line(edge.q, MISSING, f"{edge.name}: missing", 2.5, dash=True)
     if not np.isfinite(edge.value):
         return _line(edge.q, UNSEEN, f"{edge.name}: not seen", 1.2, dash=True)

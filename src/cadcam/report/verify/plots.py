@@ -10,7 +10,7 @@ import numpy as np
 from cadcam.arrays import Array
 from cadcam.report.chart import INK, PLAIN, VERDICT_COLORS, WIDTH, Frame, round_ticks, stroke, svg, text
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
-from cadcam.verify.deviations.deviation import EdgeDeviation, FeatureDeviation
+from cadcam.verify.deviations.deviation import FeatureDeviation
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.tolerances.tolerance import Quantity
 from cadcam.verify.tolerances.verdict import Judgement, Verdict
@@ -69,26 +69,27 @@ def edges_plot(seen: Inspection) -> str:
 
 def stations_plot(seen: Inspection, name: str) -> str:
     """Return the deviations along the edges of a feature, an edge after the other, with U (k 2)."""
-    edges = [e for e in seen.edges if name in e.features and np.isfinite(e.station[:, 1:]).all() and len(e.station)]
+    edges = [(e, s) for e in seen.edges if len(s := e.stations_of(name)) and np.isfinite(s[:, 1:]).all()]
     if not edges:
         return ""
-    every = np.concatenate([e.station for e in edges])
+    every = np.concatenate([station for _, station in edges])
     low = min(float((every[:, 1] - 2 * every[:, 2]).min()), 0.0)
     high = max(float((every[:, 1] + 2 * every[:, 2]).max()), 0.0)
     frame = Frame(190.0, round_ticks(low, high))
     body = frame.level_lines("mm")
     step, start = (frame.right - frame.left) / (len(every) + len(edges)), frame.left
-    for k, e in enumerate(edges):
-        x = start + step * (np.arange(len(e.station)) + 0.5)
-        body.append(_edge_curve(frame, np.asarray(x), e, "#0072b2" if k % 2 else "#00785a"))
-        start += step * (len(e.station) + 1)
+    for k, (e, station) in enumerate(edges):
+        x = start + step * (np.arange(len(station)) + 0.5)
+        curve = _edge_curve(frame, np.asarray(x), station, "#0072b2" if k % 2 else "#00785a", f"{e.kind} {e.chain}")
+        body.append(curve)
+        start += step * (len(station) + 1)
     body.append(frame.caption(f"{len(edges)} edges, {len(every)} pieces; band: U (k 2)"))
     return svg(frame.height, body, f"deviations along the edges of {name}")
 
 
-def _edge_curve(frame: Frame, x: Array, edge: EdgeDeviation, color: str) -> str:
-    """Return an edge's deviations as dots at x (s,) joined by a line, in a band of U (k 2); its name as a tool tip."""
-    deviation, sigma = edge.station[:, 1:3].T
+def _edge_curve(frame: Frame, x: Array, station: Array, color: str, name: str) -> str:
+    """Return an edge's stations (s, 7) as dots at x (s,) joined by a line, in a band of U (k 2); name: the tool tip."""
+    deviation, sigma = station[:, 1:3].T
     curve = _points(x, [frame.y(v) for v in deviation])
     upper, lower = ([frame.y(v) for v in deviation + sign * 2 * sigma] for sign in (1, -1))
     band = f"{_points(x, upper)} {_points(x[::-1], lower[::-1])}"
@@ -99,7 +100,7 @@ def _edge_curve(frame: Frame, x: Array, edge: EdgeDeviation, color: str) -> str:
     return (
         f'<g><polygon points="{band}" fill="{color}" fill-opacity="0.18"/>'
         f'<polyline points="{curve}" fill="none" stroke="{color}" stroke-width="2"/>'
-        f"{dots}<title>{escape(f'{edge.kind} {edge.chain}')}</title></g>"
+        f"{dots}<title>{escape(name)}</title></g>"
     )
 
 

@@ -21,6 +21,7 @@ _LEAST_PX, _MOST_PX = 1e-4, 3.0
 _NEAR = 1e-2  # of the logarithm of tau, when it is found: 1 %, while few edges tell it to better than 30 %
 _NODES, _BEND = 5, 0.25  # of a mean over the logarithm of tau, and where the density's curvature is taken
 _LEAST_FOR_SCALE = 5  # places: from 3 degrees of freedom on Wilson and Hilferty's median is right to 0.7 %
+_SINGULAR = 1e-12  # share of the largest eigenvalue below which one is rounding
 _GOLDEN = (np.sqrt(5.0) - 1) / 2  # the golden section's share
 
 
@@ -105,8 +106,8 @@ class EdgeNoise:
         """Return chi-square of values X (N,) about a line fitted to each edge, and these lines' parameters in all."""
         W, each = self.Z / self.each[:, None] ** 2, X / self.each
         A, b = self.sums(W), self.sums(X[:, None] / self.each[:, None] ** 2)[:, :, 0]
-        numbers = 1 + (A[:, 1, 1] > 0).astype(np.int64)
-        taken = np.einsum("ei,eij,ej->e", b, np.linalg.pinv(A, hermitian=True), b)
+        numbers = np.minimum(np.bincount(self.edge, minlength=self.edges), 2)  # one place tells no slope
+        taken = np.einsum("ei,eij,ej->e", b, np.linalg.pinv(A, rcond=_SINGULAR, hermitian=True), b)
         return float(each @ each - taken.sum()), int(numbers.sum())
 
     def sums(self, X: Array) -> Array:

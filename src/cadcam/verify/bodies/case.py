@@ -72,10 +72,3 @@ class Case:
         mesh, paint = scene.mesh.select(kept), scene.paint[kept]
         meshes = [moved_apart(mesh, each) for each in by]
         return [Part(Scene(m, NO_EDGES, scene.colors, paint)) for m in meshes if m is not None]
-
-    @property
-    def eye(self) -> Array | None:
-        """Return the camera's place (3,) in the part frame; None if there are several photos."""
-        if len(self.photos) > 1:
-            return None
-        return np.asarray((self.photos[0].camera_from_world @ self.world_from_part).inv.translation)

@@ -179,21 +179,22 @@ def _places(case: Case, survey: Survey, number: int, now: Array, measured: Array
     """Return displacements (3,) mm at which a body may be, within reach and other than the one drawn `now`."""
     places = [now + d for d in survey.guesses(number, reach_px=case.reach_px)]
     places += [] if measured is None else [measured]
-    places = [_standing(case, survey, number, p) for p in places]
+    places = [_standing(survey, number, p) for p in places]
     places = [p for p in places if off_px(survey, survey.members[number], p - now) > AGREES_PX]
     return [p for p in places if np.linalg.norm(p) <= case.reach_px * survey.mm_per_px(number)]
 
 
-def _standing(case: Case, survey: Survey, number: int, by: Array) -> Array:
+def _standing(survey: Survey, number: int, by: Array) -> Array:
     """Return a displacement (3,) mm of a body, changed along the line of sight so that the body stands on its ground.
 
     One photo does not show that component; without it a body that slides would be drawn sunk, its feet hidden. As it is
     where the body would be drawn larger or smaller by that.
     """
     feet = survey.members[number] & (survey.lever != 0)
-    if case.eye is None or not feet.any():
+    eye = survey.eye(survey.members[number])
+    if eye is None or not feet.any():
         return by
-    sight = survey.lines.p[survey.members[number]].mean(axis=0) - case.eye
+    sight = survey.lines.p[survey.members[number]].mean(axis=0) - eye
     sight, ground = sight / np.linalg.norm(sight), survey.ground[feet]
     steep = ground @ sight
     along = -float(steep @ (ground @ by)) / max(float(steep @ steep), 1e-12) * sight

@@ -24,7 +24,7 @@ def snooped(survey: Survey, there: Mask, case: Case) -> tuple[MeasuredEdges, lis
     while True:
         used = there[survey.body] & ~np.isin(survey.mate, left_out)
         datum = survey.datum & ~np.isin(survey.body, left_out)
-        measured = MeasuredEdges.of(survey, used, datum, case.eye, case.freedom)
+        measured = MeasuredEdges.of(survey, used, datum, case.freedom)
         measured.adjustment.pose()  # an error here says which motion is free
         if survey.stated:
             return measured, left_out

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 
@@ -62,6 +63,7 @@ class EdgeDeviation(Brief):
     of sight; sigma: its standard deviation, variances (4,) by `CAUSES`; nan where the photo shows no such edge. q (n,
     2) px: the model's places; p (3,) mm: their middle in the part frame; places: how many should be visible, seen: how
     many were; station (s, 7): along (px), deviation and sigma (mm) of pieces of the edge, and variances by `CAUSES`.
+    features: those that hold places of it; of those that hold only some `held` has the stations of these.
     """
 
     part: str
@@ -80,11 +82,16 @@ class EdgeDeviation(Brief):
     seen: int
     off: bool = False
     station: Array = field(default_factory=lambda: np.zeros((0, 7)))
+    held: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def name(self) -> str:
         """Return which edge it is, in words."""
         return f"{self.kind} {self.chain} of {self.part}"
+
+    def stations_of(self, feature: str) -> Array:
+        """Return the stations (s, 7) of what a feature holds of the edge, (0, 7) where that is nothing."""
+        return self.held.get(feature, self.station if feature in self.features else self.station[:0])
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)

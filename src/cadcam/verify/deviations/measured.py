@@ -86,7 +86,7 @@ class MeasuredEdges:
     found: dict[int, Displacement | None] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, survey: Survey, used: Mask, datum: Mask, eye: Array | None, freedom: Array) -> MeasuredEdges:
+    def of(cls, survey: Survey, used: Mask, datum: Mask, freedom: Array) -> MeasuredEdges:
         """Return the measurement of the places `used` (N,), with the pose fitted to those also in `datum` (N,)."""
         rows = used & survey.matched.measured & survey.usable
         lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
@@ -99,7 +99,7 @@ class MeasuredEdges:
         cameras = adjustment.by_cameras()
         alone, with_cameras = adjustment.sums_beside(cameras, np.ones(len(offset), bool))
         lever, mate, ground = survey.lever[rows], survey.mate[rows], survey.ground[rows]
-        own = lines, survey.body[rows], members, adjustment, lever, mate, ground, eye
+        own = lines, survey.body[rows], members, adjustment, lever, mate, ground, survey.eye(rows)
         out = cls(*own, scale, 0.0, noise, alone, cameras, with_cameras, survey.rims.select(rows))
         return out.fitted_to(datum[rows])
 

@@ -56,9 +56,10 @@ class EdgeEvidence:
     """The edges (E,) with enough places to judge: number, group, expected contrast, and whether the edge is seen.
 
     faint: whether it is seen only by a step too faint to be certain at each place; scatter: of its places about a line
-    (px), nan where they are too few or it is not clearly seen. Edges of one group lie between the same two surfaces.
-    The pieces of a bent edge that face different ways count separately: what hides one side of a rim does not hide the
-    others. Of two that may look like one, as the rims of a hole in a sheet, the one that is not seen is no evidence.
+    (px), nan where they are too few or it is not clearly seen; place: the number of its first place. Edges of one group
+    lie between the same two surfaces. The pieces of a bent edge that face different ways count separately: what hides
+    one side of a rim does not hide the others. So do, where a feature holds only a part of an edge, that part and the
+    rest. Of two that may look like one, as the rims of a hole in a sheet, the one that is not seen is no evidence.
     """
 
     edge: Longs
@@ -67,15 +68,18 @@ class EdgeEvidence:
     seen: Mask
     faint: Mask
     scatter: Array
+    place: Longs
 
     @classmethod
-    def of(cls, lines: Sightlines, rows: Mask, matched: Association, beside: EdgeSurroundings) -> EdgeEvidence:
+    def of(
+        cls, lines: Sightlines, rows: Mask, member: Longs, matched: Association, beside: EdgeSurroundings
+    ) -> EdgeEvidence:
         """Return the evidence of places `rows` (N,): edges seen at half of their places, or faintly along all of it.
 
-        Places in glare are none.
+        member (N,): a number that places in the same features share. Places in glare are none.
         """
         support, rows = matched.support, rows & ~beside.glare
-        at = pieces(lines.edge[rows], lines.normal[rows])
+        at = pieces((len(member) + 1) * lines.edge[rows] + member[rows], lines.normal[rows])
         n = np.bincount(at)
         share = np.bincount(at, support[rows]) / np.maximum(n, 1)
         scatter = scatter_of(matched.coarse[rows], lines.along[rows], at)
@@ -89,7 +93,8 @@ class EdgeEvidence:
         faint = np.array([_steps_somewhat(matched.step[p]) for p in places], bool)
         plain = share[long] >= 0.5
         told = np.where(plain, scatter[long], np.nan)
-        every = cls(edge, alike(normal, color), contrast, plain | faint, faint & ~plain, told)
+        first = np.array([p[0] for p in places], np.int64)
+        every = cls(edge, alike(normal, color), contrast, plain | faint, faint & ~plain, told, first)
         return every.select(~_merged(lines, places, every.seen))
 
     def select(self, chosen: Mask) -> EdgeEvidence:

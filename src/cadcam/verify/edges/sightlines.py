@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Ids, Longs, Mask
 from cadcam.cad.edge_kind import EdgeKind
-from cadcam.camera.error_source import ErrorSource, distinct_sources
+from cadcam.camera.error_source import ErrorSource, by_unit_errors, distinct_sources
 from cadcam.camera.sensitivity import project_with_sensitivity
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
@@ -217,11 +217,4 @@ def _by_cause(view: Viewpoint, p_world: Array, normal: Array, sources: list[Erro
         return np.zeros((len(p_world), 0))
     _, J = project_with_sensitivity(view.camera, view.camera_from_world, p_world)
     along_normal = np.einsum("ni,nij->nj", normal, J)
-    mine = {id(source.owner): D for source, D in view.errors}
-    none = np.zeros((along_normal.shape[1], 0))
-    columns = []
-    for source in sources:
-        D = mine.get(id(source.owner), none)
-        effect = along_normal @ D @ source.root if D.size else np.zeros((len(normal), len(source.covariance)))
-        columns.append(effect)
-    return np.concatenate(columns, axis=1)
+    return by_unit_errors([(source, along_normal @ D) for source, D in view.errors], sources, (len(normal),))[0]

@@ -75,6 +75,14 @@ class Survey:
         moved_as_one = np.where(self.usable, self.body, -1)
         return clutter_of(self.lines, self.nearby, moved_as_one, reach_px=self.reach_px)
 
+    def eye(self, rows: Mask) -> Array | None:
+        """Return the camera's place (3,) in the part frame, if one photo has all of these places; None: several do."""
+        photos = np.unique(self.lines.photo[rows])
+        if len(photos) != 1:
+            return None
+        sight = self.sights[photos[0]]
+        return np.asarray((sight.photo.camera_from_world @ sight.drawn).origin)
+
     def rows(self, number: int) -> Mask:
         """Return the places (N,) of a feature that can be used."""
         return np.asarray(self.members[number] & self.usable)
@@ -111,7 +119,7 @@ class Survey:
         asked = self.members[number] & self.ought
         for e in np.unique(self.lines.edge[asked]):
             rows = asked & (self.lines.edge == e)
-            if rows.sum() < LEAST_PLACES or 2 * rows.sum() < ((self.lines.edge == e) & self.usable).sum():
+            if rows.sum() < LEAST_PLACES or 2 * rows.sum() < ((self.lines.edge == e) & self.rows(number)).sum():
                 continue
             beside = ~self.matched.support[rows] & np.isfinite(self.nearby[rows]).any(axis=1)
             if beside.mean() >= _BESIDE_SHARE:
@@ -120,7 +128,7 @@ class Survey:
 
     def presence(self, number: int, *, elsewhere: float) -> Presence:
         """Return the evidence that a feature is there; see `cadcam.verify.edges.presence`."""
-        mine = np.isin(self.evidence.edge, np.unique(self.lines.edge[self.rows(number)]))
+        mine = self.members[number][self.evidence.place]
         return presence(self.evidence, mine, clutter=self.clutter, elsewhere=elsewhere)
 
     def guesses(self, number: int, *, reach_px: float) -> list[Array]:
@@ -198,7 +206,7 @@ def surveyed(
         mate=feet.of_bodies(lines, body),
         ground=feet.ground,
         ought=ought,
-        evidence=EdgeEvidence.of(lines, usable, matched, beside),
+        evidence=EdgeEvidence.of(lines, usable, _as_members(members, len(lines)), matched, beside),
         by=by,
         shown=tuple(shown),
         sights=tuple(sights),
@@ -235,6 +243,12 @@ def _members(scene: Scene, lines: Sightlines, asked: Tolerances) -> tuple[tuple[
         names.append(name)
         members.append(rest & (lines.part == number))
     return tuple(names), tuple(members)
+
+
+def _as_members(members: Sequence[Mask], n: int) -> Longs:
+    """Return a number (n,) for each place, the same for those that are in the same features."""
+    every = np.stack([*members, np.zeros(n, bool)], axis=1)
+    return np.asarray(np.unique(every, axis=0, return_inverse=True)[1].reshape(-1), np.int64)
 
 
 def _bodies(members: Sequence[Mask]) -> Longs:

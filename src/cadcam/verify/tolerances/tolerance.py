@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from fnmatch import fnmatchcase
 
@@ -17,6 +17,7 @@ import numpy.typing as npt
 from cadcam.arrays import Array, Brief, Floats, Longs, Mask, frozen
 from cadcam.cad.edges import EdgeKind
 from cadcam.errors import BadValue, CadcamError, UnknownName
+from cadcam.geometry.box import clipped_to_box
 from cadcam.geometry.plane import axes_across
 from cadcam.kinds import FrozenMap, expect, expect_each, expect_known, expect_names, expect_numbers
 from cadcam.render.view import Scene
@@ -63,8 +64,8 @@ class Selection(Brief):
     """A selection of a part's edges: those of the bodies whose names fit `part`, narrowed by all other entries.
 
     part: a name or a pattern as for file names (`bar *`). chains: numbers of feature chains. box (2, 3) mm: lowest and
-    highest corner, in the part frame, of the region in which an edge must lie. kinds: kinds of edge. Raises `BadValue`
-    for entries of another kind.
+    highest corner, in the part frame, of a region; of an edge that it cuts, what lies in it belongs. kinds: kinds of
+    edge. Raises `BadValue` for entries of another kind.
     """
 
     part: str = "*"
@@ -114,11 +115,11 @@ class Selection(Brief):
         for chain in self.chains:
             if chain not in chains:
                 raise BadValue(f"chain of {self.part!r}", chain, f"one of {runs(chains)}")
-        at = scene.mesh.vertices[edges.vertices].mean(axis=1)
         curved = (EdgeKind.CONTOUR in self.kinds or not self.kinds) and self._meets(scene)
-        if not curved and not self.holds(edges.part, edges.chain, edges.kind, at, bodies).any():
+        if not curved and not self.segments(scene)[0].any():
             kinds = ", ".join(EdgeKind(k).name.lower() for k in np.unique(edges.kind[own]))
-            low, high = at[own].min(axis=0).round(1).tolist(), at[own].max(axis=0).round(1).tolist()
+            at = scene.mesh.vertices[edges.vertices[own]].reshape(-1, 3)
+            low, high = at.min(axis=0).round(1).tolist(), at.max(axis=0).round(1).tolist()
             raise BadValue(
                 f"choice of edges of {self.part!r}", "empty", f"a box_mm within {low} to {high}, kinds among {kinds}"
             )
@@ -145,6 +146,16 @@ class Selection(Brief):
         if self.kinds:
             out = out & np.isin(kind, self.kinds)
         return out if self.box is None else out & _inside(p, self.box)
+
+    def segments(self, scene: Scene) -> tuple[Mask, Array]:
+        """Return which edges (E,) of the scene are chosen, and the ends (E, 2, 3) mm of what the box holds of each."""
+        edges, bodies = scene.edges, self.bodies(scene)
+        ends = scene.mesh.vertices[edges.vertices]
+        chosen = replace(self, box=None).holds(edges.part, edges.chain, edges.kind, ends[:, 0], bodies)
+        if self.box is None:
+            return chosen, ends
+        inside, ends = clipped_to_box(ends, self.box)
+        return chosen & inside, ends
 
     def polylines(self, scene: Scene, by: Array | None = None) -> tuple[Longs, list[Array]]:
         """Return the numbers (c,) of the feature chains chosen, and the edges (n, 3) mm as they lie in the scene.
