@@ -44,6 +44,10 @@ class BadValue(CadcamError):
         self.expected: str = expected
 
 
+class UnusablePhoto(BadValue):
+    """There is no photo to look at, or one without contrast, of black and white pixels, or that is another again."""
+
+
 class UnreadableFile(CadcamError):
     """A file is missing, truncated, empty or not what its name says."""
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cadcam.arrays import Array, quantile
-from cadcam.errors import BadValue
+from cadcam.errors import BadValue, UnusablePhoto
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
 from cadcam.kinds import expect, expect_each
@@ -104,8 +104,8 @@ def locate_part(
 
     start: a pose off by no more than `reach`; without one the part is searched for from all `views`. photos: of one
     camera, of a rig, or of a moved camera. freedom: the motions that are possible from the start. Other poses that the
-    photos allow nearly as well (symmetry, a flip of a flat part) are in `alternatives`. Raises `BadValue` on photos
-    without contrast and `NothingInView` where the start puts the part outside of all photos.
+    photos allow nearly as well (symmetry, a flip of a flat part) are in `alternatives`. Raises `UnusablePhoto` on
+    photos without contrast and `NothingInView` where the start puts the part outside of all photos.
     """
     expect(reach, "reach", Reach)
     expect(options, "options", EdgeOptions)
@@ -373,22 +373,22 @@ def distinct_poses(
 
 
 def check_photos(photos: Sequence[Photo]) -> None:
-    """Raise `BadValue` where there is no photo, one twice, or one without contrast, or of black and white pixels."""
+    """Raise `UnusablePhoto` for no photo, one twice, and one without contrast or of black and white pixels."""
     if not photos:
-        raise BadValue("photos", "none", "at least one photo")
+        raise UnusablePhoto("photos", "none", "at least one photo")
     for photo in photos:
         every = max(1, math.isqrt(photo.gray.size // _LOOKED_AT))
         name, gray = f"photo {photo.viewpoint.name!r}", photo.gray[::every, ::every].copy()
         low, high = quantile(gray, 0.01), quantile(gray, 0.99)
         if high - low < _FLAT:
-            raise BadValue(
+            raise UnusablePhoto(
                 name, f"empty: 98 % of it lies within {low:.3f} to {high:.3f} of white", "a picture with contrast"
             )
         clipped = float(np.mean((gray <= 0.001) | (gray >= 0.999)))
         if clipped > _CLIPPED:
-            raise BadValue(name, f"{clipped:.0%} black or white", "a picture exposed so that edges show")
+            raise UnusablePhoto(name, f"{clipped:.0%} black or white", "a picture exposed so that edges show")
     for k, photo in enumerate(photos):
         again = next((one for one in photos[:k] if np.array_equal(one.gray, photo.gray)), None)
         if again is not None:  # of two cameras, too: no noise is the same
             what, other = f"photo {k + 1}, {photo.viewpoint.name!r},", f"pixel by pixel {again.viewpoint.name!r} again"
-            raise BadValue(what, other, "each picture once: what it shows is no evidence twice")
+            raise UnusablePhoto(what, other, "each picture once: what it shows is no evidence twice")

@@ -14,7 +14,7 @@ import numpy as np
 
 from cadcam.arrays import Array, Brief
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.errors import BadValue, NothingInView
+from cadcam.errors import BadValue, NothingInView, UnusablePhoto
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.kinds import expect, expect_flag, expect_several
 from cadcam.locate.evidence import Evidence
@@ -175,7 +175,7 @@ class Tracker:
                     raise
                 tried[0] = Location.nowhere(where, Reason(str(error)))
                 continue
-            except BadValue as error:  # a picture without contrast
+            except UnusablePhoto as error:
                 tried[0] = Location.nowhere(where, Reason(_of_frame(str(error), frame)))
                 continue
             if location.found:
