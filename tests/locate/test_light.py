@@ -35,7 +35,7 @@ def test_brightness_is_the_product_of_both_distributions_without_inverting_matri
     inverted: list[int] = []
     plain = np.linalg.inv
     monkeypatch.setattr(np.linalg, "inv", lambda a: inverted.append(len(a)) or plain(a))
-    tone, stated = light.brightness(normal, color)
+    tone, stated = light.brightness_and_covariance(normal, color)
 
     assert max(inverted, default=0) <= 9
     rounding = 8 * EPS * max(n, 1) * (1 + np.linalg.norm(A) / own)

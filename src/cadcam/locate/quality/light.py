@@ -40,11 +40,20 @@ class FittedLight:
     mean: float
     spread: float
 
-    def brightness(self, normal: Array, color: Ids) -> tuple[Array, Array]:
-        """Return the brightness (N,) of surfaces of normals (N, 3) and colours (N,), and its covariance (N, N).
+    def brightness(self, normal: Array, color: Ids) -> Array:
+        """Return the brightness (N,) of surfaces of normals (N, 3) and colours (N,).
 
         For surfaces unlike any other in the photo, only the distribution of all surfaces' brightness is known.
         """
+        return self._told(normal, color)[0]
+
+    def brightness_and_covariance(self, normal: Array, color: Ids) -> tuple[Array, Array]:
+        """Return the brightness (N,), and its covariance (N, N)."""
+        tone, own, shared = self._told(normal, color)
+        return tone, own * np.eye(len(tone)) + shared @ shared.T
+
+    def _told(self, normal: Array, color: Ids) -> tuple[Array, float, Array]:
+        """Return the brightness (N,), the variance of its error in each surface, and effects (N, 9) of shared ones."""
         by = np.array([self.gain.get(int(c), 1.0) for c in color])[:, None] * _basis(normal)
         brightest = _HIGHER_TERMS * (self.mean + 2 * self.spread)
         # Surfaces, thousands in a large model, share only the nine numbers of the light: no matrix (N, N) is inverted.
@@ -55,8 +64,8 @@ class FittedLight:
         told, told_shared = any_tone / (any_tone + own), any_tone / (any_tone + shared)
         beyond = by @ self.form - self.mean
         tone = self.mean + told * beyond + (U * (told_shared - told)) @ (U.T @ beyond)
-        covariance = told * own * np.eye(len(by)) + (U * (told_shared * shared - told * own)) @ U.T
-        return np.asarray(tone), np.asarray(covariance)
+        more = told_shared * shared - told * own  # never below zero: what is shared is an error beside their own
+        return np.asarray(tone), told * own, np.asarray(U * np.sqrt(np.maximum(more, 0.0)))
 
     def contrast(self, normal: Array, color: Ids) -> tuple[Array, Array]:
         """Return the change of brightness (N,) between surfaces, normals (N, 2, 3), colours (N, 2), and its sigma."""

@@ -186,9 +186,9 @@ class _Patches:
 
     def tones(self, light: FittedLight) -> tuple[Array, Array]:
         """Return the brightness (n,) that the light predicts, and the covariance (s, s) of the surfaces' tones."""
-        by_surface = light.brightness(self.own_normal, self.own_color)[0]
+        by_surface = light.brightness(self.own_normal, self.own_color)
         by_surface[self.own_color < 0] = light.nothing
-        tone, V = light.brightness(self.normal[self.large], self.color[self.large])
+        tone, V = light.brightness_and_covariance(self.normal[self.large], self.color[self.large])
         open_ = self.open[self.large]
         kept, variance = dimming(tone, open_)
         off = np.diag(np.full(len(tone) + 2, light.spread**2))

@@ -90,7 +90,7 @@ class _SurfacePixels:
         first (r,): one of these of each surface; kind (m,): the surface of each; covariance (r, r); openness (r,).
         """
         normal, color = self.normal[at[first]], self.color[at[first]]
-        mean, V = light.brightness(normal, color)
+        mean, V = light.brightness_and_covariance(normal, color)
         nothing = color < 0
         open_ = self.sky.of_groups(self.q[at], np.where(nothing[kind], -1, kind), len(first))
         kept, variance = dimming(mean, open_)
