@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Callable
 from pathlib import Path
@@ -63,3 +64,14 @@ def test_a_start_that_makes_the_part_a_few_px_large_is_said_to(cadcam: Cadcam, h
     said = r"the start makes the part 0\.\d+ px large, [\de+.]+ mm from camera 'photo.png', as if in another unit"
     assert re.search(said, ran.out)
     assert "px large" in cadcam("verify", *START[1:]).out
+
+
+def test_a_focal_length_in_mm_is_asked_about(cadcam: Cadcam, here: Path) -> None:
+    focal = "the focal length of camera 'photo.png' is 8 px: is it in mm instead?"
+    width, height = CAMERA.size
+    camera = {"size_px": [width, height], "fx_px": 8, "fy_px": 8, "cx_px": width / 2, "cy_px": height / 2}
+    (here / "camera.json").write_text(json.dumps(camera))
+    for command in (START, LOCATE):
+        ran = cadcam(*command)
+        assert ran.code == 3
+        assert focal in ran.out

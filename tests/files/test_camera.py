@@ -155,7 +155,10 @@ def test_what_is_not_understood_is_refused_with_its_key(tmp_path: Path, change: 
     [
         ('{"size_px": [640, 480],', "is not JSON.*line 1.*cut off"),
         ("[1, 2]", "an object"),
-        ('{"size_px": [640, 480], "fx_px": NaN, "fy_px": 1, "cx_px": 1, "cy_px": 1}', "fx_px is not finite"),
+        (
+            '{"size_px": [640, 480], "fx_px": NaN, "fy_px": 1, "cx_px": 1, "cy_px": 1}',
+            "fx_px is not finite; a number is expected",
+        ),
         ('{"size_px": [640, 480], "size_px": [1, 1]}', "has the key 'size_px' twice"),
         ('{"fx_px": 1}', "has no 'size_px'"),
         ("[image]\n\nwidth\n640\n", r"is not JSON, as .*; cadcam\.read_cameras"),

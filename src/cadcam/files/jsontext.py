@@ -109,7 +109,7 @@ class Place:
         if not fits:
             raise self.error(f"has shape {array.shape}", expected)
         if not np.isfinite(array).all():
-            raise self.error("is not finite", "leave out what is not known")
+            raise self.error("is not finite", expected)
         if (np.abs(array) > LARGEST).any():
             raise self.error(f"is {shortened(self.value)}", f"numbers of at most {LARGEST:g} in size are expected")
         return array

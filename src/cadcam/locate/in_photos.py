@@ -25,7 +25,7 @@ from cadcam.locate.refine.options import EDGES, EdgeOptions
 from cadcam.locate.refine.refinement import Refinement
 from cadcam.locate.refine.retaken import at_their_sharpness
 from cadcam.locate.rivals import Rivals, far_looser
-from cadcam.locate.search.approach import REACH, Reach, approach, as_in_another_unit, middle_in_view
+from cadcam.locate.search.approach import REACH, Reach, approach, as_in_another_unit, focal_as_in_mm, middle_in_view
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.search.lying import Lying, met_by_search
 from cadcam.locate.search.without_start import search, too_near_to_search
@@ -268,8 +268,8 @@ def _not_found(task: _LocateTask, best: Location, tried: int, equivalent: Sequen
     around = " around the start" if started else ""
     said = f"the best of {tried} hypotheses{around} does not hold: {best.why.why}"
     why = replace(best.why, why=said, refusal=Refusal.NOT_FOUND, around_start=started)
-    odd = too_near_to_search(task.part, task.views)
-    if task.start is not None:
+    odd = focal_as_in_mm(task.photos) or too_near_to_search(task.part, task.views)
+    if task.start is not None and not odd:
         odd = as_in_another_unit(task.part, task.photos, task.start)
     return replace(best, why=why.noting(odd) if odd else why, alternatives=tuple(equivalent))
 

@@ -32,6 +32,7 @@ from cadcam.locate.views.aspects import Aspects, Views
 from cadcam.locate.views.outlook import Outlook
 
 _FINE_PX = 360.0  # largest size of the part in the finest field: enough to tell poses apart at low cost
+_SHORTEST = 0.1  # widths of the picture: a focal length below it sees more than 157 degrees
 _FEW_PX = 12.0  # a part that is smaller in a photo has hardly any edges there
 _COARSE_PX, _LEVELS = 33.0, 3  # least size of the part in the coarsest field, px; the most fields
 _TILT_DEG, _ROLL_DEG, _DEPTH = 9.0, 6.0, 0.07  # steps of the grid: half a step is within the basin of the climb
@@ -167,6 +168,16 @@ def _outside(aspects: Aspects, photo: Photo, start: Rigid) -> str:
     else:
         why = "beside its picture: is the pose inverted, or in another unit?"
     return f"the start puts the part outside of every photo, {place}, {why}"
+
+
+def focal_as_in_mm(photos: Sequence[Photo]) -> str:
+    """Return that a camera's focal length is so short that it may be in mm, not px; "" if none is."""
+    for photo in photos:
+        short = photo.camera.fx / photo.camera.width
+        if short < _SHORTEST:
+            px = significant(photo.camera.fx)
+            return f"the focal length of camera {photo.viewpoint.name!r} is {px} px: is it in mm instead?"
+    return ""
 
 
 def as_in_another_unit(part: Part, photos: Sequence[Photo], start: Rigid) -> str:
