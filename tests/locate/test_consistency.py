@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from cadcam.arrays import Picture
 from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.camera.error_source import ErrorSource
@@ -17,6 +18,8 @@ from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.refine.consistency import PhotoShift, _variance
 from cadcam.locate.refine.refinement import Refinement, refine_pose
+from cadcam.locate.track.frames import Frame
+from cadcam.locate.track.tracker import TrackedFrame, track_part
 
 from .photos import noisy, shot, view
 
@@ -194,3 +197,37 @@ def test_how_far_cameras_are_off_is_estimated_on_the_safe_side_by_one_photo(n: i
         ]
         found.append(_variance(photos))
     assert np.mean(found) * (n - 1) / n == pytest.approx(1.0, abs=4 / np.sqrt(600 * (n - 1)))
+
+
+def tracked(rng: np.random.Generator, off: dict[str, Sequence[float]], cover: dict[int, Picture]) -> list[TrackedFrame]:
+    """Return four frames of the part at rest, by two cameras; cover: what the right one sees instead, by frame."""
+    frames = []
+    for k in range(4):
+        left, right = photos(rng, off, "left", "right")
+        seen = right if k not in cover else replace(right, gray=cover[k])
+        frames.append(Frame.of(k, left, seen))
+    return list(track_part(PART, frames, START))
+
+
+def test_a_tracked_pose_is_as_unsure_as_cameras_that_disagree_make_it(rng: np.random.Generator) -> None:
+    """In the first frame it was; where the motion had foretold it, its error was three of the standard deviations."""
+    steps = tracked(rng, {"right": (0.4, 0.3, 0.0)}, {})
+    assert [step.how for step in steps[1:]] == ["predicted"] * 3
+    for step in steps:
+        assert "disagree" in step.location.reason
+        assert normalised(step.location) < 3
+
+
+@pytest.mark.parametrize("sees", ["black", "noise"])
+def test_a_camera_that_sees_nothing_for_some_frames_does_not_lose_the_part(sees: str, rng: np.random.Generator) -> None:
+    """Neither without light, nor with a hand before its lens: the other camera shows the part where it was foretold."""
+    width, height = NEAR.size
+    noise = rng.normal(0.5, 0.02, (height, width)).clip(0, 1).astype(np.float32)
+    steps = tracked(rng, {}, {2: np.zeros_like(noise) if sees == "black" else noise})
+    assert all(step.location.found for step in steps)
+    assert [len(step.location.disagreements) for step in steps] == [0, 0, 1, 0]
+    (gone,) = steps[2].location.disagreements
+    assert (gone.photo, gone.name, gone.left_out) == (1, "right", True)
+    assert "left out" in steps[2].location.reason
+    assert set(steps[2].location.matches.photo) == {0}
+    assert normalised(steps[2].location) < 3

@@ -45,6 +45,14 @@ def test_a_start_beside_the_plane_is_told_and_counted(beside: tuple[float, ...],
     assert normalised(found) < 3
 
 
+def test_where_a_start_was_foretold_the_plane_is_asked_about_too(rng: np.random.Generator) -> None:
+    """A tracked part that leaves its plane was stated ten times too sure."""
+    start = POSE @ Rigid.exp(np.array([0, 0, 0, 0.012, 0, 0])) @ ASIDE
+    found = refine_pose(PART, [photo(PART, POSE, rng)], start, freedom=ON_ITS_FLOOR, wider=False)
+    assert "free to move it would lie" in found.reason
+    assert normalised(found) < 3
+
+
 @pytest.mark.parametrize("above", [0.1, 0.2, 0.3, 0.5])
 def test_a_start_little_beside_the_plane_is_counted_too(above: float, rng: np.random.Generator) -> None:
     """Too little to doubt the plane, or enough: the pose is as unsure as that makes it, and the reason says so once."""

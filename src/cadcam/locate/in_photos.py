@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from cadcam.arrays import Array, quantile
-from cadcam.errors import BadValue, UnusablePhoto
+from cadcam.arrays import Array
+from cadcam.errors import BadValue
 from cadcam.geometry.rigid import Rigid, expect_motion
 from cadcam.geometry.rotation import hat
 from cadcam.kinds import expect, expect_each
@@ -29,6 +28,7 @@ from cadcam.locate.search.approach import REACH, Reach, approach, as_in_another_
 from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.search.lying import Lying, met_by_search
 from cadcam.locate.search.without_start import search, too_near_to_search
+from cadcam.locate.usable import check_photos
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 ALIKE = Reason("the part looks the same in this pose")  # of one that is equivalent by the part's symmetry
@@ -45,8 +45,6 @@ _STANDS_OUT, _CLEAR = (1.25, 1.1), 0.75
 _ABOVE, _SURE = 0.3, 0.6  # a pose stands out by its quality: least lead over those elsewhere, least quality
 _PROMISING = 0.25  # least quality, before the fit, of a start that might still beat what was found
 _SAME, _BASIN = 0.02, 0.1  # radii: closer refined poses are one; closer starts lie in a refined pose's basin
-_LOOKED_AT = 5_000  # pixels of a photo that are sampled to check its exposure
-_FLAT, _CLIPPED = 2.0 / 255.0, 0.98  # least contrast of a photo; largest share of black or white pixels
 
 
 class Trial(NamedTuple):
@@ -370,25 +368,3 @@ def distinct_poses(
         if min(apart(part, other.pose.world_from_part, o.pose.world_from_part) for o in kept) > _SAME:
             kept.append(other)
     return kept[1:]
-
-
-def check_photos(photos: Sequence[Photo]) -> None:
-    """Raise `UnusablePhoto` for no photo, one twice, and one without contrast or of black and white pixels."""
-    if not photos:
-        raise UnusablePhoto("photos", "none", "at least one photo")
-    for photo in photos:
-        every = max(1, math.isqrt(photo.gray.size // _LOOKED_AT))
-        name, gray = f"photo {photo.viewpoint.name!r}", photo.gray[::every, ::every].copy()
-        low, high = quantile(gray, 0.01), quantile(gray, 0.99)
-        if high - low < _FLAT:
-            raise UnusablePhoto(
-                name, f"empty: 98 % of it lies within {low:.3f} to {high:.3f} of white", "a picture with contrast"
-            )
-        clipped = float(np.mean((gray <= 0.001) | (gray >= 0.999)))
-        if clipped > _CLIPPED:
-            raise UnusablePhoto(name, f"{clipped:.0%} black or white", "a picture exposed so that edges show")
-    for k, photo in enumerate(photos):
-        again = next((one for one in photos[:k] if np.array_equal(one.gray, photo.gray)), None)
-        if again is not None:  # of two cameras, too: no noise is the same
-            what, other = f"photo {k + 1}, {photo.viewpoint.name!r},", f"pixel by pixel {again.viewpoint.name!r} again"
-            raise UnusablePhoto(what, other, "each picture once: what it shows is no evidence twice")

@@ -17,7 +17,7 @@ from cadcam.arrays import Array, Longs, Mask
 from cadcam.geometry.rigid import Rigid
 from cadcam.kinds import expect, expect_count, expect_each
 from cadcam.locate.freedom import FREE
-from cadcam.locate.in_photos import Trial, check_photos, distinct_poses, elsewhere, equivalent, stands_out
+from cadcam.locate.in_photos import Trial, distinct_poses, elsewhere, equivalent, stands_out
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
@@ -31,6 +31,7 @@ from cadcam.locate.search.hypothesis import Hypothesis
 from cadcam.locate.search.lying import Lying, met_by_search
 from cadcam.locate.search.quota import MANY
 from cadcam.locate.search.without_start import search
+from cadcam.locate.usable import check_photos
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 MOST = 100  # instances that are looked for, unless fewer are asked for

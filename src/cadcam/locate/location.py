@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -119,6 +120,17 @@ class Location:
     def noting(self, note: str) -> Location:
         """Return the location with one more note to its reason."""
         return replace(self, why=self.why.noting(note))
+
+    def numbered(self, photos: Sequence[int]) -> Location:
+        """Return the location by some of several photos, numbered as they are among all."""
+        number = np.array(photos, np.int32)
+        return replace(
+            self,
+            matches=replace(self.matches, photo=number[self.matches.photo]),
+            judged=replace(self.judged, photo=number[self.judged.photo]),
+            disagreements=tuple(replace(one, photo=photos[one.photo]) for one in self.disagreements),
+            alternatives=tuple(one.numbered(photos) for one in self.alternatives),
+        )
 
     def uncertain(self, why: str, *, off_plane: bool = False) -> Location:
         """Return the location as not found, because its pose is not certain; why: in words, beside its own reason."""

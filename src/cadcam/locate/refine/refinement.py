@@ -71,7 +71,7 @@ def refine_pose(
     because lines of a wrong pose often half agree; where edges fit loosely, poses slightly beside, if the start was the
     best of many or the answer is still in doubt; where edges scatter, the pose that most of them agree on closely
     (`locate.refine.agreement`); and where colour supports a doubtful answer, which must then be approximately right,
-    the result of a search near it.
+    the result of a search near it. Whether photos agree, and allow the restriction, is asked in any case.
     """
     expect(options, "options", EdgeOptions)
     expect(part, "part", Part)
@@ -118,10 +118,9 @@ class Refinement:
         told = self.freedom.without(unseen, start)
         asked = replace(self, freedom=told)
         best = asked.from_start(start)
-        location = best.location
         if self.wider:
             best = asked.in_color(asked.again(best), start)
-            location = released(self.part, asked.consistent(best), self.freedom, self.options)
+        location = released(self.part, asked.consistent(best), self.freedom, self.options)
         return _turned_anyhow(location, unseen, start) if unseen.shape[1] else location, best.sights
 
     def from_start(self, start: Rigid) -> PoseAnswer:
@@ -201,8 +200,8 @@ class Refinement:
         """Return the answer without photos that show nothing of the part, or without the one that is inconsistent.
 
         None where all photos count, or where it is not clear which of them to leave out. One in which nothing of the
-        part shows speaks against the pose: its quality remains that of all photos together. One that shows the part
-        elsewhere does not, where two others or more agree.
+        part shows speaks against the pose: its quality remains that of all photos together, unless the start was
+        foretold. One that shows the part elsewhere does not, where two others or more agree.
         """
         if self.evidence:  # it names photos by number: it would have to be renumbered
             return None
@@ -225,7 +224,7 @@ class Refinement:
         of = consistency.disagreements(left_out, self.photos, left_out=True)
         told = location.noting(f"{', '.join(repr(one.name) for one in of)} left out: {why}")
         told = replace(told, disagreements=of)
-        if not blind or best.location.quality >= location.quality:
+        if not blind or self.chosen < 0 or best.location.quality >= location.quality:
             return replace(answer, location=told)
         if best.location.quality < FOUND:
             where = ", ".join(repr(one.name) for one in of)
@@ -246,10 +245,7 @@ class Refinement:
         if not consistency.holds:
             return None
         location = consistency.stated_in(answer.location, self.part, fewer.photos)
-        among = np.array(kept, np.int32)
-        matches = replace(location.matches, photo=among[location.matches.photo])
-        judged = replace(location.judged, photo=among[location.judged.photo])
-        return replace(answer, location=replace(location, matches=matches, judged=judged)), consistency.close
+        return replace(answer, location=location.numbered(kept)), consistency.close
 
     def colored(self, pose: Rigid) -> tuple[float, Rigid, Sequence[Sight]]:
         """Return the share of the lines' samples that colour supports at a pose, the pose, and its sights."""

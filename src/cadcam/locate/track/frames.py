@@ -11,6 +11,7 @@ from functools import cached_property
 from glob import glob
 from itertools import pairwise, zip_longest
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -43,6 +44,15 @@ class Frame(Brief):
         """Return the frame of photos that are in no file; the fingerprints are of their pixels."""
         names = tuple(f"{photo.viewpoint.name} {index}" for photo in photos)
         return cls(index, photos, names, tuple(_fingerprint(photo.gray) for photo in photos))
+
+    def only(self, photos: Sequence[int]) -> Frame:
+        """Return the frame with the photos of these numbers alone."""
+        return Frame(self.index, *(_some(of, photos) for of in (self.photos, self.names, self.sha256, self.whites)))
+
+
+def _some(each: tuple[Any, ...], numbers: Sequence[int]) -> tuple[Any, ...]:
+    """Return the entries of these numbers, none where there are none."""
+    return tuple(each[k] for k in numbers) if each else ()
 
 
 class Frames:

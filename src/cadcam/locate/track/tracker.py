@@ -7,7 +7,7 @@ determines the pose together with the edges.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -20,7 +20,7 @@ from cadcam.kinds import expect, expect_flag, expect_several
 from cadcam.locate.evidence import Evidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.in_photos import ALIKE, locate_part
-from cadcam.locate.location import FOUND, Location
+from cadcam.locate.location import FOUND, Disagreement, Location
 from cadcam.locate.part import Part
 from cadcam.locate.photo import Photo
 from cadcam.locate.reason import Reason, Refusal
@@ -31,6 +31,7 @@ from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
 from cadcam.locate.uncertainty import weakest_direction
+from cadcam.locate.usable import check_exposure
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been lost for long
@@ -144,7 +145,13 @@ class Tracker:
         """Return the pose of the part in the next frame."""
         expect(frame, "frame", Frame)
         followed = self._followed(frame.index, frame.photos)
-        how, location = self._located(frame, followed)
+        faults = _faults(frame)
+        usable = [k for k in range(len(frame.photos)) if k not in faults]
+        if faults and usable:
+            how, location = self._located(frame.only(usable), followed)
+            location = _without(location.numbered(usable), frame, faults)
+        else:
+            how, location = self._located(frame, followed)
         step = LoggedFrame(frame.index, location.pose if location.found else None, how, frame.photos)
         return TrackedFrame(frame, location, how, self._keep(step, followed))
 
@@ -327,6 +334,24 @@ class _Memory:
         was = self.last @ self._corners
         found = [location, *(other for other in location.alternatives if other.found)]
         return min(found, key=lambda one: float(np.abs(one.pose.world_from_part @ self._corners - was).sum()))
+
+
+def _faults(frame: Frame) -> dict[int, str]:
+    """Return what is wrong with photos of a frame that cannot show the part, by their numbers."""
+    faults = {}
+    for number, photo in enumerate(frame.photos):
+        try:
+            check_exposure(photo)
+        except UnusablePhoto as error:
+            faults[number] = _of_frame(str(error), frame)
+    return faults
+
+
+def _without(location: Location, frame: Frame, faults: Mapping[int, str]) -> Location:
+    """Return a location by the other photos of a frame, saying which were left out, and for what faults."""
+    gone = tuple(Disagreement(k, frame.photos[k].viewpoint.name, np.nan, left_out=True) for k in faults)
+    told = location.noting(f"left out: {'; '.join(faults.values())}")
+    return replace(told, disagreements=(*told.disagreements, *gone))
 
 
 def _of_frame(said: str, frame: Frame) -> str:
