@@ -318,6 +318,22 @@ def test_of_a_part_that_is_photographed_anew_the_last_verdict_counts(
     assert "1 part: 1 PASS" in ran.err
     with open_store("parts.sqlite", create=False) as store:
         assert [record.verdict for record in store.query()] == ["FAIL", "PASS"]
+    page = (cell / "out/index.html").read_text()
+    assert "<b>1</b> PASS" in page
+    assert "</b> FAIL" not in page
+    assert "1 earlier record of the same parts left out" in page
+
+
+def test_parts_whose_photos_are_gone_stay_on_the_page(cadcam: Cadcam, cell: Path) -> None:
+    """Photos were put away into an archive, and the command started anew."""
+    inspected(cadcam)
+    (cell / "in/A 10.png").unlink()
+    put_like(cell / "in/A 9.png", cell / "in/A 11.png")
+    assert inspected(cadcam).code == 0
+    page = (cell / "out/index.html").read_text()
+    for serial in ("A 9", "A 10", "A 11"):
+        assert f'href="parts/{serial.replace(" ", "%20")}.html"' in page
+    assert re.search(r"<b>1</b> FAIL.*<b>2</b> PASS", page)
 
 
 def test_limits_that_are_changed_meanwhile_are_not_those_that_were_judged_by(
@@ -348,6 +364,8 @@ def test_photos_of_two_cameras_are_paired_by_serial(cadcam: Cadcam, cell: Path) 
     ran = inspected(cadcam, "--camera", "side.json", "--json", photos=("in/*_F.png", "in/*_S.png"), camera="front.json")
     assert [(part["serial"], part["verdict"]) for part in ran.json["parts"]] == [("1", "PASS"), ("2", "FAIL")]
     assert ran.json["incomplete"] == ["3"]
+    assert ran.code == 2  # one was not judged
+    assert "waits for in/3_S.png" in Path("out/index.html").read_text()
 
 
 @pytest.mark.parametrize(

@@ -70,6 +70,21 @@ def test_the_part_is_followed_and_every_frame_logged(cadcam: Cadcam, here: Path)
     assert len(list((here / "seen").iterdir())) == N
 
 
+def test_overlays_of_another_run_are_drawn_anew_and_those_of_this_one_kept(cadcam: Cadcam, here: Path) -> None:
+    """What an earlier run had left in the folder was taken for this one's."""
+    (here / "seen").mkdir()
+    old = here / "seen/00000.jpg"
+    old.write_bytes(b"another run's")
+    cadcam(*TRACK, "--overlays", "seen")
+    drawn = old.read_bytes()
+    assert drawn.startswith(b"\xff\xd8")
+    (here / "seen/00001.jpg").write_bytes(b"kept")
+    old.unlink()
+    cadcam(*TRACK, "--overlays", "seen")
+    assert old.read_bytes() == drawn
+    assert (here / "seen/00001.jpg").read_bytes() == b"kept"
+
+
 def test_a_finished_run_is_not_run_again_unless_asked(cadcam: Cadcam, here: Path) -> None:
     cadcam(*TRACK)
     before = (here / "track.jsonl").read_bytes()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import subprocess
@@ -14,7 +15,10 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from cadcam.errors import UnusableStore
+from cadcam.record.claim import Claimed
 from cadcam.record.store import open_store
+
+from .test_store import engine_of
 
 _HOLDER = """
 import sys, time
@@ -48,6 +52,34 @@ def test_the_second_is_told_who_the_first_is_until_that_is_killed(where: str) ->
             with suppress(*[UnusableStore] * (left > 0)), store.claimed("judging in/", "process 9"):
                 break
             time.sleep(0.1)
+
+
+_DROPPED = "SELECT pg_terminate_backend(pid) FROM pg_locks WHERE locktype = 'advisory'"
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning")
+def test_a_claim_that_the_server_forgot_is_taken_again(where: str) -> None:
+    """As by a server that is started anew; where another program has it by then, it is told so."""
+    if "postgresql" not in where:
+        pytest.skip("a file's lock ends with its program alone")
+    engine = engine_of(where)
+    with open_store(where) as store:
+        with store.claimed("judging in/", "process 7") as hold:
+            with engine.connect() as connection:
+                connection.exec_driver_sql(_DROPPED)
+            hold()
+            with (
+                pytest.raises(UnusableStore, match="at work already: process 7"),
+                store.claimed("judging in/", "process 8"),
+            ):
+                pytest.fail("it was let in")
+        with store.claimed("judging in/", "process 7") as hold:
+            with engine.connect() as connection:
+                connection.exec_driver_sql(_DROPPED)
+            with store.claimed("judging in/", "process 8"), pytest.raises(Claimed, match="process 8"):
+                hold()  # within `claimed` it ends that with `UnusableStore`
+    engine.dispose()
+    gc.collect()  # here: pg8000 leaves the socket of a connection that broke to the collector, which warns of it
 
 
 def test_as_much_as_one_likes_can_be_claimed_at_once(where: str) -> None:

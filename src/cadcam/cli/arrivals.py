@@ -96,9 +96,9 @@ class Arrivals:
         """Return the parts that are there."""
         return _whole(self._each())
 
-    def incomplete(self) -> list[str]:
-        """Return the serial numbers that a camera has no photo of, or several."""
-        return list(self._lacks(self._each()))
+    def incomplete(self) -> dict[str, str]:
+        """Return by serial number what parts lack of which a camera has no photo, or several."""
+        return self._lacks(self._each())
 
     def _each(self) -> _Photos:
         """Return by serial number the photos of each camera, in the order of names."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 import os
 import socket
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
@@ -34,15 +34,22 @@ def store_address(arguments: argparse.Namespace) -> str:
 
 
 @contextmanager
-def judging_alone(store: Store, part: str, sources: Iterable[Source]) -> Iterator[None]:
+def judging_alone(store: Store, part: str, sources: Iterable[Source]) -> Iterator[Callable[[], None]]:
     """Be the one on this computer that judges parts of a kind by the photos in these folders, or say who is.
 
-    Each folder is claimed as a whole: one that is named and patterns in it may stand for the same photos.
+    Each folder is claimed as a whole: one that is named and patterns in it may stand for the same photos. What is
+    yielded, called now and then, holds the claims where the store's server has been started anew.
     """
     who = f"process {os.getpid()}, since {datetime.now(UTC):%Y-%m-%d %H:%M} UTC"
     folders = {str(source.folder.resolve()) for source in sources}
+    held: list[Callable[[], None]] = []
+
+    def hold() -> None:
+        for each in held:
+            each()
+
     with ExitStack() as claims:
         for folder in sorted(folders):  # in one order: of two that begin at once, one goes on
             what = f"`cadcam inspect` of {part} in {folder} on {socket.gethostname()}"
-            claims.enter_context(store.claimed(what, who))
-        yield
+            held.append(claims.enter_context(store.claimed(what, who)))
+        yield hold

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from cadcam.cli.arguments import NO
@@ -16,13 +16,15 @@ if TYPE_CHECKING:
 class Telling:
     """The parts so far, of one that was photographed anew what was found last.
 
-    json: they are printed as JSON, in one document at the end; lines: in one line each, when it is known.
+    json: they are printed as JSON, in one document at the end; lines: in one line each, when it is known. incomplete:
+    what the parts lack, by serial number, of which at the end not every camera has one photo.
     """
 
     def __init__(self, *, json: bool, lines: bool) -> None:
         self._json, self._lines = json, json and lines
         self._parts: dict[str, dict[str, Any]] = {}
         self._errors: dict[str, str] = {}
+        self.incomplete: dict[str, str] = {}
 
     def begin(self, serial: str) -> None:
         """Forget why a part could not be judged, if so: it is looked at anew."""
@@ -52,40 +54,41 @@ class Telling:
             print_json_line({"serial": serial, what: why})
         say(f"{serial}: {why}")
 
-    def end(self, latest: Sequence[Record], incomplete: Sequence[str], store: str) -> None:
+    def end(self, latest: Sequence[Record], store: str) -> None:
         """Tell what all parts come to."""
         from cadcam.report.state.tables import features_table
 
         if self._json and not self._lines:
-            more = {"errors": self._errors, "incomplete": list(incomplete), "store": store}
+            more = {"errors": self._errors, "incomplete": list(self.incomplete), "store": store}
             print_json({"parts": list(self._parts.values())} | more)
             return
         if latest and not self._json:
             print_tables([features_table(sorted(latest, key=lambda record: record.time))])
-        say(self._sum(incomplete, store))
+        say(self._sum(store))
 
-    def _sum(self, incomplete: Sequence[str], store: str) -> str:
+    def _sum(self, store: str) -> str:
         from cadcam.report.table import counted
 
         counts = Counter(part["verdict"] or "not judged" for part in self._parts.values())
         said = [f"{count} {verdict}" for verdict, count in counts.items()]
         said += [f"{len(self._errors)} could not be judged"] if self._errors else []
-        if incomplete:
-            said.append(f"{len(incomplete)} without a photo of each camera, or with several ({incomplete[0]} ...)")
+        if self.incomplete:
+            first = next(iter(self.incomplete))
+            said.append(f"{len(self.incomplete)} without a photo of each camera, or with several ({first} ...)")
         known = sum(part["judged_before"] for part in self._parts.values())
         before = f" ({known} judged before)" if known else ""
         parts = counted(len(self._parts.keys() | self._errors.keys()), "part")
         return ": ".join([f"{parts}{before}", *([", ".join(said)] if said else [])]) + f"; kept in {store}"
 
     @property
-    def errors(self) -> Mapping[str, str]:
+    def errors(self) -> dict[str, str]:
         """Why parts could not be judged, by serial number."""
         return self._errors
 
     @property
     def exit_code(self) -> int:
         """What the parts come to."""
-        if self._errors:
+        if self._errors or self.incomplete:
             return 2
         verdicts = {part["verdict"] for part in self._parts.values()}
         if "FAIL" in verdicts:

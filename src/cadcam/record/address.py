@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from getpass import getuser
 from pathlib import Path
 from typing import Any
@@ -40,6 +41,7 @@ def url_of(where: str) -> sql.URL:
 def engine_of(url: sql.URL) -> sql.Engine:
     """Return the connections to a database."""
     if url.get_backend_name() != "sqlite":
+        logging.getLogger("sqlalchemy.pool").addHandler(logging.NullHandler())  # else it prints what it mends itself
         return sql.create_engine(url, pool_pre_ping=True)  # a connection dropped by the network is opened again
     engine = sql.create_engine(url, connect_args={"timeout": _WAIT_S})
     event.listen(engine, "connect", _sqlite_connected)

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 import sqlalchemy as sql
+from sqlalchemy import exc
 
 from cadcam.whole import utf8
 
@@ -84,17 +85,37 @@ def _locked(path: Path) -> int | None:
 
 
 @contextmanager
-def claimed_in_database(engine: sql.Engine, what: str, who: str) -> Iterator[None]:
+def claimed_in_database(engine: sql.Engine, what: str, who: str) -> Iterator[Callable[[], None]]:
     """Hold a lock of PostgreSQL's while it lasts; raise `Claimed` where another program does.
 
-    It is let go of with its connection: also where this process is killed, or the server is started anew.
+    It is let go of with its connection: also where this process is killed, or the server is started anew. What is
+    yielded takes it again after that, if nobody else has meanwhile; then it raises `Claimed`.
     """
+    held = [_lock(engine, what, who)]
+
+    def hold() -> None:
+        try:
+            held[0].execute(sql.text("SELECT 1"))
+        except exc.DBAPIError:
+            held[0].close()
+            with suppress(exc.DBAPIError):  # a server that is away lets nobody else have it either
+                held[0] = _lock(engine, what, who)
+
+    try:
+        yield hold
+    finally:
+        held[0].close()
+
+
+def _lock(engine: sql.Engine, what: str, who: str) -> sql.Connection:
+    """Return a connection that has the lock; raise `Claimed` where another one does."""
     key = {"key": int.from_bytes(hashlib.sha256(utf8(what)).digest()[:8], signed=True)}
     name = utf8(who)[:_NAME_BYTES].decode(errors="ignore")
-    connection = engine.connect().execution_options(isolation_level="AUTOCOMMIT")
-    with connection:
+    with ExitStack() as unless_held:
+        connection = unless_held.enter_context(engine.connect().execution_options(isolation_level="AUTOCOMMIT"))
         connection.detach()  # at its end it is closed with lock and name; those that the store works with are others
         if not connection.execute(sql.text("SELECT pg_try_advisory_lock(:key)"), key).scalar_one():
             raise Claimed(connection.execute(sql.text(_HOLDER), key).scalar() or "")
         connection.execute(sql.text("SELECT set_config('application_name', :name, false)"), {"name": name})
-        yield
+        unless_held.pop_all()
+        return connection

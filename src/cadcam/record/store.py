@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from datetime import datetime
 from types import TracebackType
 from typing import Any, Literal, Self, TypedDict, Unpack, get_args
@@ -232,22 +232,21 @@ class Store:
                 connection.execute(schema.store.insert(), row)
 
     @contextmanager
-    def claimed(self, what: str, who: str) -> Iterator[None]:
+    def claimed(self, what: str, who: str) -> Iterator[Callable[[], None]]:
         """Let one program at a time do something with this store; the next gets `UnusableStore`, which says who does.
 
         The claim ends with the program, however it ends. what: the same text claims the same; who: this program, in
-        words. With SQLite it is a lock on a file beside the store, and no claim where the system has no locks.
+        words. With SQLite it is a lock on a file beside the store, and no claim where the system has no locks. A server
+        that is started anew forgets it: what is yielded, called now and then, takes it again, or raises likewise.
         """
         try:
-            claim: AbstractContextManager[None]
             if self._engine.dialect.name == "postgresql":
-                claim = claimed_in_database(self._engine, what, who)
-            elif self.name == MEMORY:  # which nobody else has
-                claim = nullcontext()
-            else:
-                claim = claimed_by_file(self.name, what, who)
-            with claim:
-                yield
+                with claimed_in_database(self._engine, what, who) as hold:
+                    yield hold
+                return
+            memory = self.name == MEMORY  # which nobody else has
+            with nullcontext() if memory else claimed_by_file(self.name, what, who):
+                yield lambda: None
         except Claimed as other:
             reason = f"{what} is at work already: {other.who or 'another program'}"
             raise UnusableStore(self.name, reason, "let that one do it, or end it first") from None

@@ -20,13 +20,15 @@ class Trend(Brief):
     """What was judged of one feature, oldest first, each with its record; lengths or angles in `unit`.
 
     judged: deviations, and findings: that it was there or not, that its deviation could not be measured. unit: "" where
-    there are findings alone. without: the records of the same kinds of part that hold neither.
+    there are findings alone. without: the records of the same kind of part that hold neither. replaced: how many
+    records do not count, for later ones of the same parts do (`standing`).
     """
 
     feature: str
     unit: str
     judged: tuple[tuple[Record, Deviation | Finding], ...]
     without: tuple[Record, ...] = ()
+    replaced: int = 0
 
     def __len__(self) -> int:
         return len(self.judged)
@@ -98,48 +100,72 @@ def outcome(one: Deviation | Finding) -> str:
     return one.verdict or (one.reason if isinstance(one, Finding) else "")
 
 
-def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -> Trend:
-    """Return what records judge of a feature, in their order; kind: of judgement, where there are several.
+def standing(records: Sequence[Record]) -> list[Record]:
+    """Return records, oldest first, without those that a later one replaces.
 
-    Without it, the one kind of which there are deviations is meant, or else the only one. Raises `UnknownName` where no
-    record has the feature or kind, `BadValue` where the feature has several kinds and none was named, or where lengths
-    and angles would be mixed.
+    It does where it is of the same part (kind, serial number, station) and gives a verdict on all that the earlier one
+    did: the part was judged by other limits, or photographed anew. Parts without a serial number are told apart.
     """
-    records = expect_each(records, "records", Record)
+    out: list[Record] = []
+    judged: dict[tuple[str, str, str], set[tuple[str, str]]] = {}  # by part: on what later records give verdicts
+    for record in reversed(records):
+        key = (record.part, record.serial, record.station)
+        own = {(one.feature, one.kind) for one in _judged(record) if one.verdict}
+        if not record.serial or key not in judged or not own <= judged[key]:
+            out.append(record)
+        judged.setdefault(key, set()).update(own)
+    return out[::-1]
+
+
+def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -> Trend:
+    """Return what records of one kind of part, oldest first, judge of a feature; kind: of judgement, if several.
+
+    Each part counts once (`standing`). Without a kind, the one of which there are deviations is meant, or else the only
+    one. Raises `UnknownName` where no record has the feature or kind, `BadValue` where several kinds of part have it,
+    where it has several kinds and none was named, or where lengths and angles would be mixed.
+    """
+    every = expect_each(records, "records", Record)
     expect(feature, "feature", str)
+    records = standing(every)
     all_judged = [(r, one) for r in records for one in _judged(r)]
     named = [(r, one) for r, one in all_judged if one.feature == feature]
     if not named:
         raise UnknownName("feature", feature, {one.feature for _, one in all_judged})
+    parts = {r.part for r, _ in named}
+    if len(parts) > 1:
+        raise BadValue(f"part of {feature!r}", "not named", f"records of one of {', '.join(sorted(parts))}")
     kinds, measured = {one.kind for _, one in named}, {one.kind for _, one in named if isinstance(one, Deviation)}
     if kind is None and len(measured or kinds) > 1:
         raise BadValue(f"kind of {feature!r}", "not named", f"one of {', '.join(sorted(kinds))}")
     if kind is not None and kind not in kinds:
         raise UnknownName(f"kind of {feature!r}", kind, kinds)
     (meant,) = {kind} if kind is not None else measured or kinds
-    return _trend(feature, [(r, one) for r, one in named if one.kind == meant], records)
+    return _trend(feature, [(r, one) for r, one in named if one.kind == meant], records, len(every) - len(records))
 
 
 def trends(records: Sequence[Record]) -> list[Trend]:
-    """Return the trend of each kind of judgement on each feature, in the order in which records first have them.
+    """Return the trend of each kind of judgement on each feature of each kind of part, as records first have them.
 
-    Raises `BadValue` where lengths and angles would be mixed.
+    Each part counts once (`standing`). Raises `BadValue` where lengths and angles would be mixed.
     """
-    records = expect_each(records, "records", Record)
-    each: dict[tuple[str, str], list[tuple[Record, Deviation | Finding]]] = {}
+    every = expect_each(records, "records", Record)
+    records = standing(every)
+    each: dict[tuple[str, str, str], list[tuple[Record, Deviation | Finding]]] = {}
     for record in records:
         for one in _judged(record):
-            each.setdefault((one.feature, one.kind), []).append((record, one))
-    return [_trend(feature, judged, records) for (feature, _), judged in each.items()]
+            each.setdefault((record.part, one.feature, one.kind), []).append((record, one))
+    return [_trend(feature, judged, records, len(every) - len(records)) for (_, feature, _), judged in each.items()]
 
 
-def _trend(feature: str, judged: Sequence[tuple[Record, Deviation | Finding]], records: Sequence[Record]) -> Trend:
+def _trend(
+    feature: str, judged: Sequence[tuple[Record, Deviation | Finding]], records: Sequence[Record], replaced: int
+) -> Trend:
     units = {one.unit for _, one in judged if isinstance(one, Deviation)}
     if len(units) > 1:
         raise BadValue(f"unit of {feature!r}", " and ".join(sorted(units)), "one of them: ask for fewer records")
     parts, having = {r.part for r, _ in judged}, {r.id for r, _ in judged}
     without = tuple(r for r in records if r.part in parts and r.id not in having)
-    return Trend(feature, next(iter(units), ""), tuple(judged), without)
+    return Trend(feature, next(iter(units), ""), tuple(judged), without, replaced)
 
 
 def _judged(record: Record) -> Iterator[Deviation | Finding]:

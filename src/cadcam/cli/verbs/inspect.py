@@ -100,7 +100,8 @@ start:    --start FILE    about where all parts are; it may be off by some 20 de
 {FREEDOM_HELP}
 {VIEWS_HELP}
 {STORE_HELP}
-exit codes: 2 where photos could not be judged (unreadable, another part's ...; the others were), else 1 where a part
+exit codes: 2 where photos could not be judged (unreadable, another part's, without one of each camera, or with two of
+one; the others were), else 1 where a part
 FAILs, else 3 where one is UNDECIDED or not found, else 0. Without --tolerances nothing is judged: 3 where a part was
 not found, else 0. 130 where it was stopped before its end without --watch."""
 
@@ -139,10 +140,11 @@ def run(arguments: argparse.Namespace) -> int:
         raise BadValue(f"number of parts in {', '.join(arguments.photos)}", 0, _wanted(arrivals))
     with stopped_as_by_ctrl_c():
         cell = _cell(arguments)
-        with open_store(store_address(arguments)) as store, judging_alone(store, cell.name, arrivals.sources):
+        with open_store(store_address(arguments)) as store, judging_alone(store, cell.name, arrivals.sources) as hold:
             line = _Line(cell, store)
             try:
                 for some in _arriving(arrivals, line.told) if arguments.watch else [arrivals.there()]:
+                    hold()
                     line.take(some)
                     if not some:
                         line.write_page()
@@ -175,8 +177,8 @@ def _arriving(arrivals: Arrivals, told: Telling) -> Iterator[list[Arrival]]:
 
 
 def _wanted(arrivals: Arrivals) -> str:
-    if lacking := arrivals.incomplete():
-        return f"of each camera one photo of the same serial number, which {lacking[0]!r} has not"
+    if lacking := next(iter(arrivals.incomplete()), None):
+        return f"of each camera one photo of the same serial number, which {lacking!r} has not"
     return f"pictures ({' '.join(READABLE)}), or --watch to wait for them"
 
 
@@ -248,6 +250,14 @@ class _Line:
         self._page_due, self._unwritten = 0.0, False
         self.told = Telling(json=cell.arguments.json, lines=cell.arguments.watch)
         self.latest: deque[Record] = deque(maxlen=_CHARTED)
+        self._earlier = self._reported()
+
+    def _reported(self) -> list[Record]:
+        """Return the latest records of parts whose reports an earlier run has written into the folder."""
+        if self.folder is None:
+            return []
+        there = self._store.query(part=self._cell.name, station=self.arguments.station, newest=_CHARTED)
+        return [record for record in there if (self.folder / _report_of(record.serial)).exists()]
 
     def take(self, arrivals: Sequence[Arrival]) -> None:
         """Judge some parts, or find that they were."""
@@ -344,19 +354,21 @@ class _Line:
 
         if self.folder is None or not self._unwritten or not self.latest:
             return
-        last = {record.serial: record.id for record in self.latest}
+        every = {record.id: record for record in (*self._earlier, *self.latest)}.values()
+        records = sorted(every, key=lambda record: record.time)[-_CHARTED:]
+        last = {record.serial: record.id for record in records}
         there = {i: _report_of(serial) for serial, i in last.items() if (self.folder / _report_of(serial)).exists()}
-        records = sorted(self.latest, key=lambda record: record.time)
         links = {i: quote(name) for i, name in there.items()}
-        write_state_page(self.folder / _PAGE, records, links=links, failed=self.told.errors)
+        write_state_page(self.folder / _PAGE, records, links=links, failed=self.told.errors | self.told.incomplete)
         self._page_due, self._unwritten = time.monotonic() + _PAGE_S, False  # now, not if it was interrupted
 
     def end(self, arrivals: Arrivals) -> None:
         """Tell what all parts come to."""
-        incomplete: list[str] = []
         with suppress(UnreadableFile):  # a folder may be gone: told already
-            incomplete = arrivals.incomplete()
-        self.told.end(self.latest, incomplete, self._store.name)
+            self.told.incomplete = arrivals.incomplete()
+        self._unwritten |= bool(self.told.incomplete)
+        self.write_page()
+        self.told.end(self.latest, self._store.name)
         if self.folder is not None and self.latest and not self.arguments.json:
             say_written(str(self.folder / _PAGE))
 

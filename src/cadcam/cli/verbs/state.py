@@ -232,10 +232,9 @@ def run_show(arguments: argparse.Namespace) -> None:
 
 def run_trend(arguments: argparse.Namespace) -> None:
     """Print a feature's deviation over the parts."""
-    from cadcam.files.jsontext import or_null
     from cadcam.kinds import expect_known
-    from cadcam.record.record import Deviation
-    from cadcam.record.trend import outcome, trend
+    from cadcam.record.trend import trend
+    from cadcam.report.state.json import trend_as_json
     from cadcam.report.state.tables import trend_tables
 
     _check_newest(arguments)
@@ -247,25 +246,10 @@ def run_trend(arguments: argparse.Namespace) -> None:
         if not any(record.deviations or record.findings for record in records):
             expect_known(arguments.feature, "feature", store.values("feature"))
     seen = trend(records, arguments.feature, kind=arguments.kind)
-    if not arguments.json:
+    if arguments.json:
+        print_json(trend_as_json(seen))
+    else:
         print_tables(trend_tables(seen, newest=arguments.newest))
-        return
-    points = [
-        {"time_utc": _time_utc(r), "serial": r.serial, "id": r.id, "verdict": one.verdict}
-        | (
-            {f"deviation_{seen.unit}": one.deviation, f"expanded_uncertainty_{seen.unit}": one.expanded_uncertainty}
-            if isinstance(one, Deviation)
-            else {"reason": one.reason}
-        )
-        for r, one in seen.judged
-    ]
-    said = {name: or_null(getattr(seen, name)) for name in ("mean", "sigma", "measured_sigma") if seen.unit}
-    last = seen.judged[-1][1]
-    since = {"verdict": last.verdict, "since_utc": _time_utc(seen.unchanged[0])}
-    since |= {"reason": outcome(last)} if outcome(last) != last.verdict else {}
-    counts = {"verdicts": seen.verdicts, "at_the_end": since, "without": [record.id for record in seen.without]}
-    numbers = {f"{name}_{seen.unit}": value for name, value in said.items()}
-    print_json({"feature": seen.feature, **numbers, **counts, "points": points})
 
 
 def run_page(arguments: argparse.Namespace) -> None:
@@ -325,12 +309,6 @@ def _asked(arguments: argparse.Namespace) -> Which:
         "until": until,
         "sha256": None if arguments.source is None else sha256(read_bytes(arguments.source)).hexdigest(),
     }
-
-
-def _time_utc(record: Record) -> str:
-    from cadcam.record.export import time_as_text
-
-    return time_as_text(record.time)
 
 
 def _as_json(record: Record) -> dict[str, Any]:

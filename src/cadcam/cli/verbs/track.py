@@ -146,9 +146,10 @@ def run(arguments: argparse.Namespace) -> int:
         if start is None and not log.entries:
             prepare(part, [viewpoint.camera for viewpoint in viewpoints], views)
         with progress("tracking", frames.count or 0) as step:
+            there = {entry["frame"] for entry in log.entries}
             for frame, entry in track_part_to_log(log, part, frames, start, **how):
                 if arguments.overlays:
-                    _write_overlay(arguments, part, frame, entry)
+                    _write_overlay(arguments, part, frame, entry, anew=frame.index not in there)
                 step()
         entries = log.entries
     if frames.count and len(entries) < frames.count:  # of a video that breaks off or is damaged
@@ -183,8 +184,13 @@ def _settle_white(arguments: argparse.Namespace, frames: Frames) -> None:
         say_white(source, white)
 
 
-def _write_overlay(arguments: argparse.Namespace, part: Part, frame: Frame, entry: dict[str, Any]) -> None:
-    """Write each camera's frame with the part's lines, none where it was lost; existing files are not written again."""
+def _write_overlay(
+    arguments: argparse.Namespace, part: Part, frame: Frame, entry: dict[str, Any], *, anew: bool
+) -> None:
+    """Write each camera's frame with the part's lines, none where it was lost.
+
+    anew: whether a file that is there is another run's; those of frames that were in the log are not written again.
+    """
     from cadcam.files.jsontext import Place
     from cadcam.files.matrix import pose_at
     from cadcam.image.picture import to_rgb, write_picture
@@ -192,7 +198,7 @@ def _write_overlay(arguments: argparse.Namespace, part: Part, frame: Frame, entr
     for camera, photo in enumerate(frame.photos):
         name = f"{frame.index:05d}.jpg" if len(frame.photos) == 1 else f"{frame.index:05d}_{camera + 1}.jpg"
         path = Path(arguments.overlays) / name
-        if path.exists() and not arguments.overwrite:
+        if path.exists() and not anew:
             continue
         picture = to_rgb(photo.gray)
         if entry["found"]:

@@ -13,7 +13,7 @@ from html import escape
 from cadcam.errors import BadValue
 from cadcam.kinds import expect, expect_each, expect_path
 from cadcam.record.record import Deviation, Finding, Record
-from cadcam.record.trend import Trend, trends
+from cadcam.record.trend import Trend, standing, trends
 from cadcam.report.chart import PLAIN, VERDICT_COLORS
 from cadcam.report.page import cards, named, page, row, section
 from cadcam.report.state.chart import trend_chart
@@ -60,15 +60,20 @@ def write_state_page(
 def state_page(
     records: Sequence[Record], *, links: Mapping[str, str] | None = None, failed: Mapping[str, str] | None = None
 ) -> str:
-    """Return the page as one HTML document; see `write_state_page`. Raises `BadValue` without records."""
+    """Return the page as one HTML document; see `write_state_page`. Raises `BadValue` without records.
+
+    Each part counts once: earlier records of the same parts are left out (`cadcam.record.trend.standing`).
+    """
     records = expect_each(records, "records", Record)
     links, failed = links or {}, failed or {}
     expect(links, "links", Mapping)
     expect(failed, "failed", Mapping)
     if not records:
         raise BadValue("records of a page", "none", "one or more")
+    replaced, records = len(records), standing(records)
+    replaced -= len(records)
     kinds = dict.fromkeys(record.part for record in records)
-    parts = [_head(records, list(kinds), len(failed)), _failed(failed)]
+    parts = [_head(records, list(kinds), len(failed), replaced), _failed(failed)]
     for kind in kinds:
         of = [record for record in records if record.part == kind]
         title = f" of {kind}" if len(kinds) > 1 else ""
@@ -82,7 +87,7 @@ def state_page(
     return page(f"{counted(len(records), 'record')}: {', '.join(kinds)}", _STYLE, parts)
 
 
-def _head(records: Sequence[Record], kinds: Sequence[str], failed: int) -> str:
+def _head(records: Sequence[Record], kinds: Sequence[str], failed: int, replaced: int) -> str:
     verdicts = Counter(record.verdict for record in records)
     most = next(verdict for verdict in _ORDER if verdicts[verdict] or (failed and verdict == "UNDECIDED"))
     counts = "".join(
@@ -91,7 +96,9 @@ def _head(records: Sequence[Record], kinds: Sequence[str], failed: int) -> str:
     counts += f"<span><b>{failed}</b> could not be judged</span>" if failed else ""
     stations = ", ".join(dict.fromkeys(r.station for r in records if r.station))
     first, last = when(records[0]), when(records[-1])
-    said = " · ".join(t for t in (stations, f"{first} to {last} UTC" if first != last else f"{first} UTC") if t)
+    between = f"{first} to {last} UTC" if first != last else f"{first} UTC"
+    earlier = f"{counted(replaced, 'earlier record')} of the same parts left out" if replaced else ""
+    said = " · ".join(filter(None, (stations, between, earlier)))
     return (
         f'<header style="background:{VERDICT_COLORS.get(most, PLAIN)}"><h1>{escape(", ".join(kinds))}</h1>'
         f'<div class="counts">{counts}</div><p>{escape(said)}</p></header>'

@@ -9,7 +9,7 @@ import numpy as np
 
 from cadcam.arrays import significant
 from cadcam.record.record import Deviation, Finding, Record
-from cadcam.record.trend import Trend, outcome, trends
+from cadcam.record.trend import Trend, outcome, standing, trends
 from cadcam.report.table import Table, counted, with_sigma
 
 _FEW, _BY_CHANCE = 10, 1e-4  # parts from which a drift is told, and how probable it may be without any
@@ -77,7 +77,7 @@ def features_table(records: Sequence[Record]) -> Table:
     """Return a line for each feature: what was judged of it over the parts, what is wrong first."""
     each = sorted(trends(records), key=by_trouble)
     drifts = (f"{t.feature}, {t.kind}, drifts by {drift}" for t in each if (drift := drift_words(t)))
-    title, rows = f"Features, {counted(len(records), 'part')}", tuple(feature_cells(trend) for trend in each)
+    title, rows = f"Features, {counted(len(standing(records)), 'part')}", tuple(feature_cells(trend) for trend in each)
     return Table(title, FEATURE_HEADS, rows, ("feature", "what"), (SIGMA_NOTE, *drifts) if rows else ())
 
 
@@ -118,6 +118,8 @@ def trend_tables(trend: Trend, *, newest: int | None = None) -> list[Table]:
         first = unchanged[0]
         since = " ".join(filter(None, (when(first), first.serial)))
         said.append(("at the end", f"{last} since {since}, {counted(len(unchanged), 'record')}"))
+    if trend.replaced:
+        said.append(("left out", f"{counted(trend.replaced, 'record')}: later ones of the same parts count"))
     if trend.without:
         number, every = len(trend.without), len(trend.without) + len({r.id for r, _ in trend.judged})
         of_parts = in_counts(Counter(r.verdict for r in trend.without))
@@ -147,23 +149,39 @@ def _scatter_rows(trend: Trend) -> list[tuple[str, str]]:
 
 def drift_words(trend: Trend) -> str:
     """Return by how much a deviation drifts, and how soon it reaches its limit so; "" where chance might do it."""
-    from scipy.special import stdtr
-
-    slope, sigma = trend.drift
-    points = trend.points
-    if len(points) < _FEW or not 2 * stdtr(len(points) - 2, -abs(slope) / max(sigma, _TINY)) < _BY_CHANCE:
+    if not _drifts(trend):
         return ""
+    slope, sigma = trend.drift
     value, U = with_sigma(slope, 2 * sigma)
-    said = f"{value} +- {U or 'exact'} {trend.unit} a part"
+    said, left = f"{value} +- {U or 'exact'} {trend.unit} a part", parts_left(trend)
+    if left is None:
+        return said
+    return f"{said}, now beyond its limit" if left <= 0 else f"{said}; at this rate at its limit in {left:.0f} parts"
+
+
+def parts_left(trend: Trend) -> float | None:
+    """Return in how many parts a drifting deviation reaches its limit; 0: it is beyond it.
+
+    None where chance might make the drift, there is no such limit, or it is far away.
+    """
+    if not _drifts(trend):
+        return None
+    slope, points = trend.drift[0], trend.points
     last = points[-1][1]
     limit = last.upper if slope > 0 else last.lower
     now = trend.mean + 0.5 * slope * (len(points) - 1)
     if limit is None or (limit < 0 <= min(d.deviation for _, d in points)):  # a distance does not fall below 0
-        return said
-    left = (limit - now) / slope
-    if left <= 0:
-        return f"{said}, now beyond its limit"
-    return f"{said}; at this rate at its limit in {left:.0f} parts" if left < _SOON * len(points) else said
+        return None
+    left = max((limit - now) / slope, 0.0)
+    return left if left < _SOON * len(points) else None
+
+
+def _drifts(trend: Trend) -> bool:
+    """Return whether chance alone hardly makes deviations grow so from part to part."""
+    from scipy.special import stdtr
+
+    n, (slope, sigma) = len(trend.points), trend.drift
+    return n >= _FEW and bool(2 * stdtr(n - 2, -abs(slope) / max(sigma, _TINY)) < _BY_CHANCE)
 
 
 def _judged_text(one: Deviation | Finding) -> str:
