@@ -448,14 +448,3 @@ def test_a_run_that_was_killed_in_its_first_line_begins_anew(sighting: Install, 
     (tmp_path / "log.jsonl").write_bytes(b'{"format": "something')
     with pytest.raises(UnreadableFile, match="is not a log of tracked frames"):
         run(folder, tmp_path / "log.jsonl")
-
-
-def test_what_is_no_fault_of_a_picture_is_no_lost_frame(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A picture without contrast is; a wrong argument would be one in every frame, and say nothing of it."""
-
-    def wrong(*_: object, **__: object) -> None:
-        raise BadValue("search_px", -1.0, "a positive number")
-
-    monkeypatch.setattr(module, "locate_part", wrong)
-    with pytest.raises(BadValue, match="search_px"):
-        list(track_part(PART, frames(1)))
