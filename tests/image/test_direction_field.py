@@ -7,7 +7,7 @@ import pytest
 from scipy.ndimage import gaussian_filter
 
 from cadcam.camera.camera import Camera
-from cadcam.camera.lens import Division, Ideal
+from cadcam.camera.lens import BrownConrady, Division, Ideal
 from cadcam.errors import MissingCore
 from cadcam.image.direction_field import SECTORS, direction_fields
 from cadcam.native import core
@@ -155,3 +155,34 @@ def test_instruction_sets_give_the_same_field(rng: np.random.Generator) -> None:
             assert np.array_equal(fast.planes.values, slow.planes.values)
     finally:
         core.choose_variant(-1)
+
+
+@pytest.mark.parametrize("how", ["ideal", "lens", "oblong"])
+def test_the_photo_s_border_is_no_line_and_hides_none(how: str, rng: np.random.Generator) -> None:
+    """What was made straight had black beyond the photo: its border was the surest line, those beside it the least."""
+    lens = {"ideal": Camera.from_focal((320, 240), 300.0), "oblong": Camera.from_focal((320, 240), 300.0, fy=200.0)}
+    camera = lens.get(how) or Camera.from_focal((320, 240), 300.0, lens=BrownConrady(k1=-0.02))
+    photo = np.full((240, 320), 0.5)
+    photo[235:] += 0.06
+    photo = gaussian_filter(photo, 0.7) + 0.005 * rng.normal(size=photo.shape)
+    field = direction_fields(photo.astype(np.float32), camera, levels=1)[0]
+    best, x = field.planes.values.max(axis=0), np.arange(60.0, 260.0)
+
+    def sure(row: float) -> float:
+        q = np.rint(field.camera.project(camera.unproject(np.stack([x, np.full(len(x), row)], axis=1)))).astype(int)
+        near = [best[np.clip(q[:, 1] + k, 0, len(best) - 1), q[:, 0]] for k in (-1, 0, 1, 2)]
+        return float(np.max(near, axis=0).mean())
+
+    assert sure(234.5) > 200  # 4.5 px from the border
+    assert sure(0.0) < 60
+
+
+def test_mean_and_variance_are_those_of_what_is_open(rng: np.random.Generator) -> None:
+    photo = gaussian_filter(rng.normal(0.5, 0.3, SIZE[::-1]), 2.0).astype(np.float32)
+    known = np.zeros(SIZE[::-1], bool)
+    known[:, :70] = True
+    for camera in (CAMERA, Camera.from_focal(SIZE, 110.0, lens=Division(-0.4))):
+        for field in direction_fields(photo, camera, levels=2, explained=known):
+            every = field.planes.values.reshape(len(field.planes.values), -1).astype(np.float64)
+            np.testing.assert_allclose(field.planes.mean, every.mean(axis=1), rtol=1e-3)
+            np.testing.assert_allclose(field.planes.variance, every.var(axis=1), rtol=1e-3)

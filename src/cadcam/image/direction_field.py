@@ -77,12 +77,22 @@ def direction_fields(
             open_ &= _straightened(known, camera, reduction, box)[0] == 0
         camera = ideal
     if open_ is not None and not open_.all():
-        np.multiply(planes.values, open_.view(np.uint8), out=planes.values)
+        _close(planes, open_)
     fields = [DirectionField(camera, planes, reduction)]
     while len(fields) < levels and min(fields[-1].camera.size) >= 2 * _LEAST:
         last = fields[-1]
         fields.append(DirectionField(_reduced(last.camera, 2), halve(last.planes), 2 * last.reduction))
     return tuple(fields)
+
+
+def _close(planes: Planes, open_: Mask) -> None:
+    """Set all directions to 0 where a picture is not open (H, W), and mean and variance to those of what is left."""
+    gone = planes.values[:, ~open_].astype(np.float64)
+    mean, n = planes.mean.astype(np.float64), open_.size
+    squares = planes.variance + mean**2 - (gone**2).sum(axis=1) / n
+    mean = mean - gone.sum(axis=1) / n
+    planes.mean[:], planes.variance[:] = mean, np.maximum(squares - mean**2, 0.0)
+    np.multiply(planes.values, open_.view(np.uint8), out=planes.values)
 
 
 def _even(gray: Picture, k: int) -> Picture:

@@ -51,7 +51,7 @@ static void straighten_eight(const float *in, int32_t width, int32_t height, flo
         pairs(in, j * width + i, &a, &b), pairs(in + width, j * width + i, &c, &d);
     }
     const f8 above = a + u * (b - a), below = c + u * (d - c);
-    *(f8 *)out = choose(inside, above + v * (below - above), eight(0));
+    *(f8 *)out = above + v * (below - above);
     for (int k = 0; k < 8; k++) seen[k] = inside[k] != 0;
 }
 
@@ -63,9 +63,9 @@ static void straighten_run(const float *in, int32_t width, int32_t height, float
     const int32_t next = width > 1, below = height > 1 ? width : 0;
     for (int32_t k = 0; k < n; k++) {
         const float px = x + (float)k * dx, py = y + (float)k * dy;
-        seen[k] = px >= -0.5f && py >= -0.5f && px <= right && py <= bottom, out[k] = 0;
-        if (!seen[k]) continue;
-        const int32_t i = imin((int32_t)larger(px, 0), last_x), j = imin((int32_t)larger(py, 0), last_y);
+        seen[k] = px >= -0.5f && py >= -0.5f && px <= right && py <= bottom;
+        const int32_t i = px < (float)last_x ? (int32_t)larger(px, 0) : last_x;
+        const int32_t j = py < (float)last_y ? (int32_t)larger(py, 0) : last_y;
         const float u = larger(0, px - (float)i < 1 ? px - (float)i : 1);
         const float v = larger(0, py - (float)j < 1 ? py - (float)j : 1);
         const float *a = in + (size_t)j * (size_t)width + (size_t)i, *b = a + below;

@@ -100,7 +100,7 @@ def straighten(gray: Picture, nodes: Picture, step: int, size: tuple[int, int]) 
     """Return a picture of `size` resampled from another at places given on a grid, and which of its pixels are valid.
 
     nodes (rows, columns, 2): place of every `step`-th pixel of every `step`-th row, from (0, 0) to beyond the last; nan
-    for none. Linear between nodes and between pixels; invalid pixels are 0.
+    for none. Linear between nodes and between pixels; an invalid pixel is like the border next to it.
     """
     gray, nodes = np.ascontiguousarray(gray, np.float32), np.ascontiguousarray(nodes, np.float32)
     (width, height), (rows, columns) = size, nodes.shape[:2]
