@@ -9,12 +9,16 @@ from pathlib import Path
 
 import numpy as np
 
+from cadcam.cad.parts.shape import box
+from cadcam.cad.write import write_model
 from cadcam.camera.pose_estimate import PoseEstimate
 from cadcam.camera.viewpoint import Viewpoint
 from cadcam.files.camera import write_camera
 from cadcam.files.pose_estimate import read_part_pose, write_part_pose
 from cadcam.geometry.rigid import Rigid
 from cadcam.image.picture import write_picture
+from cadcam.render import open_renderer
+from cadcam.render.view import Channel, Look, Scene
 
 from .job import Ran
 from .locating import CAMERA, MIDDLE, MODELS, POSE, off_mm
@@ -75,3 +79,26 @@ def test_a_focal_length_in_mm_is_asked_about(cadcam: Cadcam, here: Path) -> None
         ran = cadcam(*command)
         assert ran.code == 3
         assert focal in ran.out
+
+
+def test_views_that_are_declared_count_whatever_pose_the_camera_s_file_has(cadcam: Cadcam, here: Path) -> None:
+    write_camera("camera.json", CAMERA, camera_from_world=POSE)
+    assert cadcam(*LOCATE).code == 0
+    assert cadcam(*LOCATE, "--distance", "3000,4000").code == 3
+
+
+def test_nobody_has_said_which_of_equal_poses_is_meant_where_the_camera_s_file_alone_has_one(
+    cadcam: Cadcam, here: Path
+) -> None:
+    """Of a box half a turn looks the same: a start says which, the world of the camera's file does not."""
+    solid = box((-60, -40, -20), (60, 40, 20), name="box")
+    write_model("box.stl", solid)
+    place = Rigid.look_at((300.0, -420.0, 380.0), (0.0, 0.0, 0.0))
+    look = Look(supersampling=4, background=(0.9, 0.9, 0.9), back=0.35)
+    view = open_renderer(Scene.of(solid)).render(CAMERA, place, channels=Channel.IMAGE, look=look)
+    write_picture("box.png", view.gray)
+    write_camera("camera.json", CAMERA, camera_from_world=place)
+    ran = cadcam("locate", "box.png", "box.stl", "--camera", "camera.json", "--json")
+    assert ran.code == 0
+    assert len(ran.json["alternatives"]) == 3
+    assert "3 other poses look the same" in ran.json["reason"]

@@ -85,6 +85,17 @@ def test_overlays_of_another_run_are_drawn_anew_and_those_of_this_one_kept(cadca
     assert (here / "seen/00001.jpg").read_bytes() == b"kept"
 
 
+@pytest.mark.parametrize("beside_mm", [(900.0, 0, 0), (60.0, 30.0, 0.0)])
+def test_a_pose_in_the_camera_s_file_that_is_another_thing_s_is_no_start(
+    cadcam: Cadcam, here: Path, beside_mm: tuple[float, ...]
+) -> None:
+    """As `cadcam calibrate` writes it: with that beside the picture nothing came, in view two frames were lost."""
+    write_camera("camera.json", CAMERA, camera_from_world=POSE @ Rigid(translation=beside_mm))
+    ran = cadcam(*(word for word in TRACK if word not in ("--start", "start.txt")))
+    assert ran.code == 0, ran.err
+    assert [e["found"] for e in read_track_log("track.jsonl")] == [True] * N
+
+
 def test_a_finished_run_is_not_run_again_unless_asked(cadcam: Cadcam, here: Path) -> None:
     cadcam(*TRACK)
     before = (here / "track.jsonl").read_bytes()

@@ -11,7 +11,8 @@ from cadcam.geometry.rigid import Rigid
 from cadcam.locate.freedom import Freedom
 from cadcam.locate.part import Part
 from cadcam.locate.refine.refinement import refine_pose
-from cadcam.report.locate import pose_table
+from cadcam.locate.track.tracker import _spread_px
+from cadcam.report.locate import pose_table, track_table
 
 from ..cad.solids import box, prism
 from .photos import photo, view
@@ -81,3 +82,20 @@ def test_an_axis_beside_the_part_s_own_is_no_turn_that_cannot_be_seen() -> None:
     for point, axis in (([0.05, 0, 0], AXIS), ([0, 0, 0], [0, 0.01, 1])):
         beside = Freedom.about(point, axis, frame="part")
         assert beside.among(part.spins, Rigid(), center=middle, radius=radius).shape == (6, 0)
+
+
+def test_a_turned_part_whose_axis_lies_beside_its_origin_is_tracked_as_its_place_is_known(
+    rng: np.random.Generator,
+) -> None:
+    """Its place was said to be known to 272 mm, and lines were searched for as far as ever."""
+    where = Rigid(translation=(150.0, 0.0, 0.0))
+    part = turned(where)
+    pose = view(part, (0.8, -0.5, 0.7))
+    found = refine_pose(part, [photo(part, pose, rng)], pose)
+    assert found.found
+    assert np.linalg.norm(found.pose.sigma_mm) > 10
+    shot = photo(part, pose, rng)
+    assert _spread_px(part.scene.mesh.box_corners, found.pose, shot) < 0.5
+    entry = {"frame": 0, "found": True, "how": "kept", "quality": 0.9, "pose": pose_estimate_as_json(found.pose)}
+    rows = dict(track_table([entry]).rows)
+    assert float(rows["median sigma of the place, mm"]) < 1

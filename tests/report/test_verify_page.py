@@ -100,6 +100,13 @@ def test_a_fine_limit_is_told_with_finer_numbers(limit: float, sigma: float, sai
     assert " ".join(in_unit(one)[:2]) == said
 
 
+@pytest.mark.parametrize("limit", [12.34, 1250.0, 0.12345])
+def test_a_limit_is_told_as_it_was_written(limit: float) -> None:
+    """12.34 mm was told as 12.3 mm beside 12.325 mm that PASS."""
+    one = Judgement("rib", Limit(Quantity.PROFILE, limit), 0.999 * limit, 1e-4, Verdict.PASS, "")
+    assert in_unit(one)[2] == f"{limit:g} mm"
+
+
 def test_a_displaced_rib_fails_and_the_block_passes(found: tuple[Verification, Photo]) -> None:
     verdicts = {(j.feature, j.limit.quantity): j.verdict for j in found[0].judgements}
     assert found[0].verdict is Verdict.FAIL

@@ -279,7 +279,7 @@ def part_as_asked(arguments: argparse.Namespace, mesh: Mesh) -> Part:
 def located(
     part: Part, shots: Shots, start: Rigid | None, freedom: Freedom, views: ViewRange | None = None
 ) -> Location:
-    """Return the pose of the part: from the start, else from the camera file's world, else by a search."""
+    """Return the pose of the part: from the start, else where the camera file's world is, else by a search."""
     from cadcam.locate.in_photos import locate_part
     from cadcam.locate.views.view_range import WHOLE_SPHERE
 
@@ -287,17 +287,34 @@ def located(
     if start is not None:
         with working("looking for the part"):
             return locate_part(part, shots.photos, start, freedom=freedom)
-    if shots.camera_from_world is not None and views.on is None:
-        try:
-            location = locate_part(part, shots.photos, shots.camera_from_world, freedom=freedom)
-        except NothingInView:  # the file's world is not the part's
-            location = None
-        if location is not None and location.found:
-            return location
+    there = at_the_world(part, shots.photos, shots.camera_from_world, freedom, views)
+    if there is not None:
+        return there
     with aspects_kept(part):
         prepare(part, [photo.camera for photo in shots.photos], views)
         with working("looking for the part"):
             return locate_part(part, shots.photos, views=views, freedom=freedom)
+
+
+def at_the_world(
+    part: Part, photos: Sequence[Photo], camera_from_world: Rigid | None, freedom: Freedom, views: ViewRange
+) -> Location | None:
+    """Return the pose of a part that is about where the world of its camera's file is, with all that look the same.
+
+    None where it is not, as where that world is another thing's; where the file has no pose; and where views are
+    declared, among which it is searched for.
+    """
+    from cadcam.locate.in_photos import locate_part, with_equivalents
+
+    if camera_from_world is None or not views.anywhere:
+        return None
+    try:
+        location = locate_part(part, photos, camera_from_world, freedom=freedom)
+    except NothingInView:
+        return None
+    if not location.found:
+        return None
+    return with_equivalents(part, location) if freedom.full else location
 
 
 def instances_located(part: Part, shots: Shots, views: ViewRange, most: int) -> list[Location]:

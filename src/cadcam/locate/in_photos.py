@@ -356,6 +356,19 @@ def equivalent(part: Part, best: Location, lying: Lying | None = None) -> list[L
     return out
 
 
+def with_equivalents(part: Part, location: Location) -> Location:
+    """Return a location, found from a start, with all poses in which the part looks the same among its alternatives.
+
+    As a search has them, where nobody has said by a start which of them is meant.
+    """
+    others = distinct_poses(part, location, location.alternatives, equivalent(part, location))
+    more = len(others) - len(location.alternatives)
+    if not more:
+        return location
+    told = location.noting(f"{more} other pose{'s look' if more > 1 else ' looks'} the same")
+    return replace(told, alternatives=tuple(others))
+
+
 def distinct_poses(
     part: Part, best: Location, others: Sequence[Location], equivalent: Sequence[Location] = ()
 ) -> list[Location]:

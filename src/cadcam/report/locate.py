@@ -11,9 +11,9 @@ import numpy as np
 
 from cadcam.arrays import Array, significant
 from cadcam.camera.pose_estimate import PoseEstimate
-from cadcam.files.jsontext import or_null
+from cadcam.files.jsontext import Place, or_null
 from cadcam.files.matrix import pose_as_json
-from cadcam.files.pose_estimate import frames_as_json, pose_estimate_as_json
+from cadcam.files.pose_estimate import frames_as_json, pose_estimate_as_json, pose_estimate_at
 from cadcam.geometry import rotation as so3
 from cadcam.locate.location import FOUND, Location
 from cadcam.locate.photo import Photo
@@ -182,7 +182,7 @@ def disagreements_as_json(location: Location) -> list[dict[str, Any]]:
 def track_table(entries: Sequence[Mapping[str, Any]]) -> Table:
     """Return the summary of a track: frames found by each method, and where the part was lost."""
     ways = Counter(entry["how"] for entry in entries)
-    found = [(entry["quality"], np.linalg.norm(entry["pose"]["sigma_mm"])) for entry in entries if entry["found"]]
+    found = [(entry["quality"], _sigma_mm(entry)) for entry in entries if entry["found"]]
     rows = [("frames", str(len(entries))), ("found", f"{len(found)}")]
     rows += [(f"  {how}", str(count)) for how, count in ways.items() if how != "lost"]
     if found:
@@ -192,6 +192,12 @@ def track_table(entries: Sequence[Mapping[str, Any]]) -> Table:
     lost = lost_stretches(entries)
     notes = ("lost: " + ", ".join(f"{a}" if a == b else f"{a} to {b}" for a, b in lost),) if lost else ()
     return Table("Tracked", ("", ""), tuple(rows), ("",), notes)
+
+
+def _sigma_mm(entry: Mapping[str, Any]) -> float:
+    """Return the standard deviation (mm) of the part's place in a frame, without turns that no photo shows."""
+    pose = pose_estimate_at(Place(f"frame {entry['frame']}", ("pose",), entry["pose"]))
+    return float(np.linalg.norm(pose.determined.sigma_mm))
 
 
 def lost_stretches(entries: Sequence[Mapping[str, Any]]) -> list[tuple[int, int]]:

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from cadcam.arrays import significant
 from cadcam.errors import listed
 from cadcam.image.faults import faults_of
 from cadcam.locate.freedom import Freedom
@@ -33,6 +34,7 @@ _LESS_OF = {
 }
 _FINE, _FINER = 0.1, 0.01  # limits below which three and four decimals are written
 _MOST_DECIMALS = 6
+LIMIT_DIGITS = 6  # of a limit: as it was written, but for the rounding of radians
 
 
 def explained(j: Judgement, shares: Mapping[str, float]) -> Judgement:
@@ -211,7 +213,8 @@ def _undecided(judgements: Sequence[Judgement]) -> list[str]:
 def _off(j: Judgement) -> str:
     """Return a measured feature with its deviation, U and limit."""
     each = [j.limit.quantity.per_unit * x for x in (j.limit.bounds if j.limit.middle else (j.limit.value,))]
-    limit = f"limit{'s' * (len(each) - 1)} {' to '.join(f'{x:.3g}' for x in each)} {j.limit.quantity.unit}"
+    bounds = " to ".join(significant(x, LIMIT_DIGITS) for x in each)
+    limit = f"limit{'s' * (len(each) - 1)} {bounds} {j.limit.quantity.unit}"
     off = j.deviation + j.limit.middle
     value = f"{_number(j, off)} +- {_size(j, j.U)}"
     if j.limit.quantity is Quantity.ANGLE:

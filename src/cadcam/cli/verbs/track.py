@@ -37,10 +37,14 @@ from cadcam.cli.output import (
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
 from cadcam.cli.whites import check_counts, say_pages, say_white
 from cadcam.cli.wires import LOOKS, add_line_options
+from cadcam.errors import UnusablePhoto
 
 if TYPE_CHECKING:
+    from cadcam.geometry.rigid import Rigid
+    from cadcam.locate.freedom import Freedom
     from cadcam.locate.part import Part
     from cadcam.locate.track.frames import Frame, Frames
+    from cadcam.locate.views.view_range import ViewRange
 
 _EXAMPLES = f"""\
   cadcam track frames/ part.obj --unit m --camera camera.json --start first.txt -o track.jsonl --csv track.csv
@@ -124,7 +128,6 @@ def run(arguments: argparse.Namespace) -> int:
         alone = "one of them: such a part is looked for around its start alone"
         refuse(arguments, *VIEW_OPTIONS, why="beside --freedom", expected=alone)
     views = views_as_asked(arguments, said)
-    start = said if start is None and views.on is None else start
     frames = Frames([file_of(path) for path in arguments.frames], viewpoints, full_scale=arguments.full_scale)
     refuse_own_folder(arguments.overlays, frames.files)
     for gap in frames.gaps:
@@ -132,6 +135,8 @@ def run(arguments: argparse.Namespace) -> int:
     _settle_white(arguments, frames)
     mesh, _ = load_as_asked(arguments)
     part = part_as_asked(arguments, mesh)
+    if start is None:
+        start = _at_the_world(part, frames, said, freedom, views)
     how: dict[str, Any] = {
         "freedom": freedom,
         "velocity": not arguments.no_velocity,
@@ -157,6 +162,27 @@ def run(arguments: argparse.Namespace) -> int:
         say(f"{frames.sources[0]}: {whole}; is it damaged or cut off?")
     _report(arguments, entries)
     return 0 if any(entry["found"] for entry in entries) else NO
+
+
+def _at_the_world(
+    part: Part, frames: Frames, camera_from_world: Rigid | None, freedom: Freedom, views: ViewRange
+) -> Rigid | None:
+    """Return the pose that a camera's file states as a start, if the first frame shows the part there; or None.
+
+    A motion that is restricted has no other start.
+    """
+    from cadcam.cli.locating import at_the_world
+
+    if not freedom.full:
+        return camera_from_world
+    first = next(iter(frames), None) if camera_from_world is not None else None
+    if first is None:
+        return None
+    try:
+        there = at_the_world(part, first.photos, camera_from_world, freedom, views)
+    except UnusablePhoto:
+        return None
+    return None if there is None else camera_from_world
 
 
 def _check_options(arguments: argparse.Namespace) -> None:

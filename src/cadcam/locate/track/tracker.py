@@ -372,7 +372,7 @@ def _moved_px(corners: Array, one: Rigid, other: Rigid, photo: Photo) -> float:
 
 def _spread_px(corners: Array, pose: PoseEstimate, photo: Photo) -> float:
     """Return the largest sd (px) of the images of the corners (N, 3) mm; inf where not all are in the photo."""
-    camera_from_part = photo.camera_from_world @ pose.world_from_part
+    camera_from_part, pose = photo.camera_from_world @ pose.world_from_part, pose.determined
     _, J = photo.camera.project_with_jacobian(camera_from_part @ corners)
     J = J[np.isfinite(J).all(axis=(1, 2))] @ camera_from_part.rotation
     if len(J) < len(corners):

@@ -54,6 +54,11 @@ class ViewRange(Brief):
         """Return the views from above, at any roll, of a part that lies or stands as modelled, its z axis up."""
         return cls(half_angle_deg=within_deg, distance_mm=distance_mm)
 
+    @property
+    def anywhere(self) -> bool:
+        """Return whether nothing is declared: the part may be seen from anywhere, at any distance."""
+        return self.half_angle_deg >= 180 and self.roll_deg >= 180 and self.distance_mm is None and self.on is None
+
     def allows(self, directions: Floats) -> Mask:
         """Return which unit directions (N, 3) from the part's centre to the camera are in range."""
         cosine = np.asarray(directions, dtype=np.float64) @ self.axis

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cadcam.arrays import Array
+from cadcam.arrays import Array, significant
 from cadcam.plan.assessment.assess import Outcome
 from cadcam.plan.choice.problem import MEASURED, Score
 from cadcam.plan.layout import CandidateSurvey, Layout
@@ -16,7 +16,7 @@ from cadcam.plan.sight.datum import USUAL_PX
 from cadcam.plan.sight.visibility import Why
 from cadcam.plan.what_if import WhatIf
 from cadcam.report.table import Table
-from cadcam.verify.reasons import vector_words, way_words
+from cadcam.verify.reasons import LIMIT_DIGITS, vector_words, way_words
 from cadcam.verify.tolerances.tolerance import Limit, Rule
 
 CAUSES = {"pixels": "pixel noise", "calibration": "calibration", "motion": "motion", "plane": "height of the plane"}
@@ -323,7 +323,7 @@ def pan_tilt(camera: Candidate) -> tuple[float, float]:
 
 def in_unit(limit: Limit, value: float) -> str:
     """Return a value of a limit's quantity with its unit."""
-    return f"{limit.quantity.per_unit * value:.3g} {limit.quantity.unit}"
+    return f"{significant(limit.quantity.per_unit * value, LIMIT_DIGITS)} {limit.quantity.unit}"
 
 
 def vector(v: Array) -> str:

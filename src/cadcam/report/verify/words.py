@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from cadcam.arrays import significant
 from cadcam.geometry.rotation import hat
 from cadcam.report.table import Table, counted
 from cadcam.verify.adjustment.datum_fit import CAUSE_WORDS
 from cadcam.verify.deviations.deviation import FeatureDeviation, State
 from cadcam.verify.inspection import Inspection
 from cadcam.verify.judge import Verification
-from cadcam.verify.reasons import contradicting, decimals_of, shown_decimals, vector_words
+from cadcam.verify.reasons import LIMIT_DIGITS, contradicting, decimals_of, shown_decimals, vector_words
 from cadcam.verify.tolerances.tolerance import Quantity, Rule
 from cadcam.verify.tolerances.verdict import SIMPLE_SHARE, Judgement, Verdict
 
@@ -135,9 +136,10 @@ def in_unit(j: Judgement) -> tuple[str, str, str]:
     if j.limit.quantity is Quantity.PRESENCE:
         return "", "", "required"
     scale, unit = j.limit.quantity.per_unit, j.limit.quantity.unit
-    limit = f"{scale * j.limit.value:.3g} {unit}"
+    limit = f"{significant(scale * j.limit.value, LIMIT_DIGITS)} {unit}"
     if j.limit.middle:
-        limit = f"{j.limit.bounds[0]:.3g} to {j.limit.bounds[1]:.3g} {unit}"
+        low, high = (significant(bound, LIMIT_DIGITS) for bound in j.limit.bounds)
+        limit = f"{low} to {high} {unit}"
     if not np.isfinite(j.deviation):
         return "", "", limit
     decimals = shown_decimals(max(decimals_of(j.limit), 3), scale * j.U)
