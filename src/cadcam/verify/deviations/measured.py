@@ -16,7 +16,7 @@ from cadcam.verify.adjustment.following import BodyLines, following, turning
 from cadcam.verify.adjustment.refits import Refits
 from cadcam.verify.adjustment.scatter import EdgeNoise, EdgeSums, improbability, white_scale
 from cadcam.verify.edges.rims import Rims
-from cadcam.verify.edges.sightlines import STEP_PX, Sightlines, curvature
+from cadcam.verify.edges.sightlines import STEP_PX, Sightlines, curvature, erring_alike
 from cadcam.verify.edges.survey import Survey
 
 SEEN_PX = 0.5  # largest sd, in px, of a direction of displacement that counts as seen
@@ -92,7 +92,8 @@ class MeasuredEdges:
         lines, offset = survey.lines.select(rows), survey.matched.offset[rows]
         sigma = survey.matched.sigma[rows]
         scale = white_scale(offset, EdgeNoise.of(sigma, lines.edge, lines.along, 0.0))
-        noise = EdgeNoise.of(sigma * scale, lines.edge, lines.along, 0.0).with_more(survey.matched.common[rows])
+        alike = erring_alike(lines, datum[rows])
+        noise = EdgeNoise.of(sigma * scale, *alike, 0.0).with_more(survey.matched.common[rows])
         noise = replace(noise, apart=survey.matched.apart[rows])
         members = tuple(m[rows] for m in survey.members)
         adjustment = Adjustment(offset, lines.by_pose, lines.by_cause, noise, datum[rows], freedom)

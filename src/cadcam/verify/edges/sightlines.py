@@ -22,6 +22,7 @@ from cadcam.render.lines.wireframe import LineOptions
 
 STEP_PX, REACH_PX = 4.0, 7.0  # length of the cell that a place stands for; how far it reaches to each side
 _LINES = LineOptions(margin_px=0.0)
+_NEARLY_ALL = 0.6  # share of an edge's length from one end of a piece to the other that only its two ends are apart
 _BENT, _LEAST = np.pi / 2, 3  # turn beyond which pieces of an edge face different ways; fewest places of a piece
 
 
@@ -126,6 +127,32 @@ def pieces(edge: Longs, normal: Array) -> Longs:
     out = np.zeros(len(edge), np.int64)
     out[order] = rank[of, np.argmin(apart, axis=1)]
     return out
+
+
+def erring_alike(lines: Sightlines, datum: Mask) -> tuple[Longs, Array]:
+    """Return the number (N,) of what errs alike at each place, and the arc length (N,) px of the places along it.
+
+    An edge, mostly. But a shadow inside a hole moves a quarter of its rim: of the datum (N,), whose pose that would
+    turn by many of its sigmas, the pieces of bent edges err each by itself. What is judged errs as one.
+    """
+    piece = pieces(lines.edge, lines.normal)
+    begin, end = _ends(lines.edge, lines.along)
+    first, last = _ends(piece, lines.along)
+    some = np.bincount(piece)[piece] < np.bincount(lines.edge)[lines.edge]
+    through = some & (last - first > _NEARLY_ALL * (end - begin))  # of a rim, the piece in which it begins and ends
+    after = datum & through & (lines.along < (begin + end) / 2)
+    number = np.where(datum, 1 + int(lines.edge.max(initial=0)) + piece, lines.edge)
+    return number, lines.along + np.where(after, end - begin + STEP_PX, 0.0)
+
+
+def _ends(number: Longs, along: Array) -> tuple[Array, Array]:
+    """Return the least and the largest (N,) of the arc lengths (N,) of each place's number (N,)."""
+    order = np.lexsort((along, number))
+    begins = np.flatnonzero(np.diff(number[order], prepend=-1))
+    each = np.stack([begins, np.append(begins, len(order))[1:] - 1]) if len(order) else np.zeros((2, 0), np.int64)
+    at = np.unique(number, return_inverse=True)[1].reshape(-1)
+    first, last = along[order][each][:, at]
+    return first, last
 
 
 def curvature(lines: Sightlines) -> Array:
