@@ -67,7 +67,7 @@ def timed(work: Callable[[A], B], things: Sequence[A]) -> tuple[float, list[B]]:
 
 def astray(lines: Polylines, others: Polylines) -> float:
     """Return the share of one's length that is farther than a pixel from the others."""
-    (q, _, _), (p, _, _) = lines.points_along(0.5), others.points_along(0.5)
+    (q, *_), (p, *_) = lines.points_along(0.5), others.points_along(0.5)
     return float(np.mean(cKDTree(p).query(q)[0] > 1))
 
 

@@ -118,7 +118,7 @@ def rendered(mesh: Mesh, camera_from_part: Rigid, look: Look) -> Picture:
 def shows(camera_from_part: Rigid, name: str | None, look: Look) -> bool:
     """Return whether enough of the block and of one of its parts is in the picture, the part's with contrast."""
     lines = drawn(block()).lines.draw(CAMERA, camera_from_part).visible
-    q, normal, line = lines.points_along(2.0)
+    q, normal, line, _ = lines.points_along(2.0)
     inside = CAMERA.sees(q)
     if 2 * inside.sum() < LEAST_OF_ALL_PX or name is None:
         return bool(2 * inside.sum() >= LEAST_OF_ALL_PX)

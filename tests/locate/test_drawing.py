@@ -42,7 +42,7 @@ def test_places_lie_on_what_is_visible_and_on_all_of_it(name: str) -> None:
     for key in ((5, 0), (111, 1), (250, 2), (333, 1)):
         aspect = part.aspects.aspect(*key)
         camera, pose, visible = exactly(part, aspect)
-        drawn, _, _ = visible.points_along(0.25)
+        drawn, *_ = visible.points_along(0.25)
         q = camera.project(pose @ aspect.places["p"].astype(float))
         assert np.mean(away(q, drawn) < 2.0) > 0.95
         step = aspect.length * FILLED * SIZE / len(q)

@@ -42,7 +42,7 @@ def both(scene: Scene, camera: Camera, pose: Rigid) -> tuple[Polylines, Polyline
 
 def astray(lines: Polylines, others: Polylines, camera: Camera, within: float) -> float:
     """Return the share of one's length, inside the picture, that is farther than `within` px from the others."""
-    (q, _, _), (p, _, _) = lines.points_along(0.5), others.points_along(0.5)
+    (q, *_), (p, *_) = lines.points_along(0.5), others.points_along(0.5)
     q = q[camera.crop(2, 2, (camera.width - 4, camera.height - 4)).sees(q - 2)]
     return float((cKDTree(p).query(q)[0] > within).mean())
 

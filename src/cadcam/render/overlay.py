@@ -184,7 +184,7 @@ def edge_distances(
     expect_positive(within, "within", "an angle of at least 0 rad", zero=True)
     gray = to_gray(fitting(photo, wireframe.camera))
     edges = canny(gray) if edges is None else edges
-    q, normal, line = wireframe.visible.points_along(step_px / _PARTS)
+    q, normal, line, _ = wireframe.visible.points_along(step_px / _PARTS)
     inside = wireframe.camera.sees(q)
     q, normal, line = q[inside], normal[inside], line[inside]
     if not len(q):

@@ -103,7 +103,7 @@ def closeness_table(close: Closeness) -> Table:
     columns = ("edge", "length, px", "close, %", "chance, %", "offset, px", "scatter", "by vote, px", "votes, %")
     notes = (
         f"over all edges {100 * close.total:.0f} % more than chance (100: all, 0: as lines drawn anywhere)",
-        "offset: from the model's edge to the photo's, to the left of the direction in which the edge runs",
+        "offset: from the model's edge to the photo's, to the right of the direction in which the edge runs",
     )
     return Table(f"How close the photo's edges are to {len(close)} visible edges", columns, rows, notes=notes)
 

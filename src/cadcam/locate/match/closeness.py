@@ -23,6 +23,7 @@ from cadcam.render.lines.wireframe import Wireframe
 
 _SHIFTED = (17.0, -17.0, 23.0, -23.0)  # px along the normal at which the chance level is measured
 _SIGMA_TO_MAD = 1.4826
+_TINY_PX = 1e-9  # length of an edge that is seen as a point
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,8 +61,8 @@ class Closeness(Brief):
     length with an edge of its direction near it; offset (M,) px, median along the normal, photo minus model, and
     scatter (M,) px about it (a standard deviation, from the median absolute deviation), nan where there is none; chance
     (M,): the share that shifted copies of the edge have. By vote: shift (M,) px along the normal, and votes (M,), the
-    share of the length that agrees on it; nan and 0 without any vote. The normal points to the left of the direction
-    in which a chain runs.
+    share of the length that agrees on it; nan and 0 without any vote. The normal points to the right of the direction
+    in which a chain runs, as seen in the picture.
     """
 
     chain: Ids
@@ -105,21 +106,20 @@ def edge_closeness(
     expect(wireframe, "wireframe", Wireframe)
     expect(options, "options", ClosenessOptions)
     edges = photo if isinstance(photo, EdgePoints) else canny(checked(photo))
-    q, normal, line = wireframe.visible.points_along(options.step)
+    q, normal, line, px = wireframe.visible.points_along(options.step)
     seen = wireframe.camera.sees(q)
-    q, normal, chain = q[seen], normal[seen], wireframe.visible.chain[line[seen]]
+    q, normal, chain, px = q[seen], normal[seen], wireframe.visible.chain[line[seen]], px[seen]
     chains, of = np.unique(chain, return_inverse=True)
     grid = _EdgeGrid(edges, options)
     offsets = grid.nearest(q, normal)
-    beside = np.stack([_share(grid.nearest(q + d * normal, normal), of, len(chains)) for d in _SHIFTED])
+    length = np.asarray(np.bincount(of, px, len(chains)), np.float64)
+    beside = np.stack([_share(grid.nearest(q + d * normal, normal), of, px, length) for d in _SHIFTED])
     chance = np.asarray(beside.mean(axis=0), np.float64)
-    length = np.asarray(np.bincount(of, minlength=len(chains)) * options.step, np.float64)
-    middle = (
-        np.stack([np.bincount(of, q[:, k], len(chains)) for k in range(2)], axis=1) * options.step / length[:, None]
-    )
+    middle = np.stack([np.bincount(of, px * q[:, k], len(chains)) for k in range(2)], axis=1).astype(np.float64)
+    middle /= np.maximum(length, _TINY_PX)[:, None]
     offset, scatter = _median_and_scatter(offsets, of, len(chains))
-    shift, votes = _voted(grid, q, normal, of, len(chains), options)
-    share = _share(offsets, of, len(chains))
+    shift, votes = _voted(grid, q, normal, of, px, length, options)
+    share = _share(offsets, of, px, length)
     return Closeness(chains.astype(np.int32), length, middle, share, offset, scatter, chance, shift, votes)
 
 
@@ -163,9 +163,9 @@ class _EdgeGrid:
         return np.where(met & parallel & (np.abs(distance) <= far), distance, np.nan)
 
 
-def _share(offsets: Array, of: npt.NDArray[np.intp], count: int) -> Array:
-    near = np.bincount(of, np.isfinite(offsets), count)
-    return np.asarray(near / np.maximum(np.bincount(of, minlength=count), 1))
+def _share(offsets: Array, of: npt.NDArray[np.intp], px: Array, length: Array) -> Array:
+    """Return the share of each edge's length (M,) whose samples, of so many px (N,) each, have an offset."""
+    return np.asarray(np.bincount(of, px * np.isfinite(offsets), len(length)) / np.maximum(length, _TINY_PX))
 
 
 def _median_and_scatter(offsets: Array, of: npt.NDArray[np.intp], count: int) -> tuple[Array, Array]:
@@ -181,17 +181,24 @@ def _median_and_scatter(offsets: Array, of: npt.NDArray[np.intp], count: int) ->
 
 
 def _voted(
-    grid: _EdgeGrid, q: Array, normal: Array, of: npt.NDArray[np.intp], count: int, options: ClosenessOptions
+    grid: _EdgeGrid,
+    q: Array,
+    normal: Array,
+    of: npt.NDArray[np.intp],
+    px: Array,
+    length: Array,
+    options: ClosenessOptions,
 ) -> tuple[Array, Array]:
     """Return for each edge the shift with most votes, interpolated within its cell, and the share of votes."""
     from scipy.ndimage import gaussian_filter1d
 
-    cells = 2 * math.ceil(options.reach / options.cell) + 1
+    count, cells = len(length), 2 * math.ceil(options.reach / options.cell) + 1
     offsets = grid.along(q, normal, options.reach)
     cast = np.isfinite(offsets)
     cell = np.rint(np.where(cast, offsets, 0.0) / options.cell).astype(int) + cells // 2
     flat = (of[:, None] * cells + cell)[cast]
-    table = np.bincount(flat, minlength=count * cells).reshape(count, cells).astype(np.float64)
+    weight = np.broadcast_to(px[:, None], cast.shape)[cast]
+    table = np.bincount(flat, weight, count * cells).reshape(count, cells)
     smooth = gaussian_filter1d(table, 1.0, axis=1, mode="constant") * math.sqrt(2 * math.pi)
     best = smooth.argmax(axis=1)
     near = np.abs(np.arange(cells) - best[:, None]) <= 2
@@ -199,4 +206,4 @@ def _voted(
     places = (np.arange(cells) - cells // 2) * options.cell
     with np.errstate(invalid="ignore"):
         shift = (table * near * places).sum(axis=1) / np.where(votes > 0, votes, np.nan)
-    return np.asarray(shift), np.minimum(votes / np.maximum(np.bincount(of, minlength=count), 1), 1.0)
+    return np.asarray(shift), np.minimum(votes / np.maximum(length, _TINY_PX), 1.0)

@@ -99,8 +99,11 @@ class Polylines(Brief):
             self.chain[lines],
         )
 
-    def points_along(self, step_px: float) -> tuple[Array, Array, Longs]:
-        """Return points spaced about `step_px`: q (n, 2) px, unit normals (n, 2) and the polyline (n,) of each."""
+    def points_along(self, step_px: float) -> tuple[Array, Array, Longs, Array]:
+        """Return points up to `step_px` apart: q (n, 2) px, unit normals (n, 2), each one's polyline (n,), length (n,).
+
+        The length (px) is what a point stands for: segments that are shorter than the step have one each.
+        """
         line = self.line_of_point
         first = np.flatnonzero(line[1:] == line[:-1])
         d = self.q[first + 1] - self.q[first]
@@ -110,7 +113,7 @@ class Polylines(Brief):
         fraction = (np.arange(len(index)) - np.repeat(np.cumsum(n) - n, n) + 0.5) / n[index]
         q = self.q[first[index]] + fraction[:, None] * d[index]
         normal = np.stack([-d[:, 1], d[:, 0]], axis=1) / np.maximum(length, 1e-300)[:, None]
-        return q, normal[index], line[first[index]]
+        return q, normal[index], line[first[index]], (length / n)[index]
 
 
 _NONE = np.zeros(0, np.int32)
