@@ -205,6 +205,14 @@ def test_whole_numbers_without_a_known_white_are_named_as_they_are_stored(tmp_pa
     np.testing.assert_allclose(read_picture(tmp_path / "a.tif", full_scale=1000), [[0, 0.9]])
 
 
+def test_whole_numbers_of_32_bits_without_a_sign_have_all_their_bits(tmp_path):
+    """Half of them were negative, and no full scale helped."""
+    tifffile.imwrite(tmp_path / "a.tif", np.array([[0, 2**31, 2**32 - 1]], np.uint32))
+    with pytest.raises(UnreadableFile, match="has 32-bit integer samples from 0 to 4294967295, whose white"):
+        read_picture(tmp_path / "a.tif")
+    np.testing.assert_allclose(read_picture(tmp_path / "a.tif", full_scale=2**32 - 1), [[0, 0.5, 1]], rtol=1e-6)
+
+
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_float_picture_with_a_hole_is_refused_at_its_pixel(tmp_path, bad):
     stored = np.zeros((3, 4), np.float32)

@@ -109,6 +109,15 @@ def test_a_start_outside_the_photo_is_refused(rng: np.random.Generator) -> None:
             approach(BRACKET, [photo(BRACKET, POSE, rng)], start)
 
 
+def test_a_start_from_which_one_face_fills_the_picture_is_told_so(rng: np.random.Generator) -> None:
+    """Its middle is in view: it was said to be outside of every photo."""
+    plate = Part.of(shape.box((-500, -500, 0), (500, 500, 10), name="plate"))
+    start = Rigid.look_at((0.0, 0.0, 100.0), (0.0, 0.0, 0.0), up=(0.0, 1.0, 0.0))
+    tele = Photo.of(rng.normal(0.5, 0.1, (480, 640)).clip(0, 1), Camera.from_focal((640, 480), 4000.0))
+    with pytest.raises(NothingInView, match=r"none of the part's edges into a photo, its middle at \(0, 0, 95\) mm"):
+        approach(plate, [tele], start)
+
+
 @pytest.mark.parametrize("wrong", [{"rotation_deg": -1.0}, {"depth": 0.9}, {"shift_px": float("nan")}])
 def test_a_reach_that_is_none_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(BadValue, match=next(iter(wrong))):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 
@@ -58,6 +59,17 @@ def test_holes_are_judged_across_their_axes_and_by_their_diameters(tmp_path: Pat
     assert (fit.value, fit.middle) == pytest.approx((0.045, 0.045))  # H11
     for name, place in (("hole 12 mm", (60, 60)), ("hole 20 mm no 1", (45, 25)), ("hole 20 mm no 2", (75, 25))):
         np.testing.assert_allclose(middle(asked[name].selection, scene(PLATE)), [*place, 5], atol=1e-3)
+
+
+def test_a_hole_s_position_within_a_width_is_no_cylinder(tmp_path: Path) -> None:
+    """It was judged in all directions across the axis: holes FAILed along that which the drawing leaves free."""
+    pmi = read_pmi(PLATE)
+    wide = replace(pmi, tolerances=tuple(replace(t, diametral=False) for t in pmi.tolerances))
+    text = drawing_template(scene(PLATE), wide, PLATE.name)
+    (tmp_path / "tolerances.yaml").write_text(text)
+    asked = {f.name: f for f in read_tolerances(tmp_path / "tolerances.yaml").features}
+    assert Quantity.POSITION not in {limit.quantity for limit in asked["hole 12 mm"].limits}
+    assert "its zone is a width, no cylinder" in text
 
 
 def test_a_plane_face_is_judged_along_its_normal(tmp_path: Path) -> None:

@@ -24,7 +24,7 @@ NO = 3  # exit code: done, but the answer is no
 _FULL = 90  # characters of a line whose sentence continues on the next: texts are written 120 wide
 
 # No sensible length, angle, share or noise lies beyond these; their squares would overflow, or divide by zero.
-_SMALLEST, _LARGEST = 1e-12, 1e9
+_SMALLEST, _LARGEST, _MOST = 1e-12, 1e10, 10**9  # of numbers; of whole ones
 _LONGEST_SIDE_PX = 1_000_000
 
 
@@ -257,13 +257,15 @@ def pair(text: str) -> tuple[str, str]:
 
 
 def real(text: str) -> float:
-    """Return the number in a text: 0, or between 1e-12 and 1e9 in size."""
+    """Return the number in a text: 0, or between 1e-12 and 1e10 in size."""
     try:
         value = float(text)
     except ValueError:
         raise argparse.ArgumentTypeError(f"{text!r} is not a number{_remedy(text)}") from None
     if value != 0 and not _SMALLEST <= abs(value) <= _LARGEST:
-        raise argparse.ArgumentTypeError(f"{text!r} is out of range; give 0, or a number between 1e-12 and 1e9 in size")
+        raise argparse.ArgumentTypeError(
+            f"{text!r} is out of range; give 0, or a number between 1e-12 and 1e10 in size"
+        )
     return value
 
 
@@ -312,7 +314,7 @@ def _float(text: str) -> float:
 
 def whole(text: str) -> int:
     """Return the whole number in a text, up to 1e9 in size."""
-    return _whole(text, -int(_LARGEST), int(_LARGEST))
+    return _whole(text, -_MOST, _MOST)
 
 
 def seed(text: str) -> int:

@@ -174,7 +174,10 @@ def _pillow_samples(image: Image.Image) -> tuple[npt.NDArray[Any], int, float | 
             bits, white = stated, float((1 << stated) - 1)
         if image.mode == "I":  # 32 bits, in which Pillow holds signed ones of 16 as well
             bits = stated
-    return np.asarray(image if image.mode == mode else image.convert(mode)), bits, white
+    samples = np.asarray(image if image.mode == mode else image.convert(mode))
+    if bits == 32 and samples.dtype == np.int32 and not _signed(image):
+        samples = samples.view(np.uint32)  # Pillow has no numbers of 32 bits without a sign
+    return samples, bits, white
 
 
 def _signed(image: Image.Image) -> bool:

@@ -157,17 +157,21 @@ def _stages(aspects: Views, photos: Sequence[Photo], start: Rigid, reach: Reach)
 
 
 def _outside(aspects: Aspects, photo: Photo, start: Rigid) -> str:
-    """Return where a start puts a part that no photo shows, and what may be wrong with it."""
-    x, y, z = photo.camera_from_world @ start @ aspects.centre
+    """Return where a start puts a part that no photo shows, or no edge of, and what may be wrong with it."""
+    x, y, z = middle = photo.camera_from_world @ start @ aspects.centre
     r = aspects.radius
     place = f"its middle at ({x:.4g}, {y:.4g}, {z:.4g}) mm of camera {photo.viewpoint.name!r}"
+    seen = bool(photo.camera.sees(photo.camera.project(middle[None]))[0])
+    what = "none of the part's edges into a photo" if seen else "the part outside of every photo"
     if math.hypot(x, y, z) < r:
         why = f"nearer than the part is large ({2 * r:.4g} mm): are start and part in one unit, mm?"
     elif z <= 0:
         why = "behind it: cameras look along +z here; is the pose inverted, or of a camera that looks along -z?"
+    elif seen:
+        why = "in view, but one face fills the picture: is the part larger than that?"
     else:
         why = "beside its picture: is the pose inverted, or in another unit?"
-    return f"the start puts the part outside of every photo, {place}, {why}"
+    return f"the start puts {what}, {place}, {why}"
 
 
 def focal_as_in_mm(photos: Sequence[Photo]) -> str:

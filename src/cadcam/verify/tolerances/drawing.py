@@ -36,6 +36,7 @@ _WHY = {
     **dict.fromkeys(("circular runout", "total runout"), _RUN),
 }
 _ROUND = ("hole", "pin", "rim")  # kinds of bores
+_WIDTH = "its zone is a width, no cylinder: a limit with the direction in which that lies has to be written by hand"
 _NO_EDGES = "what it is about has no edges in the model"
 
 
@@ -138,7 +139,7 @@ class _Drawing:
                 if asked is None:
                     found.append(asked := _Asked(bore))
                 if isinstance(stated, StatedTolerance):
-                    asked.positions.append(stated)
+                    asked.positions += [stated] if stated.diametral else []
                 elif isinstance(stated, StatedSize):
                     asked.sizes.append(stated)
         for asked in found:
@@ -226,7 +227,8 @@ class _Drawing:
         if id(tolerance) in self.judged:
             return "its plane faces alone are judged, not the curved ones"
         if tolerance.characteristic == _POSITION and bores_of(tolerance) and self.chains(_curves(tolerance)):
-            return "the tighter one, or the one to more datums, is judged"
+            tighter = "the tighter one, or the one to more datums, is judged"
+            return tighter if tolerance.diametral else _WIDTH
         return _NO_EDGES
 
     def datum(self) -> list[str]:
