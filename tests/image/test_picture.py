@@ -12,6 +12,7 @@ import tifffile
 from PIL import Image, ImageOps
 
 from cadcam.errors import BadValue, MissingExtra, UnknownName, UnreadableFile, UnwritableFile
+from cadcam.image.camera_picture import pictures_in
 from cadcam.image.picture import (
     equalized,
     read_picture,
@@ -433,3 +434,16 @@ def test_a_picture_too_long_for_a_jpeg_is_refused_before_the_encoder_sees_it(tmp
         write_picture(tmp_path / "a.jpg", np.zeros((1, 65501), np.float32))
     write_picture(tmp_path / "a.jpg", np.zeros((1, 65500), np.float32))
     assert read_picture(tmp_path / "a.jpg").shape == (1, 65500)
+
+
+@pytest.mark.parametrize("suffix", [".gif", ".webp", ".tif"])
+def test_a_file_of_several_pictures_is_known_as_one(tmp_path, suffix):
+    """An animated GIF was one frame without a word."""
+    rng = np.random.default_rng(1)
+    frames = [Image.fromarray(rng.integers(0, 255, (8, 9), np.uint8)) for _ in range(3)]
+    frames[0].save(tmp_path / f"three{suffix}", save_all=True, append_images=frames[1:])
+    frames[0].save(tmp_path / f"one{suffix}")
+    assert pictures_in(tmp_path / f"three{suffix}") == 3
+    assert pictures_in(tmp_path / f"one{suffix}") == 1
+    (tmp_path / f"none{suffix}").write_bytes(b"nothing")
+    assert pictures_in(tmp_path / f"none{suffix}") == 1

@@ -191,7 +191,8 @@ def test_a_tracked_pose_keeps_the_reason_of_the_one_it_equals(monkeypatch: pytes
     known = "least certain along (0.80, {}) of the part, 1 mm"
     why = Reason("6 of 7 edges", known=known.format("0.36, 0.48"), notes=("3 other poses look as good",))
     found = replace(location(FIRST), pose=replace(measured(FIRST), from_noise=noise), why=why)
-    both = replace(found, alternatives=tuple(equivalent(part, found)))
+    noted = [one.noting("in photos reduced 2 times") for one in equivalent(part, found)]  # as of blurred photos
+    both = replace(found, alternatives=tuple(noted))
     monkeypatch.setattr(tracker, "locate_part", lambda *_, **__: both)
     turned = FIRST @ Rigid.from_rotation_vector([np.pi, 0, 0], [0, 40, 20])
     (one,) = tracker.track_part(part, frames(1), turned)

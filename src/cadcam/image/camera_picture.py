@@ -12,9 +12,10 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable
 from dataclasses import dataclass
+from pathlib import Path
 
 from cadcam.arrays import Picture
-from cadcam.image.decode import Decoded, Stored, finished, stored
+from cadcam.image.decode import Decoded, Stored, finished, frames_in, stored
 from cadcam.image.high_bit_depth import tiff_pages
 from cadcam.image.picture import MAX_PIXELS, PictureInfo, check_full_scale, file_bytes, filled_from_top, with_info
 
@@ -86,8 +87,11 @@ def full_scale_of(paths: Iterable[str | os.PathLike[str]]) -> FullScale | None:
 
 
 def pictures_in(path: str | os.PathLike[str]) -> int:
-    """Return how many pictures a file holds, of which the first is read; thumbnails are none. Only TIFF tells more."""
-    return tiff_pages(file_bytes(path)) if os.fspath(path).lower().endswith((".tif", ".tiff")) else 1
+    """Return how many pictures a TIFF, GIF or WebP file holds, of which the first is read; thumbnails are none."""
+    suffix = Path(path).suffix.lower()
+    if suffix in (".tif", ".tiff"):
+        return tiff_pages(file_bytes(path))
+    return frames_in(file_bytes(path)) if suffix in (".gif", ".webp") else 1
 
 
 def is_deep(path: str | os.PathLike[str]) -> bool:

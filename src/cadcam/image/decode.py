@@ -180,6 +180,17 @@ def _pillow_samples(image: Image.Image) -> tuple[npt.NDArray[Any], int, float | 
     return samples, bits, white
 
 
+def frames_in(data: bytes) -> int:
+    """Return how many pictures an animation holds; 1 of what is none, or cannot be read."""
+    from PIL import Image
+
+    try:
+        with _unlimited(), Image.open(io.BytesIO(data)) as image:
+            return int(getattr(image, "n_frames", 1))
+    except _PARSING:
+        return 1
+
+
 def _signed(image: Image.Image) -> bool:
     """Return whether a file says that its whole numbers have a sign, as only TIFF does."""
     if image.format != "TIFF":

@@ -198,7 +198,7 @@ class Tracker:
 
         The reason's direction that is least certain is along the axes of the part, which the two have elsewhere.
         """
-        if nearest.why != ALIKE:
+        if nearest.why.why != ALIKE.why:  # it may have notes
             return nearest
         return replace(nearest, why=found.why.knowing(self._known(nearest.pose, photos)))
 

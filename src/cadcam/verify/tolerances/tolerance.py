@@ -402,7 +402,7 @@ def _told(where: str) -> Iterator[None]:
 def whole_parts(scene: Scene) -> Tolerances:
     """Return every part of the scene as a feature without limits, so that displaced or missing ones are reported."""
     expect(scene, "scene", Scene)
-    return Tolerances(tuple(Feature(name, Selection(_literal(name))) for name in scene.mesh.part_names))
+    return Tolerances(tuple(Feature(name, Selection(name)) for name in scene.mesh.part_names))
 
 
 def runs(numbers: Floats) -> str:
@@ -410,11 +410,6 @@ def runs(numbers: Floats) -> str:
     n = np.asarray(numbers, np.int64)
     pieces = np.split(n, np.flatnonzero(np.diff(n) > 1) + 1) if len(n) else []
     return ", ".join(f"{p[0]} to {p[-1]}" if len(p) > 2 else ", ".join(map(str, p.tolist())) for p in pieces)
-
-
-def _literal(name: str) -> str:
-    """Return the pattern that fits only this name, whatever characters it contains."""
-    return "".join(f"[{c}]" if c in "*?[" else c for c in name)
 
 
 def _inside(p: Array, box: Array) -> Mask:
