@@ -61,6 +61,7 @@ if TYPE_CHECKING:
     from cadcam.verify.tolerances.tolerance import Tolerances
 
 _EVERY_S = 1.0  # between looks at the folders; photos that are the same in two of them are complete
+_REST = 4.0  # times as long as a look takes that passes before the next: one at tens of thousands of photos takes long
 _LATE_S = 10.0  # that a part waits for its photos before this is told: cameras do not write at the same moment
 _PAGE_S = 10.0  # between writings of the page while there is more to do
 _ASKED_FOR_WHITE = 20  # photos of a camera from which is told what is white in those of more than 8 bits
@@ -163,7 +164,7 @@ def _arriving(arrivals: Arrivals, told: Telling) -> Iterator[list[Arrival]]:
     while True:
         with working("waiting for photos; Ctrl-C ends"):
             time.sleep(max(due - time.monotonic(), 0.0))  # also after parts that took no time: who writes needs it
-            due = time.monotonic() + _EVERY_S
+            begun = time.monotonic()
             try:
                 new, away = arrivals.new(), ""
             except UnreadableFile as error:
@@ -171,6 +172,7 @@ def _arriving(arrivals: Arrivals, told: Telling) -> Iterator[list[Arrival]]:
                 if str(error) != away:
                     away = str(error)
                     say(f"{away}; waiting for it")
+            due = max(begun + _EVERY_S, time.monotonic() + _REST * (time.monotonic() - begun))
         for serial, why in arrivals.overdue(time.monotonic(), _LATE_S).items():
             told.waits(serial, why)
         yield new
