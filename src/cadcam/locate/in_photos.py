@@ -233,7 +233,8 @@ def _ranked(trials: Sequence[Trial]) -> list[Trial]:
 
     A doubted one, which needs a body to be absent, gives way to one that is as good and not doubted. A loose one gives
     way to one that is as good and fits far closer: of a part that nearly equals itself turned over, the turned one has
-    about as many lines met, but beside the photos' steps.
+    about as many lines met, but beside the photos' steps. One whose edges are off by more than light explains gives way
+    to any that is found and fits so: grain along a part looks like its lines, a few px beside them.
     """
     most = max(max(trial.score for trial in trials), 1e-9)
     ranked = sorted(trials, key=lambda trial: -(trial.location.quality + _BY_SCORE * trial.score / most))
@@ -242,6 +243,10 @@ def _ranked(trials: Sequence[Trial]) -> list[Trial]:
     good = [location for location in good if not location.doubted] or good or [ranked[0].location]
     closest = min(good, key=lambda location: location.matches.scatter_px)
     first = closest if far_looser(good[0], closest) else good[0]
+    fitting = [trial.location for trial in ranked if trial.location.found and not trial.location.amiss]
+    if first.amiss and fitting:
+        closest = min(fitting, key=lambda location: location.matches.scatter_px)
+        first = closest if far_looser(first, closest) else first
     return _led_by(ranked, lambda location: location is first)
 
 
