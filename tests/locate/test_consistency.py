@@ -12,6 +12,7 @@ from cadcam.arrays import Picture
 from cadcam.cad.parts import machined_bracket
 from cadcam.camera.camera import Camera
 from cadcam.camera.error_source import ErrorSource
+from cadcam.camera.viewpoint import Viewpoint
 from cadcam.geometry.rigid import Rigid
 from cadcam.locate.location import Location
 from cadcam.locate.part import Part
@@ -231,3 +232,14 @@ def test_a_camera_that_sees_nothing_for_some_frames_does_not_lose_the_part(sees:
     assert "left out" in steps[2].location.reason
     assert set(steps[2].location.matches.photo) == {0}
     assert normalised(steps[2].location) < 3
+
+
+def test_a_camera_that_begins_in_the_dark_ends_no_track(rng: np.random.Generator) -> None:
+    """The other one looks away: that the start is not in its picture was taken for a mistake."""
+    aside = Viewpoint.exact("aside", NEAR, Rigid(translation=(9e3, 0, 0)) @ view(PART, VIEWS["right"][0]), sigma_px=0.1)
+    frames = []
+    for k in range(3):
+        (left,) = photos(rng, {}, "left")
+        dark = replace(left, gray=np.zeros_like(left.gray)) if k == 0 else left
+        frames.append(Frame.of(k, dark, Photo(noisy(np.full_like(left.gray, 0.5), 0.02, rng), aside)))
+    assert [step.location.found for step in track_part(PART, frames, START)] == [False, True, True]

@@ -9,6 +9,7 @@ import pytest
 
 from cadcam.errors import BadValue
 from cadcam.record.record import Deviation, Finding
+from cadcam.record.store import open_store
 from cadcam.record.trend import standing, trend, trends
 from cadcam.report.state.json import trend_as_json
 from cadcam.report.state.tables import drift_words, features_table, trend_tables
@@ -75,3 +76,28 @@ def test_json_of_a_trend_has_drift_and_limits() -> None:
     assert {name: point[name] for name in ("part", "k", "upper_mm")} == {"part": "bracket", "k": 2.0, "upper_mm": 1.0}
     few = trend_as_json(trend(DRIFTING[:2], "stiffener"))
     assert (few["drift"], few["drift_a_part_mm"], few["parts_left"]) == ("", None, None)
+
+
+def test_what_was_measured_without_limits_is_replaced_by_what_measures_it_again() -> None:
+    rib, boss = (Deviation(name, 0.1, 0.2) for name in ("rib", "boss"))
+    one = replace(record(1), verdict="", deviations=(rib,))
+    nothing = replace(one, id="lost", pose=None, deviations=())
+    for later in (replace(one, id="boss", deviations=(boss,)), nothing):
+        assert standing([one, later]) == [one, later]
+    again = replace(one, id="again", deviations=(rib, boss))
+    assert standing([one, nothing, again]) == [again]
+    assert standing([nothing, one]) == [one]
+
+
+def test_a_store_says_which_records_stand_as_their_records_do(where: str) -> None:
+    """Of one that judges another feature a trend reads nothing else: it seemed to be replaced."""
+    boss = replace(record(1), id="boss", deviations=(Deviation("boss", 0.1, 0.2, verdict="PASS"),))
+    rib = replace(
+        record(1), id="rib", time=record(1).time + HOUR, findings=(Finding("rib", "presence", "PASS", "seen"),)
+    )
+    every = [*DRIFTING, boss, *ANEW, replace(rib, deviations=())]
+    with open_store(where) as store:
+        store.add(*every)
+        assert store.standing() == {one.id for one in standing(store.query())}
+        assert store.standing(serial="S001") == {one.id for one in standing(store.query(serial="S001"))}
+        assert {"boss", "rib"} <= store.standing()

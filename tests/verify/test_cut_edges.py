@@ -85,6 +85,20 @@ def test_a_broken_off_end_is_not_there_because_the_rest_of_its_edges_is() -> Non
         assert judgement.verdict in verdict
 
 
+def test_what_is_asked_of_other_features_changes_no_presence() -> None:
+    """Ten boxes across a rib: its edges seemed to be many, or none long enough to be evidence."""
+    rib = Feature("rib", Selection("rib 1"), (Limit(Quantity.PRESENCE, 0.0),))
+    boxes = [np.array([[x, -70.0, 10.0], [x + 8.0, -40.0, 60.0]]) for x in range(-120, 40, 16)]
+    others = [Feature(f"box {k}", Selection("rib 1", box=box)) for k, box in enumerate(boxes)]
+    told = []
+    for asked in (Tolerances((rib,), DATUM), Tolerances((rib, *others), DATUM)):
+        inspection = verified(plate(), asked).inspection
+        assert inspection is not None
+        presence = inspection.feature("rib").presence
+        told.append((presence.expected, presence.seen))
+    assert told[0] == told[1]
+
+
 def test_a_box_within_an_edge_is_a_choice_and_one_beside_it_is_not() -> None:
     """Of 28 mm of an edge of 160 mm."""
     within = Selection("rib 1", box=np.array([[10.0, -70.0, 45.0], [38.0, -55.0, 60.0]]))

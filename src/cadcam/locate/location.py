@@ -90,11 +90,12 @@ class Location:
     off_px: float = 0.0
 
     @classmethod
-    def nowhere(cls, world_from_part: Rigid, why: Reason) -> Location:
+    def nowhere(cls, world_from_part: Rigid, why: Reason | str) -> Location:
         """Return the answer where there is no evidence of the part: quality 0, no matches, at the pose searched."""
         one, two, three, ids = np.zeros(0), np.zeros((0, 2)), np.zeros((0, 3)), np.zeros(0, np.int32)
         nothing = EdgeMatches(two, two, one, one, one, three, ids, ids)
-        return cls(unmeasured(world_from_part, np.eye(6)), nothing, 0.0, why)
+        reason = Reason(why) if isinstance(why, str) else why
+        return cls(unmeasured(world_from_part, np.eye(6)), nothing, 0.0, reason)
 
     @property
     def found(self) -> bool:

@@ -28,6 +28,17 @@ def check_photos(photos: Sequence[Photo]) -> None:
             raise UnusablePhoto(what, other, "each picture once: what it shows is no evidence twice")
 
 
+def faults_in(photos: Sequence[Photo]) -> dict[int, str]:
+    """Return what is wrong with photos without contrast, or of black and white pixels, by their numbers."""
+    faults = {}
+    for number, photo in enumerate(photos):
+        try:
+            check_exposure(photo)
+        except UnusablePhoto as error:
+            faults[number] = str(error)
+    return faults
+
+
 def check_exposure(photo: Photo) -> None:
     """Raise `UnusablePhoto` for a photo without contrast, or of black and white pixels."""
     every = max(1, math.isqrt(photo.gray.size // _LOOKED_AT))

@@ -13,6 +13,8 @@ from sqlalchemy import exc
 
 from cadcam.whole import utf8
 
+# What a connection raises that breaks or was closed for that; pg8000 lets some errors of sockets through as they are.
+_BROKEN = (exc.DBAPIError, exc.ResourceClosedError, OSError)
 _NAME_BYTES = 63  # of what PostgreSQL keeps of the name of a program
 _HOLDER = """\
 SELECT application_name FROM pg_locks JOIN pg_stat_activity USING (pid)
@@ -96,15 +98,20 @@ def claimed_in_database(engine: sql.Engine, what: str, who: str) -> Iterator[Cal
     def hold() -> None:
         try:
             held[0].execute(sql.text("SELECT 1"))
-        except exc.DBAPIError:
-            held[0].close()
-            with suppress(exc.DBAPIError):  # a server that is away lets nobody else have it either
+        except _BROKEN:
+            _close(held[0])
+            with suppress(*_BROKEN):  # a server that is away lets nobody else have it either
                 held[0] = _lock(engine, what, who)
 
     try:
         yield hold
     finally:
-        held[0].close()
+        _close(held[0])
+
+
+def _close(connection: sql.Connection) -> None:
+    with suppress(*_BROKEN):
+        connection.close()
 
 
 def _lock(engine: sql.Engine, what: str, who: str) -> sql.Connection:

@@ -35,6 +35,7 @@ from cadcam.record.rows import (
     summary_of,
 )
 from cadcam.record.selection import Selection, batches
+from cadcam.record.trend import which_stand
 
 _LOCK = 0x63616463  # PostgreSQL's advisory lock while tables are created
 
@@ -179,6 +180,24 @@ class Store:
             judged = self._what_was_judged(connection, sql.select(m.id).where(*wanted), feature=as_kept(name))
             rows = connection.execute(heads).mappings()
             return [summary_of(dict(row), *(one.get(row["id"], ()) for one in judged)) for row in rows]
+
+    def standing(self, **which: Unpack[Which]) -> set[str]:
+        """Return the ids of the records that `query` returns and that no later one of them replaces (`trend.standing`).
+
+        No record is read for that: of each feature kind and verdict are enough.
+        """
+        m, wanted = schema.measurement.c, self._wanted(which)
+        heads = sql.select(m.id, m.part, m.serial, m.station).where(*wanted).order_by(m.time_utc, m.id)
+        with self._transaction(self._engine) as connection:
+            rows = connection.execute(heads).all()
+            said: dict[str, set[tuple[str, str, str]]] = {row.id: set() for row in rows}
+            for table in self._judged:
+                t = table.c
+                mine = sql.select(t.measurement_id, t.feature, t.kind, t.verdict)
+                for one in connection.execute(mine.where(t.measurement_id.in_(sql.select(m.id).where(*wanted)))):
+                    said[one.measurement_id].add((one.feature, one.kind, one.verdict))
+        stand = which_stand([(row.part, row.serial, row.station) for row in rows], list(said.values()))
+        return {row.id for row, stands in zip(rows, stand, strict=True) if stands}
 
     def count(self, **which: Unpack[Which]) -> int:
         """Return how many records match all arguments, which are those of `query`; none of them is read."""

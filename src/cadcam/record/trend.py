@@ -104,29 +104,46 @@ def standing(records: Sequence[Record]) -> list[Record]:
     """Return records, oldest first, without those that a later one replaces.
 
     It does where it is of the same part (kind, serial number, station) and gives a verdict on all that the earlier one
-    did: the part was judged by other limits, or photographed anew. Parts without a serial number are told apart.
+    did, or measures all that this did where that has no verdicts: the part was judged by other limits, or photographed
+    anew. Parts without a serial number are told apart.
     """
-    out: list[Record] = []
-    judged: dict[tuple[str, str, str], set[tuple[str, str]]] = {}  # by part: on what later records give verdicts
-    for record in reversed(records):
-        key = (record.part, record.serial, record.station)
-        own = {(one.feature, one.kind) for one in _judged(record) if one.verdict}
-        if not record.serial or key not in judged or not own <= judged[key]:
-            out.append(record)
-        judged.setdefault(key, set()).update(own)
+    parts = [(record.part, record.serial, record.station) for record in records]
+    said = [{(one.feature, one.kind, one.verdict) for one in _judged(record)} for record in records]
+    return [record for record, stands in zip(records, which_stand(parts, said), strict=True) if stands]
+
+
+def which_stand(parts: Sequence[tuple[str, str, str]], said: Sequence[set[tuple[str, str, str]]]) -> list[bool]:
+    """Return which records, oldest first, are not replaced; see `standing`.
+
+    parts: kind, serial number and station of each; said: on what it says anything: feature, kind, and the verdict or
+    "".
+    """
+    later: dict[tuple[str, str, str], tuple[set[tuple[str, str]], set[tuple[str, str]]]] = {}
+    there: set[tuple[str, str, str]] = set()
+    out = []
+    for part, each in zip(reversed(parts), reversed(said), strict=True):
+        every, judged = {one[:2] for one in each}, {one[:2] for one in each if one[2]}
+        all_later, judged_later = later.setdefault(part, (set(), set()))
+        replaced = judged <= judged_later if judged else every <= all_later
+        out.append(not part[1] or part not in there or not replaced)
+        there.add(part)
+        all_later |= every
+        judged_later |= judged
     return out[::-1]
 
 
-def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -> Trend:
+def trend(records: Sequence[Record], feature: str, *, kind: str | None = None, replaced: int | None = None) -> Trend:
     """Return what records of one kind of part, oldest first, judge of a feature; kind: of judgement, if several.
 
-    Each part counts once (`standing`). Without a kind, the one of which there are deviations is meant, or else the only
-    one. Raises `UnknownName` where no record has the feature or kind, `BadValue` where several kinds of part have it,
-    where it has several kinds and none was named, or where lengths and angles would be mixed.
+    Each part counts once (`standing`); replaced: how many records were left out for that already, if so. Without a
+    kind, the one of which there are deviations is meant, or else the only one. Raises `UnknownName` where no record has
+    the feature or kind, `BadValue` where several kinds of part have it, where it has several kinds and none was named,
+    or where lengths and angles would be mixed.
     """
     every = expect_each(records, "records", Record)
     expect(feature, "feature", str)
-    records = standing(every)
+    records = standing(every) if replaced is None else every
+    replaced = len(every) - len(records) if replaced is None else replaced
     all_judged = [(r, one) for r in records for one in _judged(r)]
     named = [(r, one) for r, one in all_judged if one.feature == feature]
     if not named:
@@ -140,7 +157,7 @@ def trend(records: Sequence[Record], feature: str, *, kind: str | None = None) -
     if kind is not None and kind not in kinds:
         raise UnknownName(f"kind of {feature!r}", kind, kinds)
     (meant,) = {kind} if kind is not None else measured or kinds
-    return _trend(feature, [(r, one) for r, one in named if one.kind == meant], records, len(every) - len(records))
+    return _trend(feature, [(r, one) for r, one in named if one.kind == meant], records, replaced)
 
 
 def trends(records: Sequence[Record]) -> list[Trend]:

@@ -302,15 +302,21 @@ def _edges(
     from scipy.special import stdtr
 
     every = np.unique(survey.lines.edge[survey.usable]).tolist()
-    edges = [_edge(part, survey, measured, members, e) for e in each(every, "measuring edges", case.tell)]
+    held = np.stack(survey.members, axis=1) if every else np.zeros((0, 0), bool)
+    edges = [_edge(part, survey, measured, (held, members), e) for e in each(every, "measuring edges", case.tell)]
     dof = measured.dof
     p_values = [2 * float(stdtr(dof, -abs(e.value) / e.sigma)) if np.isfinite(e.sigma) else np.nan for e in edges]
     off = false_discoveries_below(p_values, case.alarms)
     return tuple(replace(e, off=bool(alarm)) for e, alarm in zip(edges, off, strict=True))
 
 
-def _edge(part: Part, survey: Survey, measured: MeasuredEdges, members: Sequence[Mask], number: int) -> EdgeDeviation:
-    """Return the deviation of an edge, and of its pieces, from its place at a pose fitted without it."""
+def _edge(
+    part: Part, survey: Survey, measured: MeasuredEdges, belonging: tuple[Mask, Sequence[Mask]], number: int
+) -> EdgeDeviation:
+    """Return the deviation of an edge, and of its pieces, from its place at a pose fitted without it.
+
+    belonging: which places (N, F) each feature holds, and which of those measured (n,).
+    """
     lines = survey.lines
     every = (lines.edge == number) & survey.usable
     rows = measured.lines.edge == number
@@ -319,8 +325,8 @@ def _edge(part: Part, survey: Survey, measured: MeasuredEdges, members: Sequence
     own = np.flatnonzero(every)
     its = lines.select(own)  # few of many: no edge keeps the arrays of all
     middle = len(its) // 2
-    features = zip(survey.names, survey.members, members, strict=True)
-    holding = [(name, shown, m[own].all()) for name, m, shown in features if m[own].any()]
+    held, members = belonging[0][own], belonging[1]
+    holding = [(survey.names[f], members[f], held[:, f].all()) for f in np.flatnonzero(held.any(axis=0)).tolist()]
     return EdgeDeviation(
         part=part.scene.mesh.part_names[int(its.part[middle])],
         kind=EdgeKind(int(its.kind[middle])).name.lower(),

@@ -356,10 +356,9 @@ class _Line:
 
         if self.folder is None or not self._unwritten or not self.latest:
             return
-        every = {record.id: record for record in (*self._earlier, *self.latest)}.values()
-        records = sorted(every, key=lambda record: record.time)[-_CHARTED:]
-        last = {record.serial: record.id for record in records}
-        there = {i: _report_of(serial) for serial, i in last.items() if (self.folder / _report_of(serial)).exists()}
+        last = {record.serial: record for record in (*self._earlier, *self.latest)}  # of this run, what it found last
+        records = sorted(last.values(), key=lambda record: record.time)[-_CHARTED:]
+        there = {r.id: _report_of(r.serial) for r in records if (self.folder / _report_of(r.serial)).exists()}
         links = {i: quote(name) for i, name in there.items()}
         write_state_page(self.folder / _PAGE, records, links=links, failed=self.told.errors | self.told.incomplete)
         self._page_due, self._unwritten = time.monotonic() + _PAGE_S, False  # now, not if it was interrupted

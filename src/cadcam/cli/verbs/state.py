@@ -243,9 +243,11 @@ def run_trend(arguments: argparse.Namespace) -> None:
         records = store.of_feature(arguments.feature, **asked)
         if not records:
             raise UnusableStore(store.name, _why_none(store, asked))
+        stand = store.standing(**asked)
         if not any(record.deviations or record.findings for record in records):
             expect_known(arguments.feature, "feature", store.values("feature"))
-    seen = trend(records, arguments.feature, kind=arguments.kind)
+    standing = [record for record in records if record.id in stand]
+    seen = trend(standing, arguments.feature, kind=arguments.kind, replaced=len(records) - len(standing))
     if arguments.json:
         print_json(trend_as_json(seen))
     else:

@@ -37,7 +37,6 @@ from cadcam.cli.output import (
 from cadcam.cli.photos import add_photo_options, file_of, viewpoints_of
 from cadcam.cli.whites import check_counts, say_pages, say_white
 from cadcam.cli.wires import LOOKS, add_line_options
-from cadcam.errors import UnusablePhoto
 
 if TYPE_CHECKING:
     from cadcam.geometry.rigid import Rigid
@@ -172,16 +171,16 @@ def _at_the_world(
     A motion that is restricted has no other start.
     """
     from cadcam.cli.locating import at_the_world
+    from cadcam.locate.usable import faults_in
 
     if not freedom.full:
         return camera_from_world
     first = next(iter(frames), None) if camera_from_world is not None else None
     if first is None:
         return None
-    try:
-        there = at_the_world(part, first.photos, camera_from_world, freedom, views)
-    except UnusablePhoto:
-        return None
+    faults = faults_in(first.photos)
+    usable = [photo for k, photo in enumerate(first.photos) if k not in faults]
+    there = at_the_world(part, usable, camera_from_world, freedom, views) if usable else None
     return None if there is None else camera_from_world
 
 

@@ -31,7 +31,7 @@ from cadcam.locate.track.frames import Frame
 from cadcam.locate.track.motion import MotionFilter
 from cadcam.locate.track.texture import Followed, Texture
 from cadcam.locate.uncertainty import weakest_direction
-from cadcam.locate.usable import check_exposure
+from cadcam.locate.usable import faults_in
 from cadcam.locate.views.view_range import WHOLE_SPHERE, ViewRange
 
 _PATIENCE = 8  # frames between two searches without a start, once a part has been lost for long
@@ -145,13 +145,13 @@ class Tracker:
         """Return the pose of the part in the next frame."""
         expect(frame, "frame", Frame)
         followed = self._followed(frame.index, frame.photos)
-        faults = _faults(frame)
+        faults = {k: _of_frame(said, frame) for k, said in faults_in(frame.photos).items()}
         usable = [k for k in range(len(frame.photos)) if k not in faults]
         if faults and usable:
-            how, location = self._located(frame.only(usable), followed)
+            how, location = self._located(frame.only(usable), followed, whole=False)
             location = _without(location.numbered(usable), frame, faults)
         else:
-            how, location = self._located(frame, followed)
+            how, location = self._located(frame, followed, whole=True)
         step = LoggedFrame(frame.index, location.pose if location.found else None, how, frame.photos)
         return TrackedFrame(frame, location, how, self._keep(step, followed))
 
@@ -167,10 +167,13 @@ class Tracker:
             return None
         return self._texture.follow(photos, predicted.world_from_part, self._freedom)
 
-    def _located(self, frame: Frame, followed: Followed | None) -> tuple[str, Location]:
-        """Return how and where the part was found, by the cheapest way that finds it; else the best candidate."""
+    def _located(self, frame: Frame, followed: Followed | None, *, whole: bool) -> tuple[str, Location]:
+        """Return how and where the part was found, by the cheapest way that finds it; else the best candidate.
+
+        whole: whether the frame has the photos of all cameras, which show where they look.
+        """
         memory = self._memory
-        if memory.begins and frame.photos:
+        if memory.begins and frame.photos and whole:
             Lying.of(self._part, frame.photos, self._views)  # what is wrong with it is so in every frame
         where = memory.last or Rigid()
         tried = [Location.nowhere(where, Reason("not looked for"))]
@@ -178,7 +181,7 @@ class Tracker:
             try:
                 location = attempt()
             except NothingInView as error:
-                if memory.begins:  # the start was the caller's
+                if memory.begins and whole:  # the start was the caller's
                     raise
                 tried[0] = Location.nowhere(where, Reason(str(error)))
                 continue
@@ -240,6 +243,8 @@ class Tracker:
             alone = self._refined(photos, start, reach_px)
             if alone.quality > location.quality + _BETTER:
                 return replace(location, quality=0.0, why=_ELSEWHERE)
+        if location.disputed:  # print was learned by the cameras that disagree: it tells nothing of them
+            return replace(location, quality=0.0)
         surer = replace(location.pose, from_noise=followed.fused(location.pose.from_noise))
         location = replace(location, pose=surer, why=location.why.knowing(self._known(surer, photos)))
         if not _HELD <= location.quality < FOUND:
@@ -334,17 +339,6 @@ class _Memory:
         was = self.last @ self._corners
         found = [location, *(other for other in location.alternatives if other.found)]
         return min(found, key=lambda one: float(np.abs(one.pose.world_from_part @ self._corners - was).sum()))
-
-
-def _faults(frame: Frame) -> dict[int, str]:
-    """Return what is wrong with photos of a frame that cannot show the part, by their numbers."""
-    faults = {}
-    for number, photo in enumerate(frame.photos):
-        try:
-            check_exposure(photo)
-        except UnusablePhoto as error:
-            faults[number] = _of_frame(str(error), frame)
-    return faults
 
 
 def _without(location: Location, frame: Frame, faults: Mapping[int, str]) -> Location:

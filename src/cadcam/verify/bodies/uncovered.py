@@ -56,7 +56,7 @@ def uncovered_ratio(
     beside = edge_surroundings(photos, shown, lines)
     found = nearby_edges(lines, sights, reach_px=2.0, way=beside.way)
     matched = associated(lines, sights, found, np.where(behind, 0, -1), reach_px=1.0)
-    own = EdgeEvidence.of(lines, behind, np.zeros(len(lines), np.int64), matched, beside)
+    own = EdgeEvidence.of(lines, behind, matched, beside)
     seen = edge_visibility(survey.evidence, np.ones(len(survey.evidence.seen), bool))
     return -log_ratio(own, np.ones(len(own.seen), bool), seen, survey.clutter.share)
 

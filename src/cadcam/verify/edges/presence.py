@@ -58,8 +58,8 @@ class EdgeEvidence:
     faint: whether it is seen only by a step too faint to be certain at each place; scatter: of its places about a line
     (px), nan where they are too few or it is not clearly seen; place: the number of its first place. Edges of one group
     lie between the same two surfaces. The pieces of a bent edge that face different ways count separately: what hides
-    one side of a rim does not hide the others. So do, where a feature holds only a part of an edge, that part and the
-    rest. Of two that may look like one, as the rims of a hole in a sheet, the one that is not seen is no evidence.
+    one side of a rim does not hide the others. So do, of an edge that a feature cuts, its part and the rest. Of two
+    that may look like one, as the rims of a hole in a sheet, the one that is not seen is no evidence.
     """
 
     edge: Longs
@@ -72,14 +72,21 @@ class EdgeEvidence:
 
     @classmethod
     def of(
-        cls, lines: Sightlines, rows: Mask, member: Longs, matched: Association, beside: EdgeSurroundings
+        cls,
+        lines: Sightlines,
+        rows: Mask,
+        matched: Association,
+        beside: EdgeSurroundings,
+        *,
+        member: Mask | None = None,
     ) -> EdgeEvidence:
         """Return the evidence of places `rows` (N,): edges seen at half of their places, or faintly along all of it.
 
-        member (N,): a number that places in the same features share. Places in glare are none.
+        member (N,): places of a feature that may hold a part of an edge. Places in glare are none.
         """
         support, rows = matched.support, rows & ~beside.glare
-        at = pieces((len(member) + 1) * lines.edge[rows] + member[rows], lines.normal[rows])
+        part = lines.edge if member is None else 2 * lines.edge + member
+        at = pieces(part[rows], lines.normal[rows])
         n = np.bincount(at)
         share = np.bincount(at, support[rows]) / np.maximum(n, 1)
         scatter = scatter_of(matched.coarse[rows], lines.along[rows], at)

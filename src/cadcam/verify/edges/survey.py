@@ -23,7 +23,7 @@ from cadcam.verify.edges.shadows import shadow_errors
 from cadcam.verify.edges.shifts import guessed_shifts
 from cadcam.verify.edges.shown import ShownFaces
 from cadcam.verify.edges.sightlines import Sightlines, sightlines
-from cadcam.verify.edges.surroundings import FAINT, edge_surroundings
+from cadcam.verify.edges.surroundings import FAINT, EdgeSurroundings, edge_surroundings
 from cadcam.verify.edges.undrawn import room_beside
 from cadcam.verify.tolerances.circles import Circles
 from cadcam.verify.tolerances.tolerance import Selection, Tolerances
@@ -43,10 +43,11 @@ class Survey:
     each place in exactly one: the widest feature that contains it, or its part. usable (N,): whether its edge would be
     seen there, distinguishable from its neighbours and well inside the picture; datum (N,): whether the pose may be
     fitted to it; stated: whether the tolerances state the datum. lever (N,) px/mm, mate (N,) and ground (N, 3): the
-    place as a foot (`Feet`), with mate a body; ought (N,): whether the light gives its edge contrast; evidence: of all
-    edges, seen or not; by (P, 3) mm: where the bodies were drawn, from their places in the CAD; shown: what the part
-    shows in each photo; sights: each photo's, whose samples are the places; reach_px: how far from its lines edges were
-    searched for; circles: of each feature those whose size counts (`Tolerances.circles`).
+    place as a foot (`Feet`), with mate a body; ought (N,): whether the light gives its edge contrast; beside: what lies
+    at both sides of each place; evidence: of all edges, seen or not; by (P, 3) mm: where the bodies were drawn, from
+    their places in the CAD; shown: what the part shows in each photo; sights: each photo's, whose samples are the
+    places; reach_px: how far from its lines edges were searched for; circles: of each feature those whose size counts
+    (`Tolerances.circles`).
     """
 
     lines: Sightlines
@@ -62,6 +63,7 @@ class Survey:
     mate: Longs
     ground: Array
     ought: Mask
+    beside: EdgeSurroundings
     evidence: EdgeEvidence
     by: Array
     shown: tuple[ShownFaces, ...]
@@ -128,8 +130,17 @@ class Survey:
 
     def presence(self, number: int, *, elsewhere: float) -> Presence:
         """Return the evidence that a feature is there; see `cadcam.verify.edges.presence`."""
-        mine = self.members[number][self.evidence.place]
-        return presence(self.evidence, mine, clutter=self.clutter, elsewhere=elsewhere)
+        evidence, mine = self._evidence_of(number)
+        return presence(evidence, mine, clutter=self.clutter, elsewhere=elsewhere)
+
+    def _evidence_of(self, number: int) -> tuple[EdgeEvidence, Mask]:
+        """Return evidence of edges, cut in two where a feature holds only a part of one, and which of them are its."""
+        member, edge = self.members[number], self.lines.edge
+        own = np.unique(edge[member & self.usable])
+        if not (np.isin(edge, own) & self.usable & ~member).any():
+            return self.evidence, np.isin(self.evidence.edge, own)
+        parted = EdgeEvidence.of(self.lines, self.usable, self.matched, self.beside, member=member)
+        return parted, member[parted.place]
 
     def guesses(self, number: int, *, reach_px: float) -> list[Array]:
         """Return displacements (3,) mm of a feature, from where it is drawn, that many of the edges nearby agree with.
@@ -206,7 +217,8 @@ def surveyed(
         mate=feet.of_bodies(lines, body),
         ground=feet.ground,
         ought=ought,
-        evidence=EdgeEvidence.of(lines, usable, _as_members(members, len(lines)), matched, beside),
+        beside=beside,
+        evidence=EdgeEvidence.of(lines, usable, matched, beside),
         by=by,
         shown=tuple(shown),
         sights=tuple(sights),
@@ -243,12 +255,6 @@ def _members(scene: Scene, lines: Sightlines, asked: Tolerances) -> tuple[tuple[
         names.append(name)
         members.append(rest & (lines.part == number))
     return tuple(names), tuple(members)
-
-
-def _as_members(members: Sequence[Mask], n: int) -> Longs:
-    """Return a number (n,) for each place, the same for those that are in the same features."""
-    every = np.stack([*members, np.zeros(n, bool)], axis=1)
-    return np.asarray(np.unique(every, axis=0, return_inverse=True)[1].reshape(-1), np.int64)
 
 
 def _bodies(members: Sequence[Mask]) -> Longs:
