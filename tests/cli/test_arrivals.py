@@ -30,14 +30,14 @@ def test_a_pattern_takes_the_serial_from_between_and_pairs_what_belongs_together
         ("7", ["7_L.png", "7_R.png"]),
         ("9", ["9_L.png", "9_R.png"]),
     ]
-    assert arrivals.incomplete() == ["8"]
+    assert list(arrivals.incomplete()) == ["8"]
 
 
 def test_two_pictures_of_one_serial_are_not_guessed_between(tmp_path: Path) -> None:
     put(tmp_path, "7.png", "7.jpg", "8.png")
     arrivals = Arrivals([Source.of(str(tmp_path))])
     assert [a.serial for a in arrivals.there()] == ["8"]
-    assert arrivals.incomplete() == ["7"]
+    assert list(arrivals.incomplete()) == ["7"]
 
 
 def test_a_photo_that_is_being_written_has_not_arrived_and_one_written_anew_arrives_again(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from cadcam.image.picture import write_picture
 from cadcam.locate.evidence import PoseEvidence
 from cadcam.locate.freedom import FREE, Freedom
 from cadcam.locate.part import Part
+from cadcam.locate.photo import Photo
 from cadcam.locate.track.frames import Frame, Frames
 from cadcam.locate.track.log import TrackLog, head_of, track_part_to_log
 from cadcam.locate.track.texture import Followed, Texture
@@ -214,3 +215,17 @@ def test_what_a_frame_says_of_its_pose_is_that_of_the_pose_it_tells() -> None:
         assert tracked.how == "followed"
         known = weakest_direction(tracked.location.pose, part().aspects.centre, tracked.frame.photos)
         assert tracked.location.reason.endswith(known)
+
+
+def test_print_learned_by_cameras_that_disagree_is_no_evidence(rng: np.random.Generator) -> None:
+    """One is moved by 5 mm after three frames: the pose was said to be known to 0.1 mm, by print, and 1 mm off."""
+    there = Rigid.look_at([-200.0, -200.0, 190.0], [30.0, 20.0, 10.0]) @ FIRST.inv
+    frames = []
+    for k, pose in enumerate(truth(6)):
+        told = there @ Rigid(translation=(5.0, 2.0, 0.0)) if k >= 3 else there
+        seen = [Photo.of(photo(at, rng).gray, CAMERA, to) for at, to in ((pose, Rigid()), (there @ pose, told))]
+        frames.append(Frame.of(k, *seen))
+    for step, pose in zip(track_part(part(), frames, FIRST), truth(6), strict=True):
+        xi = (pose.inv @ step.location.pose.world_from_part).log()
+        assert xi @ np.linalg.solve(step.location.pose.covariance, xi) / 6 < 9
+        assert step.how == "followed" or step.frame.index in (0, 3, 4, 5)
