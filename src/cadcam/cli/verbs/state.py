@@ -256,6 +256,7 @@ def run_trend(arguments: argparse.Namespace) -> None:
 
 def run_page(arguments: argparse.Namespace) -> None:
     """Write the page of the latest records."""
+    from cadcam.record.trend import standing
     from cadcam.report.state.page import write_state_page
     from cadcam.report.table import counted
 
@@ -272,7 +273,9 @@ def run_page(arguments: argparse.Namespace) -> None:
         print_json({"output": arguments.output, "records": len(records), "of": of})
     else:
         latest = f", the latest of {of}" if of > len(records) else ""
-        say(f"wrote {counted(len(records), 'record')}{latest} to {arguments.output}")
+        left = len(records) - len(standing(records))
+        less = f", {left} left out (later ones of the same parts count)," if left else ""
+        say(f"wrote {counted(len(records), 'record')}{latest}{less} to {arguments.output}")
 
 
 def run_export(arguments: argparse.Namespace) -> None:
