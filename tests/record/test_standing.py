@@ -6,10 +6,12 @@ from dataclasses import replace
 from datetime import timedelta
 
 import pytest
+import sqlalchemy as sql
 
 from cadcam.errors import BadValue
+from cadcam.record import schema
 from cadcam.record.record import Deviation, Finding
-from cadcam.record.store import open_store
+from cadcam.record.store import Store, open_store
 from cadcam.record.trend import standing, trend, trends
 from cadcam.report.state.json import trend_as_json
 from cadcam.report.state.tables import drift_words, features_table, trend_tables
@@ -101,3 +103,20 @@ def test_a_store_says_which_records_stand_as_their_records_do(where: str) -> Non
         assert store.standing() == {one.id for one in standing(store.query())}
         assert store.standing(serial="S001") == {one.id for one in standing(store.query(serial="S001"))}
         assert {"boss", "rib"} <= store.standing()
+
+
+def test_a_record_that_is_added_while_it_is_asked_is_no_error(where: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """PostgreSQL shows each statement what was committed by then: judgements of a record that was not there before."""
+    if "postgresql" not in where:
+        pytest.skip("SQLite lets nobody write while it is read")
+    with open_store(where) as store, open_store(where) as other:
+        store.add(*DRIFTING[:2])
+
+        def meanwhile(_: Store) -> list[sql.Table]:
+            if other.count() == 2:
+                other.add(DRIFTING[5])
+            return [*schema.JUDGED]
+
+        monkeypatch.setattr(Store, "_judged", property(meanwhile))
+        assert store.standing() == {one.id for one in DRIFTING[:2]}
+        assert store.count() == 3

@@ -195,7 +195,8 @@ class Store:
                 t = table.c
                 mine = sql.select(t.measurement_id, t.feature, t.kind, t.verdict)
                 for one in connection.execute(mine.where(t.measurement_id.in_(sql.select(m.id).where(*wanted)))):
-                    said[one.measurement_id].add((one.feature, one.kind, one.verdict))
+                    if one.measurement_id in said:  # else another station has just added it
+                        said[one.measurement_id].add((one.feature, one.kind, one.verdict))
         stand = which_stand([(row.part, row.serial, row.station) for row in rows], list(said.values()))
         return {row.id for row, stands in zip(rows, stand, strict=True) if stands}
 

@@ -240,10 +240,10 @@ def run_trend(arguments: argparse.Namespace) -> None:
     _check_newest(arguments)
     asked = _asked(arguments)
     with _there(arguments) as store:
+        stand = store.standing(**asked)  # first: what is added meanwhile then replaces nothing that is read
         records = store.of_feature(arguments.feature, **asked)
         if not records:
             raise UnusableStore(store.name, _why_none(store, asked))
-        stand = store.standing(**asked)
         if not any(record.deviations or record.findings for record in records):
             expect_known(arguments.feature, "feature", store.values("feature"))
     standing = [record for record in records if record.id in stand]
